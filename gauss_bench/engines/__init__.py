@@ -1,0 +1,43 @@
+"""Everything that runs a mechanism: the suite's own formulations and adapters to foreign engines, by name, loaded when asked for."""
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from gauss_bench.engines.base import Engine
+
+FOREIGN = {
+    "pinocchio": "gauss_bench.engines.pinocchio:Pinocchio",
+    "exudyn": "gauss_bench.engines.exudyn:Exudyn",
+    "mujoco": "gauss_bench.engines.mujoco:Mujoco",
+}
+OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
+
+
+def _from(target: str) -> Callable[[], Engine]:
+    module, _, name = target.partition(":")
+    return lambda: getattr(import_module(module), name)()  # type: ignore[no-any-return]
+
+
+def names() -> list[str]:
+    """All engines: own formulations, foreign engines, then what other packages add in the group gauss_bench.engines."""
+    return [*OWN, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
+
+
+def get(name: str) -> Engine:
+    """The engine of that name.
+
+    Raises:
+        KeyError: there is none.
+        ImportError: its adapter cannot be imported. Adapters import their library only when they build.
+    """
+    if name in OWN:
+        from gauss_bench.engines.native import Native
+
+        return Native(name)
+    if name in FOREIGN:
+        return _from(FOREIGN[name])()
+    for point in entry_points(group="gauss_bench.engines"):
+        if point.name == name:
+            return point.load()()  # type: ignore[no-any-return]
+    raise KeyError(f"unknown engine {name!r}; there are {', '.join(names())}")

@@ -1,0 +1,110 @@
+"""The suite's own formulations as engines: terms, stabilisation, formulation, integrator, put together and nothing more."""
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.formulations import FORMULATIONS
+from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate.fixed_step import STEPS, step_counts
+from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array, SingularSystem
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
+
+
+class Native:
+    """One formulation as an engine."""
+
+    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    stabilizations = STABILIZATIONS
+    settings = SETTINGS
+    native_loop = False
+    python_loop = True
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def version(self) -> str:
+        from gauss_bench import __version__
+
+        return f"gauss-bench {__version__}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if choice.integrator == "dop853" and choice.stabilization == "projection":
+            return "projection between steps needs a fixed-step integrator"
+        return None
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "NativeModel":
+        return NativeModel(self.name, mechanism, choice)
+
+
+class NativeModel:
+    """A mechanism under one formulation, integrator and stabilisation."""
+
+    def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
+        self.mechanism, self.choice = mechanism, choice
+        self.formulation = FORMULATIONS[name]
+        self.evaluator = Evaluator(mechanism)
+        self.evaluations = 0
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        try:
+            return self.formulation(self.evaluator.terms(t, q, v)).a
+        except (SingularSystem, np.linalg.LinAlgError) as error:
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+
+    def stabilized(self, t: float, q: Array, v: Array) -> Array:
+        """The acceleration the integrator sees."""
+        self.evaluations += 1
+        if self.choice.stabilization != "baumgarte":
+            return self.acceleration(t, q, v)
+        try:
+            return self.formulation(baumgarte(self.evaluator.terms(t, q, v))).a
+        except (SingularSystem, np.linalg.LinAlgError) as error:
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times = times
+        self.steps = self.evaluations = 0
+        self.q = np.tile(self.mechanism.q0, (len(times), 1))
+        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+
+    def run(self) -> None:
+        with np.errstate(all="ignore"):  # what is not finite is found by `read`
+            if self.choice.integrator == "dop853":
+                self._adaptive()
+            else:
+                self._fixed()
+
+    def _adaptive(self) -> None:
+        options = SETTINGS["default"]
+        q0, v0 = self.mechanism.q0, self.mechanism.v0
+        if self.times[-1] == self.times[0]:
+            return
+        try:
+            found = dop853(self.stabilized, self.times, q0, v0, options["dop853_rtol"], options["dop853_atol"])
+        except StepFailure as error:
+            raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
+        self.q, self.v, self.steps, _ = found
+
+    def _fixed(self) -> None:
+        step = STEPS[self.choice.integrator]
+        projected = self.choice.stabilization == "projection"
+        q, v = self.mechanism.q0, self.mechanism.v0
+        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+            for i in range(count):
+                t = float(self.times[k]) + i * h
+                q, v = step(self.stabilized, t, q, v, h)
+                if projected:
+                    q, v = self.evaluator.project(t + h, q, v)
+            if not np.isfinite(q).all():
+                raise RunFailure(Status.NAN, f"not finite at t = {self.times[k + 1]:.6g} s; a smaller step may help")
+            self.q[k + 1], self.v[k + 1] = q, v
+            self.steps += count
+
+    def read(self) -> Trajectory:
+        a = np.array([self.acceleration(t, q, v) for t, q, v in zip(self.times, self.q, self.v, strict=True)])
+        return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations)

@@ -1,0 +1,34 @@
+"""Gauss's principle by the route of Yuan and Ge (2016), eqs (8)-(14), read with Moore-Penrose inverses and correct exponents.
+
+    a = J^- gamma + (I - J^- J) h                                                                                 (8)
+    minimise |A h - b|,   A = M^(1/2) (I - J^- J),   b = M^(-1/2) Q - M^(1/2) J^- gamma                     (9)-(11)
+    h = A^- b                                                                                               (12), (13)
+
+The paper prints M^(-1/2) in A and in the second term of b; substituting (8) into (2) gives M^(+1/2), used here. The paper's
+next step, eqs (15) and (16), is wrong and lives in `yuan_ge_eq16.py`.
+"""
+
+import numpy as np
+
+from gauss_bench.terms import Array, Solution, Terms
+
+RANK_TOLERANCE = 1e-10
+
+
+def gauss_pinv(terms: Terms) -> Solution:
+    """Accelerations (n,) by two pseudo-inverses of n columns each; rank is that of J."""
+    M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
+    root, inverse_root = square_roots(M)
+    J_pinv = np.linalg.pinv(J, rcond=RANK_TOLERANCE)
+    particular = J_pinv @ gamma
+    N = np.eye(len(M)) - J_pinv @ J
+    rank = len(M) - round(float(np.trace(N)))
+    A = root @ N
+    b = inverse_root @ Q - root @ particular
+    return Solution(particular + N @ (np.linalg.pinv(A, rcond=RANK_TOLERANCE) @ b), None, rank)
+
+
+def square_roots(M: Array) -> tuple[Array, Array]:
+    """The symmetric roots M^(1/2) and M^(-1/2)."""
+    values, vectors = np.linalg.eigh(M)
+    return (vectors * np.sqrt(values)) @ vectors.T, (vectors / np.sqrt(values)) @ vectors.T

@@ -1,0 +1,33 @@
+"""Schur complement: the m multipliers first, then the accelerations.
+
+    (J M^-1 J^T) lambda = J M^-1 Q - gamma,        a = M^-1 (Q - J^T lambda)
+
+The complement is symmetric positive definite as long as the rows are independent, so Cholesky serves and tells.
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 8.4.
+"""
+
+import numpy as np
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
+
+from gauss_bench.terms import Solution, SingularSystem, Terms
+
+SINGULAR = 1e-15  # as for the KKT matrix; the complement squares the condition of J M^(-1/2)
+
+
+def schur(terms: Terms) -> Solution:
+    """Accelerations (n,) and multipliers (m,).
+
+    Raises:
+        SingularSystem: redundant constraint rows.
+    """
+    M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
+    weighted = np.linalg.solve(M, np.column_stack([J.T, Q]))
+    S = J @ weighted
+    complement, rhs = S[:, :-1], S[:, -1] - gamma
+    factor, info = dpotrf(complement, lower=True)
+    norm = float(np.abs(complement).sum(axis=0).max(initial=0.0))
+    rcond = 0.0 if info else float(dpocon(factor, norm, uplo="L")[0])
+    if not rcond > SINGULAR:
+        raise SingularSystem(f"J M^-1 J^T is singular (reciprocal condition {rcond:.1e}): constraint rows are redundant")
+    multipliers, _ = dpotrs(factor, rhs, lower=True)
+    return Solution(weighted[:, -1] - weighted[:, :-1] @ multipliers, multipliers, len(J))

@@ -1,0 +1,23 @@
+"""Udwadia and Kalaba's explicit equation: the free acceleration plus the smallest correction in the metric of M.
+
+    a = a0 + L^-T (J L^-T)^+ (gamma - J a0),        a0 = M^-1 Q,   M = L L^T
+
+Any factor L gives the same a; the source uses the symmetric root M^(-1/2). Rows may be redundant.
+Source: Udwadia and Kalaba, A new perspective on constrained motion, Proc. R. Soc. Lond. A 439 (1992), eq. (2.5).
+"""
+
+import numpy as np
+
+from gauss_bench.terms import Array, Solution, Terms
+
+RANK_TOLERANCE = 1e-10
+
+
+def udwadia_kalaba(terms: Terms) -> Solution:
+    """Accelerations (n,); rank is that of J L^-T."""
+    L = np.linalg.cholesky(terms.M)
+    free = np.linalg.solve(terms.M, terms.Q)
+    weighted = np.linalg.solve(L, terms.J.T).T
+    correction: Array
+    correction, _, rank, _ = np.linalg.lstsq(weighted, terms.gamma - terms.J @ free, rcond=RANK_TOLERANCE)
+    return Solution(free + np.linalg.solve(L.T, correction), None, int(rank))

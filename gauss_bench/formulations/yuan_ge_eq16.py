@@ -1,0 +1,22 @@
+"""Yuan and Ge (2016), eq. (16), read with Moore-Penrose inverses: wrong, and kept as a negative control.
+
+    a = J^+ gamma + N M^-1 Q,        N = I - J^+ J                                                                (16)
+
+It projects the free acceleration on J a = gamma in the Euclidean metric, not in that of M. The error is exactly
+N M^-1 J^T lambda, so it vanishes for M proportional to the unit matrix and depends on the unit of length otherwise. Because
+J a = gamma holds exactly, no constraint residual can detect it: only a comparison of motions can.
+"""
+
+import numpy as np
+
+from gauss_bench.terms import Solution, Terms
+
+RANK_TOLERANCE = 1e-10
+
+
+def yuan_ge_eq16(terms: Terms) -> Solution:
+    """Wrong accelerations (n,) that satisfy every constraint."""
+    J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
+    free = np.linalg.solve(terms.M, terms.Q)
+    a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)
+    return Solution(a, None, round(float(np.trace(J_pinv @ terms.J))))

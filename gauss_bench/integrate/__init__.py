@@ -1,0 +1,1 @@
+"""Stepping a second-order system q'' = acceleration(t, q, v), for any number of coordinates."""

@@ -1,0 +1,44 @@
+"""Fixed-step integrators: one step each, from (t, q, v) to t + h.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.1; the semi-implicit Euler method
+as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Acceleration = Callable[[float, Array, Array], Array]
+Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
+
+
+def rk4(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    """The classical Runge-Kutta method, order 4, four evaluations."""
+    a1 = acceleration(t, q, v)
+    v2 = v + h / 2 * a1
+    a2 = acceleration(t + h / 2, q + h / 2 * v, v2)
+    v3 = v + h / 2 * a2
+    a3 = acceleration(t + h / 2, q + h / 2 * v2, v3)
+    v4 = v + h * a3
+    a4 = acceleration(t + h, q + h * v3, v4)
+    return q + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+
+
+def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    """Order 1, one evaluation: the new velocity moves the positions."""
+    v = v + h * acceleration(t, q, v)
+    return q + h * v, v
+
+
+STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}
+
+
+def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
+    """(count, size) of the equal steps, none longer than `step`, between each two consecutive times.
+
+    Where the times are multiples of `step`, the size is `step` up to rounding; elsewhere a little less.
+    """
+    counts = [max(1, int(np.ceil(gap / step * (1 - 1e-9)))) for gap in np.diff(times)]
+    return [(count, float(gap) / count) for count, gap in zip(counts, np.diff(times), strict=True)]

@@ -1,0 +1,342 @@
+"""First assembly: from a rough sketch to a consistent start.
+
+The sketch picks the branch: Gauss-Newton closes the joints from it with nothing held, then the held coordinates of the start are
+reached in small steps, so that a start far from the sketch keeps its assembly. Speeds follow from one linear system.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.build import radians
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.errors import Fault
+from gauss_bench.mechanism.forces import add_axis_force, add_force, axis_state, position
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.terms import Array
+
+RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
+CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
+STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
+
+Residual = Callable[[Array], tuple[Array, Array]]
+
+
+class AssemblyError(ValueError):
+    """The linkage does not close, or its start does not determine it."""
+
+    def __init__(self, path: str, text: str):
+        self.fault = Fault(path, text)
+        super().__init__(str(self.fault))
+
+
+@dataclass(frozen=True)
+class Held:
+    """Coordinates held by a start: `of(q)` gives their values (k,) and rows (k, n); `target` and `rate` what they shall be."""
+
+    of: Residual
+    target: Array
+    rate: Array
+
+
+def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
+    """The mechanism with q0, v0, dof and redundant filled in.
+
+    Raises:
+        AssemblyError: a link is not placed by the sketch, the joints cannot be closed, the start does not determine the
+            position or speeds, or the counts differ from `expect`.
+    """
+    joints = Constraints(replace(mechanism, driver=None, knife_edges=()))
+    held = held_coordinates(mechanism, document["scenarios"][mechanism.scenario])
+    q = close_joints(mechanism, joints, sketch(mechanism, document))
+    q = reach(mechanism, joints, held, q)
+    v = start_velocity(mechanism, held, q)
+    rank = int(np.linalg.matrix_rank(joints(0.0, q, v).J, rtol=RANK_TOLERANCE)) if joints.m else 0
+    closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
+    check_expected(closed, document.get("expect", {}))
+    check_springs(closed)
+    return closed
+
+
+def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
+    found = {
+        "dof": mechanism.dof,
+        "redundant": mechanism.redundant,
+        "loops": len(mechanism.joints) - len(mechanism.links),
+    }
+    for key, value in expect.items():
+        if found[key] != value:
+            raise AssemblyError(f"expect.{key}", f"the file says {value}, the assembled linkage has {found[key]}")
+
+
+def check_springs(mechanism: Mechanism) -> None:
+    from gauss_bench.mechanism.model import SpringDamper
+
+    for f in mechanism.forces:
+        if isinstance(f, SpringDamper) and f.rest != 0:
+            length = np.linalg.norm(position(mechanism.q0, f.b) - position(mechanism.q0, f.a))
+            if length < CLOSED:
+                raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
+
+
+# The sketch -------------------------------------------------------------------------------------------------------------
+
+
+def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
+    """First guess q (n,): each link from two known points, or from one and an angle (given, or that of a prismatic partner).
+
+    Raises:
+        AssemblyError: links that cannot be placed, by name.
+    """
+    assembly = document.get("assembly", {})
+    given = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
+    drawn = drawn_points(mechanism, document, assembly.get("sketch", {}))
+    theta: dict[int, float] = {GROUND: 0.0}
+    centre: dict[int, Array] = {GROUND: np.zeros(2)}
+
+    def world(point: Point) -> Array:
+        return centre[point.link] + turned(point.local, theta[point.link])
+
+    todo = list(range(len(mechanism.links)))
+    while todo:
+        placed = [i for i in todo if _place(mechanism, i, given, drawn, theta, centre, world)]
+        if not placed:
+            names = ", ".join(mechanism.links[i].name for i in todo)
+            raise AssemblyError("assembly.sketch", f"not placed: {names}; give two points, or one point and an angle, of each")
+        todo = [i for i in todo if i not in placed]
+    return np.concatenate([[*centre[i], theta[i]] for i in range(len(mechanism.links))])
+
+
+def turned(x: Array, theta: float) -> Array:
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+
+
+def drawn_points(mechanism: Mechanism, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
+    """Reference "link.point" -> drawn world position, from joints, single points and ground pivots."""
+    drawn: dict[str, Array] = {}
+    for name, joint in document.get("joints", {}).items():
+        references = joint.get("at") or [joint["block"]]
+        grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
+        where = drawing.get(name, grounded[0] if grounded else None)
+        if where is not None:
+            drawn |= {r: np.array(where, dtype=float) for r in references}
+    return drawn | {r: np.array(x, dtype=float) for r, x in drawing.items() if "." in r}
+
+
+def _place(
+    mechanism: Mechanism,
+    i: int,
+    given: dict[str, float],
+    drawn: dict[str, Array],
+    theta: dict[int, float],
+    centre: dict[int, Array],
+    world: Callable[[Point], Array],
+) -> bool:
+    """Place link i if what is known suffices."""
+    link = mechanism.links[i]
+    known = {name: drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in drawn}
+    for joint in mechanism.joints:
+        if isinstance(joint, Revolute):
+            for mine, other in ((joint.a, joint.b), (joint.b, joint.a)):
+                if mine.link == i and other.link in theta:
+                    known.setdefault(mine.name.split(".")[1], world(other))
+    if not known:
+        return False
+    (first, at), *others = known.items()
+    apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
+    if link.name in given:
+        turn = given[link.name]
+    elif apart is not None:
+        own, drawn_line = link.points[apart] - link.points[first], known[apart] - at
+        turn = float(np.arctan2(drawn_line[1], drawn_line[0]) - np.arctan2(own[1], own[0]))
+    else:
+        partner = _partner_angle(mechanism, i, theta)
+        if partner is None:
+            return False
+        turn = partner
+    near = _partner_angle(mechanism, i, theta)
+    if near is not None:  # the sketch fixes angles only up to whole turns; slides do not
+        turn += 2 * np.pi * round((near - turn) / (2 * np.pi))
+    theta[i] = turn
+    centre[i] = at - turned(link.points[first] - link.com, turn)
+    return True
+
+
+def _partner_angle(mechanism: Mechanism, i: int, theta: dict[int, float]) -> float | None:
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic):
+            if joint.block.link == i and joint.guide.link in theta:
+                return theta[joint.guide.link] + joint.turn
+            if joint.guide.link == i and joint.block.link in theta:
+                return theta[joint.block.link] - joint.turn
+    return None
+
+
+# Closing ----------------------------------------------------------------------------------------------------------------
+
+
+def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
+    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|."""
+    q = q.copy()
+    for _ in range(iterations):
+        F, J = residual(q)
+        step = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)[0]
+        size = float(np.abs(step).max(initial=0.0))
+        q += step if size < 0.5 else step * (0.5 / size)
+        if size < 1e-15:
+            break
+    return q, float(np.abs(residual(q)[0]).max(initial=0.0))
+
+
+def levenberg_marquardt(q: Array, residual: Residual) -> Array:
+    """A slower, more patient root search, for a sketch from which Gauss-Newton does not close the joints."""
+    from scipy.optimize import least_squares
+
+    tolerance = 1e-15
+    return np.asarray(
+        least_squares(
+            lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], xtol=tolerance, ftol=tolerance, gtol=tolerance
+        ).x
+    )
+
+
+def joint_residual(joints: Constraints) -> Residual:
+    def residual(q: Array) -> tuple[Array, Array]:
+        rows = joints(0.0, q, np.zeros_like(q))
+        return rows.phi, rows.J
+
+    return residual
+
+
+def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
+    """q (n,) on the joint constraints, near the sketch.
+
+    Raises:
+        AssemblyError: naming the joint that stays open most.
+    """
+    residual = joint_residual(joints)
+    closed, error = gauss_newton(q, residual)
+    if error > CLOSED:
+        closed, error = gauss_newton(levenberg_marquardt(q, residual), residual)
+    if error > CLOSED:
+        row = int(np.abs(residual(closed)[0]).argmax())
+        name = mechanism.joints[row // 2].name
+        raise AssemblyError("assembly", f"cannot be assembled from the sketch: joint {name} stays open by {error:.3g} (m or rad)")
+    return closed
+
+
+def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any]) -> Held:
+    """What the start (or the driver at t = 0) holds: angles, slides, points, with their rates."""
+    n = mechanism.n
+    parts: list[tuple[Residual, list[float], list[float]]] = []
+    for link, (target, rate) in _held_angles(mechanism, scenario).items():
+        parts.append((_angle_row(n, link), [target], [rate]))
+    start = scenario.get("start", {})
+    by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
+    for name, target in start.get("slides", {}).items():
+        parts.append((_slide_row(n, by_name[name]), [target], [start.get("slide_speeds", {}).get(name, 0.0)]))
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
+    for reference, target in start.get("points", {}).items():
+        owner, name = reference.split(".")
+        rate = start.get("point_velocities", {}).get(reference, [0.0, 0.0])
+        parts.append((_point_rows(n, mechanism.point(index[owner], name)), target, rate))
+
+    def of(q: Array) -> tuple[Array, Array]:
+        found = [part(q) for part, _, _ in parts]
+        return np.concatenate([np.zeros(0), *(x for x, _ in found)]), np.vstack([np.zeros((0, n)), *(row for _, row in found)])
+
+    targets = [float(x) for _, target, _ in parts for x in target]
+    return Held(of, np.array(targets), np.array([float(x) for _, _, rate in parts for x in rate]))
+
+
+def _held_angles(mechanism: Mechanism, scenario: dict[str, Any]) -> dict[int, tuple[float, float]]:
+    """Link index -> held angle [rad] and speed [rad/s]."""
+    if mechanism.driver is not None:
+        angle, rate, _ = mechanism.driver.law(0.0)
+        return {mechanism.driver.link: (float(angle), float(rate))}
+    start = scenario.get("start", {})
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
+    speeds = {index[name]: float(x) for name, x in start.get("speeds", {}).items()}
+    if "speed" in start and mechanism.crank is not None:
+        speeds.setdefault(mechanism.crank, float(start["speed"]))
+    angles = {index[name]: float(np.radians(x)) for name, x in start.get("angles_deg", {}).items()}
+    angles |= {index[name]: float(x) for name, x in start.get("angles", {}).items()}
+    if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
+        angles[mechanism.crank] = radians(start, "crank")
+    return {i: (x, speeds.get(i, 0.0)) for i, x in angles.items()}
+
+
+def _angle_row(n: int, link: int) -> Residual:
+    row = np.zeros((1, n))
+    row[0, 3 * link + 2] = 1.0
+    return lambda q: (q[3 * link + 2 : 3 * link + 3], row)
+
+
+def _slide_row(n: int, joint: Prismatic) -> Residual:
+    def of(q: Array) -> tuple[Array, Array]:
+        x, _, direction = axis_state(q, np.zeros(n), joint.block, joint.guide, joint.angle)
+        row = np.zeros(n)  # the generalised force of a unit axis force is the gradient of the coordinate
+        add_axis_force(row, q, joint.block, joint.guide, direction, np.array(1.0))
+        return np.array([x]), row[None]
+
+    return of
+
+
+def _point_rows(n: int, point: Point) -> Residual:
+    def of(q: Array) -> tuple[Array, Array]:
+        rows = np.zeros((2, n))
+        for row, axis in zip(rows, np.eye(2), strict=True):
+            add_force(row, q, point, axis)
+        return position(q, point), rows
+
+    return of
+
+
+def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
+    """From a closed q to the held coordinates, in steps that keep the branch.
+
+    Raises:
+        AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
+    """
+    path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.driver else 'start'}"
+    close = joint_residual(joints)
+    gap = held.of(q)[0] - held.target
+
+    def follow(gap: Array) -> tuple[Array, float]:
+        state, error = q, np.inf
+        for part in np.linspace(1.0, 0.0, 2 + int(np.abs(gap).max(initial=0.0) / STEP))[1:]:
+            goal = held.target + part * gap
+
+            def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
+                (F, J), (value, rows) = close(x), held.of(x)
+                return np.concatenate([F, value - goal]), np.vstack([J, rows])
+
+            state, error = gauss_newton(state, residual)
+        return state, error
+
+    reached, error = follow(gap)
+    if error > CLOSED:
+        raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
+    J = np.vstack([close(reached)[1], held.of(reached)[1]])
+    rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
+    if rank < mechanism.n:
+        raise AssemblyError(path, f"the held coordinates do not determine the position: {mechanism.n - rank} too few")
+    return reached
+
+
+def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
+    """v (n,) that satisfies joints, knife edges and the held rates.
+
+    Raises:
+        AssemblyError: the rates contradict the constraints or leave the velocity undetermined.
+    """
+    rows = Constraints(replace(mechanism, driver=None))(0.0, q, np.zeros_like(q))
+    A = np.vstack([rows.J, held.of(q)[1]])
+    b = np.concatenate([np.zeros(len(rows.J)), held.rate])
+    v: Array = np.linalg.lstsq(A, b, rcond=RANK_TOLERANCE)[0]
+    if np.abs(A @ v - b).max(initial=0.0) > CLOSED * max(1.0, np.abs(b).max(initial=0.0)):
+        raise AssemblyError(f"scenarios.{mechanism.scenario}.start", "the speeds violate the constraints")
+    return v

@@ -1,0 +1,23 @@
+"""The one error a linkage file can raise: every fault found, each with file, table and field."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True)
+class Fault:
+    """One fault: the dotted path of the table and field, and what is wrong there."""
+
+    path: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.text}" if self.path else self.text
+
+
+class LinkageError(ValueError):
+    """A linkage file that cannot be used; `faults` lists every independent fault found."""
+
+    def __init__(self, source: str, faults: list[Fault]):
+        self.source = source
+        self.faults = faults
+        super().__init__("\n".join(f"{source}: {fault}" for fault in faults))

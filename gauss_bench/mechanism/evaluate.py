@@ -1,0 +1,42 @@
+"""A mechanism at a state: the terms of its equations of motion, its residuals and its energy."""
+
+import numpy as np
+
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array, Terms
+
+
+class Evaluator:
+    """Evaluates one mechanism at any number of states."""
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        self.constraints = Constraints(mechanism)
+        self.applied = AppliedForces(mechanism)
+        self.mass = mechanism.mass
+        self.M = np.diag(self.mass)
+
+    def terms(self, t: float, q: Array, v: Array) -> Terms:
+        """M, J, Q, gamma and the residuals at one state q, v (n,)."""
+        rows = self.constraints(t, q, v)
+        Q = self.applied.generalised(q, v)
+        return Terms(self.M, rows.J, Q, rows.gamma, rows.phi, rows.J @ v + rows.phi_t)
+
+    def energy(self, q: Array, v: Array) -> Array:
+        """Kinetic plus potential energy (...) [J] of state(s) (..., n)."""
+        return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
+
+    def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
+        """The nearest consistent state: two Gauss-Newton corrections of q, then the shortest correction of v.
+
+        Singular values below `rank_tolerance` of the largest are left alone: next to a singular position, or where redundant
+        rows disagree by their own drift, following them would throw the state far along the free motion.
+        """
+        h = self.constraints.holonomic
+        for _ in range(2):
+            rows = self.constraints(t, q, v)
+            q = q - np.linalg.lstsq(rows.J[:h], rows.phi[:h], rcond=rank_tolerance)[0]
+        rows = self.constraints(t, q, v)
+        return q, v - np.linalg.lstsq(rows.J, rows.J @ v + rows.phi_t, rcond=rank_tolerance)[0]

@@ -1,0 +1,206 @@
+"""Applied forces of a linkage: generalised force Q, potential energy and the power of what has no potential.
+
+Each kind is three short functions on link-fixed points, for one state, q (n,), or a batch, q (..., n). Power that no potential
+accounts for (dampers, forces that turn with a link) is what the energy balance of a trajectory integrates.
+"""
+
+import numpy as np
+
+from gauss_bench.mechanism.model import (
+    GROUND,
+    AxisSpringDamper,
+    Force,
+    Joint,
+    JointDamping,
+    Mechanism,
+    Point,
+    PointForce,
+    Prismatic,
+    RotationalSpringDamper,
+    SpringDamper,
+    Torque,
+)
+from gauss_bench.terms import Array
+
+
+def angle(x: Array, link: int) -> Array:
+    """Angle (or, of a velocity, angular speed) of a link: (...)."""
+    return np.zeros(x.shape[:-1]) if link == GROUND else x[..., 3 * link + 2]
+
+
+def rotated(x: Array, theta: Array) -> Array:
+    c, s = np.cos(theta), np.sin(theta)
+    return np.stack((c * x[0] - s * x[1], s * x[0] + c * x[1]), axis=-1)
+
+
+def arm(q: Array, point: Point) -> Array:
+    """Arm from the centre of mass to the point in world axes (..., 2); zero for the ground, which carries no coordinates."""
+    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotated(point.local, angle(q, point.link))
+
+
+def position(q: Array, point: Point) -> Array:
+    """World position (..., 2) [m]."""
+    if point.link == GROUND:
+        return np.broadcast_to(point.local, (*q.shape[:-1], 2))
+    return q[..., 3 * point.link : 3 * point.link + 2] + arm(q, point)
+
+
+def velocity(q: Array, v: Array, point: Point) -> Array:
+    """World velocity (..., 2) [m/s]."""
+    if point.link == GROUND:
+        return np.zeros((*q.shape[:-1], 2))
+    r, w = arm(q, point), angle(v, point.link)
+    return v[..., 3 * point.link : 3 * point.link + 2] + np.stack((-w * r[..., 1], w * r[..., 0]), axis=-1)
+
+
+def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
+    """World acceleration (..., 2) [m/s^2]."""
+    if point.link == GROUND:
+        return np.zeros((*q.shape[:-1], 2))
+    r = arm(q, point)
+    w, alpha = angle(v, point.link)[..., None], angle(a, point.link)
+    return a[..., 3 * point.link : 3 * point.link + 2] + np.stack((-alpha * r[..., 1], alpha * r[..., 0]), axis=-1) - r * w**2
+
+
+def add_force(Q: Array, q: Array, point: Point, force: Array) -> None:
+    """Add a world force (..., 2) [N] at a point to the generalised force Q."""
+    if point.link != GROUND:
+        r, i = arm(q, point), 3 * point.link
+        Q[..., i : i + 2] += force
+        Q[..., i + 2] += r[..., 0] * force[..., 1] - r[..., 1] * force[..., 0]
+
+
+def add_torque(Q: Array, link: int, torque: Array | float) -> None:
+    """Add a torque [N m] on a link to the generalised force Q."""
+    if link != GROUND:
+        Q[..., 3 * link + 2] += torque
+
+
+def axis_state(q: Array, v: Array, point: Point, origin: Point, theta: float) -> tuple[Array, Array, Array]:
+    """Coordinate x (...), its rate, and direction (..., 2) of a point along an axis at angle `theta` in the origin's link."""
+    direction = rotated(np.array([np.cos(theta), np.sin(theta)]), angle(q, origin.link))
+    gap = position(q, point) - position(q, origin)
+    gap_rate = velocity(q, v, point) - velocity(q, v, origin)
+    turning = angle(v, origin.link) * (direction[..., 0] * gap[..., 1] - direction[..., 1] * gap[..., 0])
+    return (direction * gap).sum(-1), (direction * gap_rate).sum(-1) + turning, direction
+
+
+def add_axis_force(Q: Array, q: Array, point: Point, origin: Point, direction: Array, force: Array) -> None:
+    """A force along an axis on `point`; the opposite one acts on the origin's link along the same line."""
+    push = direction * force[..., None]
+    add_force(Q, q, point, push)
+    add_force(Q, q, origin, -push)
+    gap = position(q, point) - position(q, origin)
+    add_torque(Q, origin.link, gap[..., 1] * push[..., 0] - gap[..., 0] * push[..., 1])
+
+
+def stretch(q: Array, v: Array, f: SpringDamper) -> tuple[Array, Array, Array]:
+    """Length (...), its rate and unit direction (..., 2) from a to b; the direction is zero where the points coincide."""
+    gap = position(q, f.b) - position(q, f.a)
+    length = np.sqrt((gap * gap).sum(-1))
+    direction = gap / np.where(length > 0, length, 1.0)[..., None]
+    rate = (direction * (velocity(q, v, f.b) - velocity(q, v, f.a))).sum(-1)
+    return length, rate, direction
+
+
+def joint_speed(q: Array, v: Array, pair: Joint) -> Array:
+    """Relative turning [rad/s] or sliding [m/s] speed of a pair (...)."""
+    if isinstance(pair, Prismatic):
+        return axis_state(q, v, pair.block, pair.guide, pair.angle)[1]
+    return angle(v, pair.b.link) - angle(v, pair.a.link)
+
+
+def apply(Q: Array, f: Force, q: Array, v: Array) -> None:
+    """Add one force to the generalised force Q (..., n)."""
+    match f:
+        case Torque():
+            add_torque(Q, f.link, f.value)
+            add_torque(Q, f.reaction, -f.value)
+        case PointForce():
+            add_force(Q, q, f.point, rotated(f.value, angle(q, f.frame)))
+        case SpringDamper():
+            length, rate, direction = stretch(q, v, f)
+            tension = direction * (f.k * (length - f.rest) + f.c * rate)[..., None]
+            add_force(Q, q, f.a, tension)
+            add_force(Q, q, f.b, -tension)
+        case AxisSpringDamper():
+            x, rate, direction = axis_state(q, v, f.point, f.origin, f.angle)
+            add_axis_force(Q, q, f.point, f.origin, direction, f.k * (f.rest - x) - f.c * rate)
+        case RotationalSpringDamper():
+            turn, speed = angle(q, f.b) - angle(q, f.a), angle(v, f.b) - angle(v, f.a)
+            torque = -f.k * (turn - f.rest) - f.c * speed
+            add_torque(Q, f.b, torque)
+            add_torque(Q, f.a, -torque)
+        case JointDamping():
+            for pair in f.pairs:
+                _damp(Q, pair, f.c, q, v)
+
+
+def _damp(Q: Array, pair: Joint, c: float, q: Array, v: Array) -> None:
+    if isinstance(pair, Prismatic):
+        _, rate, direction = axis_state(q, v, pair.block, pair.guide, pair.angle)
+        add_axis_force(Q, q, pair.block, pair.guide, direction, -c * rate)
+    else:
+        torque = -c * joint_speed(q, v, pair)
+        add_torque(Q, pair.b.link, torque)
+        add_torque(Q, pair.a.link, -torque)
+
+
+def potential(f: Force, q: Array) -> Array:
+    """Potential energy (...) [J]; constant torques and world-fixed forces have one too, in unwrapped angles."""
+    still = np.zeros_like(q)
+    match f:
+        case Torque():
+            return -f.value * (angle(q, f.link) - angle(q, f.reaction))
+        case PointForce() if f.frame == GROUND:
+            return -(f.value * position(q, f.point)).sum(-1)
+        case SpringDamper():
+            return 0.5 * f.k * (stretch(q, still, f)[0] - f.rest) ** 2
+        case AxisSpringDamper():
+            return 0.5 * f.k * (axis_state(q, still, f.point, f.origin, f.angle)[0] - f.rest) ** 2
+        case RotationalSpringDamper():
+            return 0.5 * f.k * (angle(q, f.b) - angle(q, f.a) - f.rest) ** 2
+    return np.zeros(q.shape[:-1])
+
+
+def power(f: Force, q: Array, v: Array) -> Array:
+    """Power (...) [W] of the part of a force that has no potential."""
+    match f:
+        case PointForce() if f.frame != GROUND:
+            return (rotated(f.value, angle(q, f.frame)) * velocity(q, v, f.point)).sum(-1)
+        case SpringDamper():
+            return -f.c * stretch(q, v, f)[1] ** 2
+        case AxisSpringDamper():
+            return -f.c * axis_state(q, v, f.point, f.origin, f.angle)[1] ** 2
+        case RotationalSpringDamper():
+            return -f.c * (angle(v, f.b) - angle(v, f.a)) ** 2
+        case JointDamping():
+            speeds = [joint_speed(q, v, pair) for pair in f.pairs]
+            return -f.c * np.sum(np.square(speeds), axis=0)
+    return np.zeros(q.shape[:-1])
+
+
+class AppliedForces:
+    """Gravity and the active forces of one mechanism."""
+
+    def __init__(self, mechanism: Mechanism):
+        self.forces = mechanism.forces
+        self.gravity = np.zeros(mechanism.n)
+        for i, link in enumerate(mechanism.links):
+            self.gravity[3 * i : 3 * i + 2] = link.mass * mechanism.gravity
+
+    def generalised(self, q: Array, v: Array) -> Array:
+        """Q (..., n) [N, N m]."""
+        Q = np.empty_like(q)
+        Q[...] = self.gravity
+        for f in self.forces:
+            apply(Q, f, q, v)
+        return Q
+
+    def potential(self, q: Array) -> Array:
+        """Potential energy (...) [J]."""
+        return -q @ self.gravity + sum((potential(f, q) for f in self.forces), start=np.zeros(q.shape[:-1]))
+
+    def power(self, q: Array, v: Array) -> Array:
+        """Power (...) [W] of everything that has no potential."""
+        return sum((power(f, q, v) for f in self.forces), start=np.zeros(q.shape[:-1]))

@@ -1,0 +1,224 @@
+"""A linkage as frozen data: links, joints, forces, driver and a consistent start.
+
+Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, links in file order, SI units.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.terms import Array
+
+GROUND = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point fixed in a link.
+
+    Attributes:
+        link: index of the link, or GROUND.
+        local: (2,) position relative to the centre of mass, in the link's frame [m]; world position for the ground.
+        name: the reference "link.point" of the linkage file.
+    """
+
+    link: int
+    local: Array
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link.
+
+    Attributes:
+        com: (2,) centre of mass in the link's own frame [m].
+        inertia: about the centre of mass [kg m^2].
+        points: name -> (2,) position in the link's own frame [m].
+        bars: pairs of point names, for drawing.
+    """
+
+    name: str
+    mass: float
+    inertia: float
+    com: Array
+    points: Mapping[str, Array]
+    bars: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Revolute:
+    """A pin: point b of one link coincides with point a of another. `joint` is the name in the file, `name` the pair's own."""
+
+    name: str
+    joint: str
+    a: Point
+    b: Point
+
+
+@dataclass(frozen=True, eq=False)
+class Prismatic:
+    """A slide: the block point keeps the distance `offset` left of a line of the guide's link, without turning relative to it.
+
+    Attributes:
+        angle: direction of the line in the guide link's frame [rad].
+        turn: theta of the block minus theta of the guide [rad].
+        offset: signed distance of the block point left of the line [m].
+    """
+
+    name: str
+    guide: Point
+    block: Point
+    angle: float
+    turn: float
+    offset: float
+
+    @property
+    def joint(self) -> str:
+        return self.name
+
+
+Joint = Revolute | Prismatic
+
+
+@dataclass(frozen=True, eq=False)
+class KnifeEdge:
+    """Nonholonomic: the point moves only along the direction at `angle` [rad] in the link's frame."""
+
+    name: str
+    point: Point
+    angle: float
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """Constant torque `value` [N m] on `link`, the opposite one on `reaction` (link indices)."""
+
+    name: str
+    link: int
+    reaction: int
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class PointForce:
+    """Constant force `value` (2,) [N] at a point; the vector is fixed in the frame of link `frame` (GROUND: world)."""
+
+    name: str
+    point: Point
+    value: Array
+    frame: int
+
+
+@dataclass(frozen=True, eq=False)
+class SpringDamper:
+    """Tension k (L - rest) + c dL/dt along the line of two points; k [N/m], c [N s/m], rest [m]."""
+
+    name: str
+    a: Point
+    b: Point
+    k: float
+    c: float
+    rest: float
+
+
+@dataclass(frozen=True, eq=False)
+class AxisSpringDamper:
+    """Force k (rest - x) - c dx/dt on x, the coordinate of `point` along an axis fixed in the link of `origin` at `angle` [rad]."""
+
+    name: str
+    point: Point
+    origin: Point
+    angle: float
+    k: float
+    c: float
+    rest: float
+
+
+@dataclass(frozen=True, eq=False)
+class RotationalSpringDamper:
+    """Torque -k (theta_b - theta_a - rest) - c (omega_b - omega_a) on link b, the opposite one on a; angles unwrapped."""
+
+    name: str
+    a: int
+    b: int
+    k: float
+    c: float
+    rest: float
+
+
+@dataclass(frozen=True, eq=False)
+class JointDamping:
+    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed in every pair of a joint."""
+
+    name: str
+    pairs: tuple[Joint, ...]
+    c: float
+
+
+Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
+
+
+@dataclass(frozen=True, eq=False)
+class Driver:
+    """Prescribed rotation of a link: theta = law(t)."""
+
+    link: int
+    law: MotionLaw
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """One linkage in one scenario, assembled: all engines start from the same q0, v0.
+
+    Attributes:
+        source: the file it was read from, as given.
+        sha256: digest of the file's bytes.
+        gravity: (2,) [m/s^2].
+        crank: index of the input link, or None.
+        q0, v0: (n,) consistent start.
+        dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
+    """
+
+    name: str
+    title: str
+    scenario: str
+    scenarios: tuple[str, ...]
+    source: str
+    sha256: str
+    duration: float
+    links: tuple[Link, ...]
+    ground_points: Mapping[str, Array]
+    joints: tuple[Joint, ...]
+    knife_edges: tuple[KnifeEdge, ...]
+    forces: tuple[Force, ...]
+    driver: Driver | None
+    gravity: Array
+    crank: int | None
+    observed_points: tuple[Point, ...]
+    observed_links: tuple[int, ...]
+    q0: Array = field(default_factory=lambda: np.zeros(0))
+    v0: Array = field(default_factory=lambda: np.zeros(0))
+    dof: int = -1
+    redundant: int = -1
+
+    @property
+    def n(self) -> int:
+        return 3 * len(self.links)
+
+    @property
+    def mass(self) -> Array:
+        """(n,) diagonal of the mass matrix."""
+        return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])
+
+    def link_name(self, index: int) -> str:
+        return "ground" if index == GROUND else self.links[index].name
+
+    def point(self, link: int, name: str) -> Point:
+        """The point `name` of a link by index."""
+        if link == GROUND:
+            return Point(GROUND, self.ground_points[name], f"ground.{name}")
+        owner = self.links[link]
+        return Point(link, owner.points[name] - owner.com, f"{owner.name}.{name}")

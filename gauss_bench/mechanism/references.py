@@ -1,0 +1,275 @@
+"""Checks the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
+
+Works on the raw document and passes over whatever the schema has already refused, so that all faults of a file come at once.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from gauss_bench.mechanism.errors import Fault
+
+Document = dict[str, Any]
+RADIAN_PAIRS = ("angle", "block_angle", "rest", "start", "travel", "crank")
+
+
+def table(value: Any, key: str) -> dict[str, Any]:
+    """The sub-table `key`, or an empty one where there is none or it is not a table."""
+    found = value.get(key) if isinstance(value, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Named sub-tables of `key` that really are tables."""
+    return ((name, entry) for name, entry in table(value, key).items() if isinstance(entry, dict))
+
+
+def sequence(value: Any, key: str) -> list[Any]:
+    found = value.get(key) if isinstance(value, dict) else None
+    return found if isinstance(found, list) else []
+
+
+class Names:
+    """The names a document defines, and the faults of what refers to them."""
+
+    def __init__(self, document: Document):
+        self.document = document
+        self.faults: list[Fault] = []
+        self.links = table(document, "links")
+        self.joints = table(document, "joints")
+        self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
+        self.points["ground"] = set(table(table(document, "ground"), "points"))
+
+    def fault(self, path: str, text: str) -> None:
+        self.faults.append(Fault(path, text))
+
+    def link(self, path: str, name: Any, ground: bool = True) -> None:
+        if isinstance(name, str) and name not in self.links and not (ground and name == "ground"):
+            self.fault(path, f"unknown link {name!r}")
+
+    def point(self, path: str, reference: Any, ground: bool = True) -> None:
+        if not isinstance(reference, str):
+            return
+        link, dot, point = reference.partition(".")
+        if not dot:
+            self.fault(path, f"{reference!r} is not of the form 'link.point'")
+        elif link not in self.points:
+            self.fault(path, f"unknown link {link!r} in {reference!r}")
+        elif link == "ground" and not ground:
+            self.fault(path, f"{reference!r} is on the ground; it must be on a link")
+        elif point not in self.points[link]:
+            self.fault(path, f"unknown point {point!r} of {link!r}")
+
+    def different_links(self, path: str, references: list[Any]) -> None:
+        owners = [r.partition(".")[0] for r in references if isinstance(r, str)]
+        for name in sorted({x for x in owners if owners.count(x) > 1}):
+            self.fault(path, f"the link {name!r} appears twice")
+
+
+def reference_faults(document: Document, stem: str | None) -> list[Fault]:
+    """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
+    names = Names(document)
+    name = document.get("name")
+    if stem is not None and isinstance(name, str) and name != stem:
+        names.fault("name", f"{name!r} differs from the file's name {stem!r}")
+    _check_points(names)
+    _check_links(names)
+    _check_joints(names)
+    _check_crank(names)
+    for key, entry in items(document, "constraints"):
+        names.point(f"constraints.{key}.point", entry.get("point"), ground=False)
+    for key, entry in items(document, "forces"):
+        _check_force(names, f"forces.{key}", entry)
+    _check_assembly(names)
+    observe = table(document, "observe")
+    for i, point in enumerate(sequence(observe, "points")):
+        names.point(f"observe.points[{i}]", point)
+    for i, link in enumerate(sequence(observe, "links")):
+        names.link(f"observe.links[{i}]", link, ground=False)
+    for key, entry in items(document, "scenarios"):
+        _check_scenario(names, f"scenarios.{key}", entry)
+    for path, entry in _angle_tables(document):
+        for key in RADIAN_PAIRS:
+            if key in entry and f"{key}_deg" in entry:
+                names.fault(f"{path}.{key}", f"given together with {key}_deg")
+    return names.faults
+
+
+def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
+    for group in ("joints", "constraints", "forces"):
+        yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
+    for key, entry in items(document, "scenarios"):
+        yield from ((f"scenarios.{key}.{part}", table(entry, part)) for part in ("driver", "start"))
+
+
+def _check_points(names: Names) -> None:
+    owners = [("ground", table(names.document, "ground")), *((f"links.{k}", v) for k, v in items(names.document, "links"))]
+    for path, owner in owners:
+        points = table(owner, "points")
+        for key, value in points.items():
+            if not isinstance(value, dict):
+                continue
+            if ("r" in value) == ("xy" in value):
+                names.fault(f"{path}.points.{key}", "give either r (and deg) or xy")
+            if "deg" in value and "r" not in value:
+                names.fault(f"{path}.points.{key}.deg", "given without r")
+            base = value.get("from")
+            if isinstance(base, str) and base not in points:
+                names.fault(f"{path}.points.{key}.from", f"unknown point {base!r}")
+            elif _is_circular(points, key):
+                names.fault(f"{path}.points.{key}.from", "circular: the point refers to itself")
+
+
+def _is_circular(points: dict[str, Any], key: str) -> bool:
+    seen: set[str] = set()
+    current: Any = key
+    while isinstance(current, str) and isinstance(points.get(current), dict):
+        if current in seen:
+            return current == key
+        seen.add(current)
+        current = points[current].get("from")
+    return False
+
+
+def _check_links(names: Names) -> None:
+    if "ground" in names.links:
+        names.fault("links.ground", "'ground' is a reserved name")
+    for key, link in items(names.document, "links"):
+        path, bars = f"links.{key}", sequence(link, "bars")
+        for i, bar in enumerate(bars):
+            for end in bar if isinstance(bar, list) else []:
+                if isinstance(end, str) and end not in names.points[key]:
+                    names.fault(f"{path}.bars[{i}]", f"unknown point {end!r}")
+            if isinstance(bar, list) and len(bar) == 2 and bar[0] == bar[1]:
+                names.fault(f"{path}.bars[{i}]", "zero length")
+        if "mass" in link and "kg_per_m" in link:
+            names.fault(f"{path}.kg_per_m", "given together with mass")
+        if "mass" not in link and "kg_per_m" not in link:
+            names.fault(f"{path}.mass", "neither mass nor kg_per_m is given")
+        if "kg_per_m" in link and not bars:
+            names.fault(f"{path}.kg_per_m", "needs bars")
+        if "inertia" not in link and not bars:
+            names.fault(f"{path}.inertia", "required where there are no bars")
+
+
+def _check_joints(names: Names) -> None:
+    for key, joint in items(names.document, "joints"):
+        path = f"joints.{key}"
+        references = sequence(joint, "at")
+        for i, reference in enumerate(references):
+            names.point(f"{path}.at[{i}]", reference)
+        names.different_links(f"{path}.at", references)
+        if joint.get("type") == "prismatic":
+            names.point(f"{path}.guide", joint.get("guide"))
+            names.point(f"{path}.block", joint.get("block"))
+            names.different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+
+
+def _turns_on_ground(names: Names, link: str) -> bool:
+    for _, joint in items(names.document, "joints"):
+        owners = {r.partition(".")[0] for r in sequence(joint, "at") if isinstance(r, str)}
+        if {"ground", link} <= owners:
+            return True
+    return False
+
+
+def _check_crank(names: Names) -> None:
+    crank = names.document.get("crank")
+    if isinstance(crank, str):
+        if crank not in names.links:
+            names.fault("crank", f"unknown link {crank!r}")
+        elif not _turns_on_ground(names, crank):
+            names.fault("crank", f"link {crank!r} has no revolute joint on the ground")
+
+
+def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
+    for key in ("link", "reaction"):
+        names.link(f"{path}.{key}", force.get(key))
+    if "link" in force and force.get("link") == force.get("reaction", "ground"):
+        names.fault(f"{path}.reaction", "link and reaction are the same")
+    kind = force.get("type")
+    if kind in ("force", "axis_spring_damper"):
+        names.point(f"{path}.point", force.get("point"), ground=kind != "force")
+    if force.get("frame") != "body":
+        names.link(f"{path}.frame", force.get("frame"))
+    if "origin" in force:
+        names.point(f"{path}.origin", force.get("origin"))
+    if kind == "axis_spring_damper":
+        names.different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
+    for key in ("between", "links"):
+        for i, reference in enumerate(sequence(force, key)):
+            (names.point if key == "between" else names.link)(f"{path}.{key}[{i}]", reference)
+        names.different_links(f"{path}.{key}", sequence(force, key))
+    joint = force.get("joint")
+    if isinstance(joint, str) and joint not in names.joints:
+        names.fault(f"{path}.joint", f"unknown joint {joint!r}")
+
+
+def _check_assembly(names: Names) -> None:
+    assembly = table(names.document, "assembly")
+    for key in table(assembly, "sketch"):
+        if "." in key:
+            names.point(f"assembly.sketch.{key}", key)
+        elif key not in names.joints:
+            names.fault(f"assembly.sketch.{key}", f"unknown joint {key!r}")
+    _check_angles(names, "assembly", assembly)
+
+
+def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
+    for group in ("angles_deg", "angles"):
+        for link in table(owner, group):
+            names.link(f"{path}.{group}.{link}", link, ground=False)
+    for link in table(owner, "angles").keys() & table(owner, "angles_deg").keys():
+        names.fault(f"{path}.angles.{link}", "given together with angles_deg")
+
+
+def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
+    active = sequence(scenario, "forces")
+    for i, force in enumerate(active):
+        if isinstance(force, str) and force not in table(names.document, "forces"):
+            names.fault(f"{path}.forces[{i}]", f"unknown force {force!r}")
+        elif isinstance(force, str) and force in active[:i]:
+            names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
+    if "driver" in scenario and "start" in scenario:
+        names.fault(f"{path}.driver", "given together with start")
+    driver = table(scenario, "driver")
+    if driver:
+        _check_driver(names, f"{path}.driver", driver)
+    _check_start(names, f"{path}.start", table(scenario, "start"))
+
+
+def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
+    link = driver.get("link")
+    names.link(f"{path}.link", link, ground=False)
+    if isinstance(link, str) and link in names.links and not _turns_on_ground(names, link):
+        names.fault(f"{path}.link", f"link {link!r} has no revolute joint on the ground")
+    if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
+        names.fault(f"{path}.travel_deg", "required")
+    times = [row[0] for row in sequence(driver, "rows") if isinstance(row, list) and len(row) == 2]
+    if all(isinstance(x, (int, float)) for x in times) and any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        names.fault(f"{path}.rows", "times must increase")
+
+
+def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
+    crank = names.document.get("crank")
+    angles = {*table(start, "angles"), *table(start, "angles_deg")}
+    by_crank = {"crank", "crank_deg"} & start.keys()
+    if ({"speed"} | by_crank) & start.keys() and crank is None:
+        names.fault(path, "needs a crank, and the file names none")
+    if by_crank and crank in angles:
+        names.fault(f"{path}.angles.{crank}", "the crank is held twice")
+    _check_angles(names, path, start)
+    for joint in table(start, "slides"):
+        if joint not in names.joints:
+            names.fault(f"{path}.slides.{joint}", f"unknown joint {joint!r}")
+        elif table(names.joints, joint).get("type") != "prismatic":
+            names.fault(f"{path}.slides.{joint}", "not a prismatic joint")
+    for point in table(start, "points"):
+        names.point(f"{path}.points.{point}", point, ground=False)
+    held = {"speeds": angles | ({crank} if by_crank else set()), "slide_speeds": {*table(start, "slides")}}
+    held["point_velocities"] = {*table(start, "points")}
+    for group, coordinates in held.items():
+        for key in table(start, group):
+            if key not in coordinates:
+                names.fault(f"{path}.{group}.{key}", "a rate without its held coordinate")
+    if "speed" in start and not by_crank and crank not in angles:
+        names.fault(f"{path}.speed", "a rate without its held coordinate")

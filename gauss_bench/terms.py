@@ -1,0 +1,62 @@
+"""What a formulation is given and what it returns: plain arrays at one state, and nothing of where they come from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class SingularSystem(ArithmeticError):
+    """A formulation met a system without a unique solution, such as redundant constraint rows in a KKT matrix."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The equations of motion at one state: M a + J^T lambda = Q subject to J a = gamma (SI units).
+
+    Attributes:
+        M: (n, n) mass matrix [kg, kg m^2], symmetric positive definite; not assumed diagonal.
+        J: (m, n) constraint Jacobian; rows may be redundant.
+        Q: (n,) applied generalised forces minus velocity-dependent inertia forces [N, N m].
+        gamma: (m,) acceleration bias [m/s^2, rad/s^2], the right-hand side of J a = gamma.
+        phi: (m,) constraint residual [m, rad]; zero for nonholonomic rows, which have no position level.
+        phi_dot: (m,) rate of the residual, J v + dphi/dt [m/s, rad/s].
+    """
+
+    M: Array
+    J: Array
+    Q: Array
+    gamma: Array
+    phi: Array
+    phi_dot: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Accelerations at one state.
+
+    Attributes:
+        a: (n,) accelerations [m/s^2, rad/s^2].
+        multipliers: (m,) lambda of M a + J^T lambda = Q, or None where the formulation has none.
+        rank: numerical rank of J as the formulation decided it.
+    """
+
+    a: Array
+    multipliers: Array | None
+    rank: int
+
+
+def constraint_force(terms: Terms, a: Array) -> Array:
+    """Generalised constraint force M a - Q = -J^T lambda, (n,) [N, N m]; needs no multipliers."""
+    return terms.M @ a - terms.Q
+
+
+def recover_multipliers(terms: Terms, a: Array) -> Array:
+    """Multipliers (m,) that explain the accelerations: the minimum-norm least-squares solution of J^T lambda = Q - M a.
+
+    Unique where J has full row rank; with redundant rows only J^T lambda is determined and the shortest lambda is returned.
+    """
+    multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
+    return multipliers

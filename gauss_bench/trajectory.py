@@ -1,0 +1,73 @@
+"""What every engine returns and every metric reads: states over time, and how the run ended."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """How a case ended; everything but OK carries a sentence that says why."""
+
+    OK = "ok"
+    SKIP = "skip"  # the engine cannot model it
+    DIVERGED = "diverged"  # finite, but far off the constraints
+    NOT_CONVERGED = "not_converged"  # an inner solver gave up
+    NAN = "nan"
+    RANK_LOST = "rank_lost"  # redundant rows met a formulation that cannot take them
+    WARNING = "warning"  # the engine reported a warning or reset itself
+    CRASHED = "crashed"
+    TIMEOUT = "timeout"
+    ERROR = "error"  # an exception of any other kind
+
+
+class RunFailure(RuntimeError):
+    """A run that ended without a usable trajectory, with its status and a sentence."""
+
+    def __init__(self, status: Status, message: str):
+        self.status = status
+        super().__init__(message)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States in the absolute coordinates of the mechanism, sampled at given times.
+
+    Attributes:
+        t: (k,) times [s].
+        q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
+        steps: integration steps taken.
+        evaluations: evaluations of the accelerations, or None where the engine does not count them.
+        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    steps: int
+    evaluations: int | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A trajectory more exact than what it judges, with its own error bar.
+
+    Attributes:
+        t: (k,); q, v, a: (k, n) as in Trajectory.
+        error_q, error_v, error_a: (k,) largest disagreement of two integrations at each time.
+        method: one line on how both were made.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    error_q: Array
+    error_v: Array
+    error_a: Array
+    method: str
