@@ -1,11 +1,12 @@
 """What a formulation is given and what it returns: plain arrays at one state, and nothing of where they come from."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 class SingularSystem(ArithmeticError):

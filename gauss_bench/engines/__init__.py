@@ -16,7 +16,7 @@ OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq
 
 def _from(target: str) -> Callable[[], Engine]:
     module, _, name = target.partition(":")
-    return lambda: getattr(import_module(module), name)()  # type: ignore[no-any-return]
+    return lambda: getattr(import_module(module), name)()
 
 
 def names() -> list[str]:

@@ -66,12 +66,18 @@ class Engine(Protocol):
         python_loop: whether single steps can be called from Python.
     """
 
-    name: str
-    integrators: tuple[str, ...]
-    stabilizations: tuple[str, ...]
-    settings: Mapping[str, Mapping[str, object]]
-    native_loop: bool
-    python_loop: bool
+    @property
+    def name(self) -> str: ...
+    @property
+    def integrators(self) -> tuple[str, ...]: ...
+    @property
+    def stabilizations(self) -> tuple[str, ...]: ...
+    @property
+    def settings(self) -> Mapping[str, Mapping[str, object]]: ...
+    @property
+    def native_loop(self) -> bool: ...
+    @property
+    def python_loop(self) -> bool: ...
 
     def version(self) -> str:
         """Name and version of the library that computes."""

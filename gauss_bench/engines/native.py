@@ -9,7 +9,7 @@ from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, SingularSystem
+from gauss_bench.terms import Array, SingularSystem, Terms
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
@@ -51,20 +51,21 @@ class NativeModel:
         self.evaluations = 0
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        try:
-            return self.formulation(self.evaluator.terms(t, q, v)).a
-        except (SingularSystem, np.linalg.LinAlgError) as error:
-            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+        return self._solve(t, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
         """The acceleration the integrator sees."""
         self.evaluations += 1
-        if self.choice.stabilization != "baumgarte":
-            return self.acceleration(t, q, v)
+        terms = self.evaluator.terms(t, q, v)
+        return self._solve(t, baumgarte(terms) if self.choice.stabilization == "baumgarte" else terms)
+
+    def _solve(self, t: float, terms: Terms) -> Array:
         try:
-            return self.formulation(baumgarte(self.evaluator.terms(t, q, v))).a
+            return self.formulation(terms).a
         except (SingularSystem, np.linalg.LinAlgError) as error:
-            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+            if np.isfinite(terms.J).all() and np.isfinite(terms.gamma).all():
+                raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+            raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times

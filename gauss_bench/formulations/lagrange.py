@@ -10,7 +10,7 @@ Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989
 import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
-from gauss_bench.terms import Solution, SingularSystem, Terms
+from gauss_bench.terms import SingularSystem, Solution, Terms
 
 SINGULAR = 1e-15  # a few rounding units: LU of an exactly singular KKT matrix leaves 1e-17, usable linkages 1e-7 or more
 

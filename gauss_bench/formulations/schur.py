@@ -9,7 +9,7 @@ Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 8.4.
 import numpy as np
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
-from gauss_bench.terms import Solution, SingularSystem, Terms
+from gauss_bench.terms import SingularSystem, Solution, Terms
 
 SINGULAR = 1e-15  # as for the KKT matrix; the complement squares the condition of J M^(-1/2)
 

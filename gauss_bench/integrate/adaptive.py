@@ -3,13 +3,15 @@
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.5 (order 8, error control).
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from gauss_bench.integrate.fixed_step import Acceleration
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 class StepFailure(ArithmeticError):

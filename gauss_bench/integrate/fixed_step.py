@@ -5,11 +5,12 @@ as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Acceleration = Callable[[float, Array, Array], Array]
 Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
 

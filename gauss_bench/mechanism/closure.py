@@ -197,9 +197,7 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
 
     tolerance = 1e-15
     return np.asarray(
-        least_squares(
-            lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], xtol=tolerance, ftol=tolerance, gtol=tolerance
-        ).x
+        least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], xtol=tolerance, ftol=tolerance, gtol=tolerance).x
     )
 
 

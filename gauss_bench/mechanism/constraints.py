@@ -16,6 +16,7 @@ All functions take one state, q (n,), or a batch, q (..., n).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,34 +34,19 @@ class Rows:
     phi_t: Array
 
 
-def quarter_turn(x: Array) -> Array:
-    """S x: (..., 2) vectors turned by +90 degrees."""
-    return np.stack((-x[..., 1], x[..., 0]), axis=-1)
-
-
-class Arms:
-    """Vectors fixed in links, gathered so that all of them are rotated at once; the ground is one more, resting, link."""
-
-    def __init__(self, links: list[int], local: list[Array], ground: int):
-        self.link = np.array([ground if i == GROUND else i for i in links], dtype=int)
-        self.local = np.array(local, dtype=float).reshape(-1, 2)
-
-    def rotate(self, c: Array, s: Array) -> Array:
-        """(..., k, 2) vectors in world axes, from cosines and sines (..., links + 1)."""
-        c, s = c[..., self.link], s[..., self.link]
-        x, y = self.local[:, 0], self.local[:, 1]
-        return np.stack((c * x - s * y, s * x + c * y), axis=-1)
-
-
-def padded(x: Array) -> Array:
-    """(..., links + 1, 3): the state per link with a resting ground appended."""
+def unpacked(x: Array) -> tuple[Array, Array, Array]:
+    """x, y and angle (..., links + 1) of a state (..., n), with a resting ground appended."""
     out = np.zeros((*x.shape[:-1], x.shape[-1] // 3 + 1, 3))
     out[..., :-1, :] = x.reshape(*x.shape[:-1], -1, 3)
-    return out
+    return out[..., 0], out[..., 1], out[..., 2]
 
 
 class Constraints:
-    """The constraint rows of one mechanism, with every index worked out once."""
+    """The constraint rows of one mechanism, with every index worked out once.
+
+    All link-fixed vectors (ends of pins, ends of slides, their normals) stand in one list, so that one rotation serves them all;
+    the ground is one more link that rests, and its columns of J are dropped at the end.
+    """
 
     def __init__(self, mechanism: Mechanism):
         self.n = mechanism.n
@@ -68,104 +54,126 @@ class Constraints:
         self.holonomic = self.joint_rows + (mechanism.driver is not None)
         self.m = self.holonomic + len(mechanism.knife_edges)
         self.driver = mechanism.driver
+        self.ground = len(mechanism.links)
+        self.link: list[int] = []
+        self.local: list[Array] = []
         pins = [(2 * k, j) for k, j in enumerate(mechanism.joints) if not isinstance(j, Prismatic)]
         slides = [(2 * k, j) for k, j in enumerate(mechanism.joints) if isinstance(j, Prismatic)]
         knives = [(self.holonomic + k, e) for k, e in enumerate(mechanism.knife_edges)]
-        ground = len(mechanism.links)
-
-        def points(which: list[Point]) -> Arms:
-            return Arms([p.link for p in which], [p.local for p in which], ground)
-
-        def normals(pairs: list[tuple[int, float]]) -> Arms:
-            return Arms([i for i, _ in pairs], [np.array([-np.sin(x), np.cos(x)]) for _, x in pairs], ground)
-
-        self.pin_rows = np.array([row for row, _ in pins], dtype=int)
-        self.pin_a, self.pin_b = points([j.a for _, j in pins]), points([j.b for _, j in pins])
-        self.slide_rows = np.array([row for row, _ in slides], dtype=int)
-        self.guide, self.block = points([j.guide for _, j in slides]), points([j.block for _, j in slides])
-        self.slide_normal = normals([(j.guide.link, j.angle) for _, j in slides])
+        self.pin_a, self.pin_b = self._points([j.a for _, j in pins]), self._points([j.b for _, j in pins])
+        self.guide, self.block = self._points([j.guide for _, j in slides]), self._points([j.block for _, j in slides])
+        self.slide_normal = self._normals([(j.guide.link, j.angle) for _, j in slides])
+        self.edge = self._points([e.point for _, e in knives])
+        self.edge_normal = self._normals([(e.point.link, e.angle) for _, e in knives])
+        self.links = np.array(self.link, dtype=int)
+        self.X, self.Y = np.array(self.local, dtype=float).reshape(-1, 2).T
         self.offset, self.turn = np.array([j.offset for _, j in slides]), np.array([j.turn for _, j in slides])
-        self.knife_rows = np.array([row for row, _ in knives], dtype=int)
-        self.knife_point = points([e.point for _, e in knives])
-        self.knife_normal = normals([(e.point.link, e.angle) for _, e in knives])
+        self.pin_x = np.array([row for row, _ in pins], dtype=int)
+        self.slide_gap = np.array([row for row, _ in slides], dtype=int)
+        self.edge_rows = np.array([row for row, _ in knives], dtype=int)
+        self.pin_y, self.slide_turn = self.pin_x + 1, self.slide_gap + 1
         self.template = self._constant_entries()
         self.rows, self.columns = self._varying_entries()
 
+    def _points(self, points: list[Point]) -> slice:
+        return self._add([p.link for p in points], [p.local for p in points])
+
+    def _normals(self, lines: list[tuple[int, float]]) -> slice:
+        return self._add([i for i, _ in lines], [np.array([-np.sin(x), np.cos(x)]) for _, x in lines])
+
+    def _add(self, links: list[int], local: list[Array]) -> slice:
+        first = len(self.link)
+        self.link += [self.ground if i == GROUND else i for i in links]
+        self.local += local
+        return slice(first, len(self.link))
+
     def _constant_entries(self) -> Array:
-        """(m, n + 3) Jacobian entries that never change; the last three columns belong to the ground and are dropped."""
+        """(m, n + 3) Jacobian entries that never change; the last three columns belong to the ground."""
         J = np.zeros((self.m, self.n + 3))
-        for axis in (0, 1):
-            J[self.pin_rows + axis, 3 * self.pin_b.link + axis] = 1.0
-            J[self.pin_rows + axis, 3 * self.pin_a.link + axis] = -1.0
-        J[self.slide_rows + 1, 3 * self.block.link + 2] = 1.0
-        J[self.slide_rows + 1, 3 * self.guide.link + 2] = -1.0
+        for axis, rows in enumerate((self.pin_x, self.pin_y)):
+            J[rows, 3 * self.links[self.pin_b] + axis] = 1.0
+            J[rows, 3 * self.links[self.pin_a] + axis] = -1.0
+        J[self.slide_turn, 3 * self.links[self.block] + 2] = 1.0
+        J[self.slide_turn, 3 * self.links[self.guide] + 2] = -1.0
         if self.driver is not None:
             J[self.joint_rows, 3 * self.driver.link + 2] = 1.0
         return J
 
     def _varying_entries(self) -> tuple[Array, Array]:
-        """Rows and columns of the entries written at every state, in the order of `_varying_values`."""
-        pin, slide, knife = self.pin_rows, self.slide_rows, self.knife_rows
-        a, b, g, k = self.pin_a.link, self.pin_b.link, self.guide.link, self.block.link
-        e = self.knife_point.link
-        rows = [pin, pin + 1, pin, pin + 1, *[slide] * 6, *[knife] * 3]
-        columns = [
-            *(3 * b + 2, 3 * b + 2, 3 * a + 2, 3 * a + 2),
-            *(3 * k, 3 * k + 1, 3 * k + 2, 3 * g, 3 * g + 1, 3 * g + 2),
-            *(3 * e, 3 * e + 1, 3 * e + 2),
-        ]
+        """Rows and columns of the entries written at every state, in the order in which `__call__` lists their values."""
+        a, b, g, k, e = (3 * self.links[x] for x in (self.pin_a, self.pin_b, self.guide, self.block, self.edge))
+        rows = [self.pin_x, self.pin_y] * 2 + [self.slide_gap] * 6 + [self.edge_rows] * 3
+        columns = [b + 2, b + 2, a + 2, a + 2, k, k + 1, k + 2, g, g + 1, g + 2, e, e + 1, e + 2]
         return np.concatenate(rows), np.concatenate(columns)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
         """Residual, Jacobian, bias and explicit rate of all rows at state(s) q, v (..., n) and time(s) t [s]."""
-        x, u = padded(q), padded(v)
-        c, s, w = np.cos(x[..., 2]), np.sin(x[..., 2]), u[..., 2]
-        phi, gamma, phi_t = (np.zeros((*q.shape[:-1], self.m)) for _ in range(3))
+        x, y, theta = unpacked(q)
+        u, w, omega = unpacked(v)
+        c, s = np.cos(theta)[..., self.links], np.sin(theta)[..., self.links]
+        rx, ry = c * self.X - s * self.Y, s * self.X + c * self.Y
+        arms = _Arms(x[..., self.links], y[..., self.links], u[..., self.links], w[..., self.links], rx, ry, omega[..., self.links])
+        shape = (*q.shape[:-1], self.m)
+        phi, gamma, phi_t = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         values: list[Array] = []
-        self._pins(x, c, s, w, phi, gamma, values)
-        self._slides(x, u, c, s, w, phi, gamma, values)
+        if len(self.pin_x):
+            self._pins(arms, phi, gamma, values)
+        if len(self.slide_gap):
+            self._slides(arms, theta, phi, gamma, values)
         if self.driver is not None:
-            angle, rate, second = self.driver.law(t)
-            phi[..., self.joint_rows] = x[..., self.driver.link, 2] - angle
-            phi_t[..., self.joint_rows] = -rate
-            gamma[..., self.joint_rows] = second
-        self._knives(u, c, s, w, gamma, values)
-        J = np.empty((*q.shape[:-1], self.m, self.n + 3))
+            angle, phi_t[..., self.joint_rows], gamma[..., self.joint_rows] = self.driver.law(t)
+            phi[..., self.joint_rows] = theta[..., self.driver.link] - angle
+            phi_t[..., self.joint_rows] *= -1.0
+        if len(self.edge_rows):
+            self._edges(arms, gamma, values)
+        J = np.empty((*shape, self.n + 3))
         J[...] = self.template
-        J[..., self.rows, self.columns] = np.concatenate(values, axis=-1)
+        if values:
+            J[..., self.rows, self.columns] = np.concatenate(values, axis=-1)
         return Rows(phi, np.ascontiguousarray(J[..., : self.n]), gamma, phi_t)
 
-    def _pins(self, x: Array, c: Array, s: Array, w: Array, phi: Array, gamma: Array, values: list[Array]) -> None:
-        a, b = self.pin_a, self.pin_b
-        ra, rb = a.rotate(c, s), b.rotate(c, s)
-        gap = x[..., b.link, :2] + rb - x[..., a.link, :2] - ra
-        bias = rb * w[..., b.link, None] ** 2 - ra * w[..., a.link, None] ** 2
-        for axis in (0, 1):
-            phi[..., self.pin_rows + axis] = gap[..., axis]
-            gamma[..., self.pin_rows + axis] = bias[..., axis]
-        values += [-rb[..., 1], rb[..., 0], ra[..., 1], -ra[..., 0]]
+    def _pins(self, arms: "_Arms", phi: Array, gamma: Array, values: list[Array]) -> None:
+        a, b = arms.part(self.pin_a), arms.part(self.pin_b)
+        phi[..., self.pin_x] = b.x + b.rx - a.x - a.rx
+        phi[..., self.pin_y] = b.y + b.ry - a.y - a.ry
+        wa, wb = a.omega**2, b.omega**2
+        gamma[..., self.pin_x] = b.rx * wb - a.rx * wa
+        gamma[..., self.pin_y] = b.ry * wb - a.ry * wa
+        values += [-b.ry, b.rx, a.ry, -a.rx]
 
-    def _slides(self, x: Array, u: Array, c: Array, s: Array, w: Array, phi: Array, gamma: Array, values: list[Array]) -> None:
-        g, b = self.guide, self.block
-        rg, rb, normal = g.rotate(c, s), b.rotate(c, s), self.slide_normal.rotate(c, s)
-        wg, wb = w[..., g.link, None], w[..., b.link, None]
-        gap = x[..., b.link, :2] + rb - x[..., g.link, :2] - rg
-        gap_rate = u[..., b.link, :2] + wb * quarter_turn(rb) - u[..., g.link, :2] - wg * quarter_turn(rg)
-        turned = quarter_turn(normal)
-        phi[..., self.slide_rows] = (normal * gap).sum(-1) - self.offset
-        phi[..., self.slide_rows + 1] = x[..., b.link, 2] - x[..., g.link, 2] - self.turn
-        centripetal = rg * wg**2 - rb * wb**2 - gap * wg**2
-        gamma[..., self.slide_rows] = -((normal * centripetal).sum(-1) + 2 * wg[..., 0] * (turned * gap_rate).sum(-1))
-        nx, ny = normal[..., 0], normal[..., 1]
-        block_arm = (normal * quarter_turn(rb)).sum(-1)
-        guide_arm = (turned * gap).sum(-1) - (normal * quarter_turn(rg)).sum(-1)
+    def _slides(self, arms: "_Arms", theta: Array, phi: Array, gamma: Array, values: list[Array]) -> None:
+        g, b, normal = arms.part(self.guide), arms.part(self.block), arms.part(self.slide_normal)
+        nx, ny = normal.rx, normal.ry
+        gap_x, gap_y = b.x + b.rx - g.x - g.rx, b.y + b.ry - g.y - g.ry
+        rate_x = b.u - b.omega * b.ry - g.u + g.omega * g.ry
+        rate_y = b.w + b.omega * b.rx - g.w - g.omega * g.rx
+        wg, wb = g.omega**2, b.omega**2
+        phi[..., self.slide_gap] = nx * gap_x + ny * gap_y - self.offset
+        phi[..., self.slide_turn] = theta[..., self.links[self.block]] - theta[..., self.links[self.guide]] - self.turn
+        centripetal = nx * (g.rx * wg - b.rx * wb - gap_x * wg) + ny * (g.ry * wg - b.ry * wb - gap_y * wg)
+        gamma[..., self.slide_gap] = -centripetal - 2 * g.omega * (nx * rate_y - ny * rate_x)
+        block_arm = ny * b.rx - nx * b.ry
+        guide_arm = nx * gap_y - ny * gap_x + nx * g.ry - ny * g.rx
         values += [nx, ny, block_arm, -nx, -ny, guide_arm]
 
-    def _knives(self, u: Array, c: Array, s: Array, w: Array, gamma: Array, values: list[Array]) -> None:
-        e = self.knife_point
-        r, normal = e.rotate(c, s), self.knife_normal.rotate(c, s)
-        omega = w[..., e.link, None]
-        velocity = u[..., e.link, :2] + omega * quarter_turn(r)
-        bias = (normal * r).sum(-1) * omega[..., 0] ** 2 - omega[..., 0] * (quarter_turn(normal) * velocity).sum(-1)
-        gamma[..., self.knife_rows] = bias
-        values += [normal[..., 0], normal[..., 1], (normal * quarter_turn(r)).sum(-1)]
+    def _edges(self, arms: "_Arms", gamma: Array, values: list[Array]) -> None:
+        e, normal = arms.part(self.edge), arms.part(self.edge_normal)
+        nx, ny = normal.rx, normal.ry
+        along = nx * (e.w + e.omega * e.rx) - ny * (e.u - e.omega * e.ry)
+        gamma[..., self.edge_rows] = (nx * e.rx + ny * e.ry) * e.omega**2 - e.omega * along
+        values += [nx, ny, ny * e.rx - nx * e.ry]
+
+
+class _Arms(NamedTuple):
+    """Per link-fixed vector: position x, y, velocity u, w and angular speed of its link, and the vector rx, ry in world axes."""
+
+    x: Array
+    y: Array
+    u: Array
+    w: Array
+    rx: Array
+    ry: Array
+    omega: Array
+
+    def part(self, which: slice) -> "_Arms":
+        return _Arms(*(values[..., which] for values in self))

@@ -153,7 +153,7 @@ def potential(f: Force, q: Array) -> Array:
         case Torque():
             return -f.value * (angle(q, f.link) - angle(q, f.reaction))
         case PointForce() if f.frame == GROUND:
-            return -(f.value * position(q, f.point)).sum(-1)
+            return np.asarray(-np.sum(f.value * position(q, f.point), axis=-1))
         case SpringDamper():
             return 0.5 * f.k * (stretch(q, still, f)[0] - f.rest) ** 2
         case AxisSpringDamper():
@@ -167,7 +167,7 @@ def power(f: Force, q: Array, v: Array) -> Array:
     """Power (...) [W] of the part of a force that has no potential."""
     match f:
         case PointForce() if f.frame != GROUND:
-            return (rotated(f.value, angle(q, f.frame)) * velocity(q, v, f.point)).sum(-1)
+            return np.asarray(np.sum(rotated(f.value, angle(q, f.frame)) * velocity(q, v, f.point), axis=-1))
         case SpringDamper():
             return -f.c * stretch(q, v, f)[1] ** 2
         case AxisSpringDamper():
@@ -176,7 +176,7 @@ def power(f: Force, q: Array, v: Array) -> Array:
             return -f.c * (angle(v, f.b) - angle(v, f.a)) ** 2
         case JointDamping():
             speeds = [joint_speed(q, v, pair) for pair in f.pairs]
-            return -f.c * np.sum(np.square(speeds), axis=0)
+            return np.asarray(-f.c * np.sum(np.square(speeds), axis=0))
     return np.zeros(q.shape[:-1])
 
 

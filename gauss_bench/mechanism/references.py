@@ -4,6 +4,7 @@ Works on the raw document and passes over whatever the schema has already refuse
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 from gauss_bench.mechanism.errors import Fault
@@ -245,7 +246,7 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.travel_deg", "required")
     times = [row[0] for row in sequence(driver, "rows") if isinstance(row, list) and len(row) == 2]
-    if all(isinstance(x, (int, float)) for x in times) and any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if all(isinstance(x, (int, float)) for x in times) and any(b <= a for a, b in pairwise(times)):
         names.fault(f"{path}.rows", "times must increase")
 
 
@@ -265,8 +266,11 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
             names.fault(f"{path}.slides.{joint}", "not a prismatic joint")
     for point in table(start, "points"):
         names.point(f"{path}.points.{point}", point, ground=False)
-    held = {"speeds": angles | ({crank} if by_crank else set()), "slide_speeds": {*table(start, "slides")}}
-    held["point_velocities"] = {*table(start, "points")}
+    held: dict[str, set[Any]] = {
+        "speeds": angles | ({crank} if by_crank else set()),
+        "slide_speeds": {*table(start, "slides")},
+        "point_velocities": {*table(start, "points")},
+    }
     for group, coordinates in held.items():
         for key in table(start, group):
             if key not in coordinates:

@@ -174,9 +174,7 @@ FORCES = {
     "rotational_spring_damper": RotationalSpringDamperTable,
     "joint_damping": JointDampingTable,
 }
-JointTable = Annotated[
-    Annotated[RevoluteTable, Tag("<revolute>")] | Annotated[PrismaticTable, Tag("<prismatic>")], kind_of("type")
-]
+JointTable = Annotated[Annotated[RevoluteTable, Tag("<revolute>")] | Annotated[PrismaticTable, Tag("<prismatic>")], kind_of("type")]
 ForceEntry = Annotated[
     Annotated[TorqueTable, Tag("<torque>")]
     | Annotated[ForceTable, Tag("<force>")]
@@ -286,4 +284,5 @@ def _text(error: dict[str, Any]) -> str:
         exact = context.get("min_length") == context.get("max_length") or error["loc"][-1] in ("value", "com", "gravity", "xy")
         count = context.get("min_length", context.get("max_length"))
         return f"must have {'' if exact else 'at least ' if kind == 'too_short' else 'at most '}{count} entries"
-    return TEXTS.get(kind, error["msg"][0].lower() + error["msg"][1:])
+    message: str = error["msg"]
+    return TEXTS.get(kind, message[0].lower() + message[1:])

@@ -129,11 +129,11 @@ def _place(b: Branch, y: Array, dy: Array, ddy: Array, q: Array, v: Array, a: Ar
     p, w, alpha = q[..., b.parent, :], v[..., b.parent, 2, None], a[..., b.parent, 2, None]
     s, ds, dds = y[..., b.at, None], dy[..., b.at, None], ddy[..., b.at, None]
     arm = _rotate(b.parent_anchor, p[..., 2])
-    slide_v, slide_a = 0.0, 0.0
+    slide_v, slide_a = np.zeros(2), np.zeros(2)
     if b.kind == "revolute":
         turn, turn_v, turn_a = y[..., b.at], dy[..., b.at], ddy[..., b.at]
     else:
-        turn, turn_v, turn_a = b.turn, 0.0, 0.0
+        turn, turn_v, turn_a = np.array(b.turn), np.zeros(()), np.zeros(())
         axis = _rotate(b.axis, p[..., 2])
         arm = arm + _rotate(b.base, p[..., 2]) + s * axis
         slide_v, slide_a = ds * axis, dds * axis + 2 * w * ds * _quarter(axis)

@@ -1,0 +1,41 @@
+# Needs python3 >= 3.11 with venv and pip, and make; nothing else.
+PYTHON ?= python3
+BIN := .venv/bin
+JOBS ?= 2
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: bench report test check lint drawings setup clean
+
+bench: setup           ## run the quick suite and write reports/
+	$(BIN)/gauss-bench run --suite quick --jobs $(JOBS) --out reports
+	$(BIN)/gauss-bench report --out reports
+
+report: setup          ## write the pages again from the stored tables
+	$(BIN)/gauss-bench report --out reports
+
+test: setup            ## the tests
+	$(BIN)/python -m pytest
+
+check: setup           ## the accuracy gate
+	$(BIN)/gauss-bench check --jobs $(JOBS)
+
+lint: setup            ## style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+drawings: setup        ## the drawings of mechanisms/ from the linkage files
+	$(BIN)/python -c "from pathlib import Path; from gauss_bench.report.drawing import write_drawings; write_drawings(Path('mechanisms'))"
+
+setup: .venv/.ready
+
+.venv/.ready: constraints.txt pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --disable-pip-version-check --quiet --require-hashes -r constraints.txt
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	touch $@
+
+clean:                 ## remove the environment, caches and unfinished runs
+	rm -rf .venv reports/.run .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,8 @@
+"""`python -m gauss_bench` is `gauss-bench`."""
+
+import sys
+
+from gauss_bench.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""From cases to rows: isolated runs, interleaved timing, and the accuracy gate."""

@@ -1,0 +1,226 @@
+"""Runs a suite: accuracy cases in parallel workers, then cost comparisons alone, then the tables, all of it resumable."""
+
+import json
+import queue
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from gauss_bench.bench.cases import Case
+from gauss_bench.bench.journal import Journal, fingerprint
+from gauss_bench.bench.measure import Alteration, measure, mechanism_of, reference_of, unaltered
+from gauss_bench.bench.timing import compare_costs, ratio
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines import get
+from gauss_bench.metrics import CHECKPOINTS, observed_order
+from gauss_bench.results import KEY, environment, table, write_table, write_text
+
+CASE_LIMIT = 120.0  # [s] the slowest case of the quick suite takes 10 s on a slow core
+COST_LIMIT = 600.0  # [s] for one linkage with all engines
+REFERENCE_LIMIT = 600.0
+BASELINE = "gauss"  # costs are ratios to this engine: the formulation the suite is about, and the one its authors wrote
+VARIANT = ["engine", "settings", "integrator"]
+
+
+class Task(NamedTuple):
+    """What a worker is asked: function(*arguments), known by `key`; `stamp` says what the answer depends on."""
+
+    key: str
+    function: Callable[..., dict[str, Any]]
+    arguments: tuple[Any, ...]
+    stamp: str
+
+
+def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True) -> pd.DataFrame:
+    """Run what is not finished yet, write every table into `folder`, and return the rows.
+
+    Raises:
+        Busy: another run writes into the same folder.
+    """
+    store = str(folder / ".run" / "references")
+    stamp = fingerprint()
+    stamps = {case: f"{stamp}.{mechanism_of(case.linkage, case.scenario).sha256[:16]}" for case in cases}
+    with Journal(folder / ".run" / f"{suite}.jsonl") as journal:
+        found = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references", journal)
+        found |= finish(accuracy_tasks(cases, store, stamps), jobs, CASE_LIMIT, "accuracy", journal)
+        if costs:
+            found |= finish(cost_tasks(cases, stamps), 1, COST_LIMIT, "costs", journal)
+    return _write(cases, found, folder, suite)
+
+
+def measure_all(cases: list[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
+
+    `alter` plants a fault in what the engines are given.
+    """
+    store, stamps = str(folder / ".run" / "references"), dict.fromkeys(cases, "")
+    references = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references")
+    found = finish(accuracy_tasks(cases, store, stamps, alter), jobs, CASE_LIMIT, "accuracy")
+    return rows_of(cases, found), pd.DataFrame([entry["row"] for _, entry in sorted(references.items())])
+
+
+def reference_tasks(cases: list[Case], store: str, stamps: dict[Case, str]) -> list[Task]:
+    """One task for each linkage, scenario and duration."""
+    wanted = sorted({(c.linkage, c.scenario, c.t_end): stamps[c] for c in cases}.items())
+    return [Task(f"reference|{'|'.join(map(str, k))}", _reference_row, (*k, store), stamp) for k, stamp in wanted]
+
+
+def accuracy_tasks(cases: list[Case], store: str, stamps: dict[Case, str], alter: Alteration = unaltered) -> list[Task]:
+    return [Task(case.key(), measure, (case, store, alter), stamps[case]) for case in cases]
+
+
+def cost_tasks(cases: list[Case], stamps: dict[Case, str]) -> list[Task]:
+    """One comparison of all engines for each linkage and scenario."""
+    engines = list(dict.fromkeys(c.engine for c in cases))
+    wanted = sorted({(c.linkage, c.scenario): stamps[c] for c in cases}.items())
+    return [Task(f"cost|{'|'.join(k)}|{','.join(engines)}", compare_costs, (*k, engines), stamp) for k, stamp in wanted]
+
+
+def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, dict[str, Any]]:
+    """Answers of all tasks by key: from the journal where they stand there, else from workers."""
+    done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
+    waiting = {task.key: task for task in tasks if task.key not in done}
+    todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[tuple[str, dict[str, Any]] | BaseException] = queue.SimpleQueue()
+    workers = min(jobs, len(waiting))
+    for item in [*waiting.values(), *[None] * workers]:
+        todo.put(item)
+    for _ in range(workers):
+        threading.Thread(target=_serve, args=(todo, answers, limit), daemon=True).start()
+    for _ in tqdm(waiting, desc=label, disable=not sys.stderr.isatty(), file=sys.stderr):
+        answer = answers.get()
+        if isinstance(answer, BaseException):
+            raise answer
+        key, content = answer
+        if journal:
+            journal.add(key, waiting[key].stamp, content)
+        done[key] = content
+    return done
+
+
+def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]", limit: float) -> None:
+    """One thread with one worker process, taking tasks until there are none."""
+    try:
+        with Worker() as worker:
+            while task := todo.get():
+                try:
+                    answers.put((task.key, worker.call(task.function, task.arguments, limit)))
+                except WorkerFailure as failure:
+                    answers.put((task.key, {"row": {"status": str(failure.status), "message": str(failure)}}))
+    except BaseException as error:
+        answers.put(error)
+
+
+def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dict[str, Any]:
+    """What the table of references says of one, and the file it is kept in."""
+    mechanism = mechanism_of(linkage, scenario)
+    reference = reference_of(linkage, scenario, t_end, store)
+    crank = 3 * (mechanism.crank or 0) + 2
+    row: dict[str, Any] = {
+        "mechanism": mechanism.name,
+        "scenario": mechanism.scenario,
+        "t_end": t_end,
+        "method": reference.method,
+        "error_bar_q": float(reference.error_q.max()),
+        "error_bar_v": float(reference.error_v.max()),
+    }
+    for t in CHECKPOINTS:
+        at = np.flatnonzero(np.abs(reference.t - t) < 1e-9)
+        row[f"crank_t{t:g}".replace(".", "")] = float(reference.q[at[0], crank]) if len(at) else None
+    return {"row": row}
+
+
+def rows_of(cases: Iterable[Case], found: dict[str, dict[str, Any]]) -> pd.DataFrame:
+    """The table of accuracy rows, with the observed order of each run."""
+    rows = []
+    for case in cases:
+        mechanism = mechanism_of(case.linkage, case.scenario)
+        key = asdict(case) | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+        rows.append(key | found[case.key()]["row"])
+    return with_orders(table(rows))
+
+
+def with_orders(frame: pd.DataFrame) -> pd.DataFrame:
+    """Fill in observed_order from the crank error at the last checkpoint that the run reached."""
+    for _, group in frame.groupby([k for k in KEY if k != "step"], sort=False):
+        column = next((c for c in ("crank_error_t2", "crank_error_t1", "crank_error_t05") if group[c].notna().any()), None)
+        if column and len(group) > 1:
+            steps, errors = group["step"].to_numpy(), group[column].to_numpy()
+            floors = group["position_error_bar"].fillna(0.0).to_numpy()
+            frame.loc[group.index, "observed_order"] = observed_order(steps, errors, floors)
+    return frame
+
+
+def with_costs(frame: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
+    """Fill in the cost columns: the same for every step and stabilisation of a mechanism, engine, setting and integrator."""
+    for mechanism, group in samples.groupby("mechanism"):
+        cells = {tuple(k): g.sort_values("round")["seconds"].to_numpy() for k, g in group.groupby([*VARIANT, "quantity"])}
+        for (engine, settings, integrator, quantity), seconds in cells.items():
+            here = (frame["mechanism"] == mechanism) & (frame["engine"] == engine) & (frame["settings"] == settings)
+            if quantity in ("step", "native_step"):
+                here &= frame["integrator"] == integrator
+            frame.loc[here, f"{quantity}_time"] = np.quantile(seconds, 0.25)
+            against = "acceleration" if quantity == "acceleration" else "step"
+            baseline = cells.get((BASELINE, "default", "rk4", against))
+            if baseline is not None and quantity != "build":
+                frame.loc[here, [f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high")]] = ratio(seconds, baseline)
+    return frame
+
+
+def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, suite: str) -> pd.DataFrame:
+    """Every file of a run: rows, references, curves, samples, environment."""
+    frame = rows_of(cases, found)
+    failed = [c for key, entry in found.items() if key.startswith("cost|") for c in _costs_failed(key, entry)]
+    samples = [s for key, entry in found.items() if key.startswith("cost|") for s in _samples(key, entry)]
+    if samples:
+        frame = with_costs(frame, pd.DataFrame(samples))
+    names = {case.key(): asdict(case) | {"mechanism": mechanism_of(case.linkage, case.scenario).name} for case in cases}
+    curves = [{k: names[key][k] for k in KEY} | point for key in names for point in found[key].get("series", [])]
+    where = environment() | {
+        "suite": suite,
+        "baseline_engine": BASELINE,
+        "engines": described_engines(list(dict.fromkeys(c.engine for c in cases))),
+        "costs_failed": failed,
+    }
+    write_table(frame, folder / "results.parquet", where)
+    write_table(frame, folder / "results.csv")
+    references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
+    write_table(pd.DataFrame(references), folder / "references.csv")
+    write_table(pd.DataFrame(curves, columns=[*KEY, *CURVES]), folder / "series.parquet")
+    write_table(pd.DataFrame(samples, columns=["mechanism", *VARIANT, "quantity", "round", "seconds"]), folder / "samples.parquet")
+    write_text(folder / "environment.json", json.dumps(where, indent=1) + "\n")
+    return frame
+
+
+CURVES = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
+
+
+def _samples(key: str, entry: dict[str, Any]) -> list[dict[str, Any]]:
+    name = mechanism_of(*key.split("|")[1:3]).name
+    return [{"mechanism": name, **s} for s in entry.get("samples", [])]
+
+
+def _costs_failed(key: str, entry: dict[str, Any]) -> list[dict[str, Any]]:
+    name = mechanism_of(*key.split("|")[1:3]).name
+    lost = [{"engine": "all", **entry["row"]}] if "row" in entry else []
+    return [{"mechanism": name, **c} for c in [*entry.get("failed", []), *lost]]
+
+
+def described_engines(engines: list[str]) -> dict[str, Any]:
+    """Version and every setting of the engines, as the report prints them."""
+    described = {}
+    for name in engines:
+        adapter = get(name)
+        try:
+            version = adapter.version()
+        except ImportError:
+            version = "not installed"
+        described[name] = {"version": version, "settings": {k: dict(v) for k, v in adapter.settings.items()}}
+    return described

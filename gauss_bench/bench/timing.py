@@ -1,0 +1,144 @@
+"""Cost as ratios: all engines of a comparison in one process, in blocks, in a new random order every round.
+
+A machine's speed wanders, but it wanders for neighbours alike: the ratio of lower quartiles of interleaved blocks varies by a few
+per cent where single timings vary by half. Blocks last at least a millisecond, the garbage collector rests, and every block is
+kept. Sources: the practice of paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+"""
+
+import gc
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure
+
+BLOCK = 2e-3  # [s] shortest block, twice the millisecond that the clock and the scheduler need to look fine
+ROUNDS = 40
+RESAMPLES = 200  # of the rounds, for the spread of a ratio
+STEP = 1e-3  # [s] at which steps are timed: every engine is stable there
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is timed: a quantity ("build", "step" from Python, "native_step", "acceleration") of one engine at one choice."""
+
+    engine: str
+    settings: str
+    integrator: str
+    quantity: str
+
+
+@dataclass
+class Block:
+    """A piece of work: `ready()` untimed, `go()` timed, `count` repetitions in it."""
+
+    entry: Entry
+    ready: Callable[[], None]
+    go: Callable[[], None]
+    count: int
+
+
+def entries(engines: list[str]) -> list[Entry]:
+    """Each engine's settings and integrators, with the loops it has."""
+    found = []
+    for name in engines:
+        adapter = get(name)
+        for settings in adapter.settings:
+            found += [Entry(name, settings, adapter.integrators[0], quantity) for quantity in ("build", "acceleration")]
+            for integrator in adapter.integrators:
+                if integrator == "dop853":
+                    continue
+                if adapter.python_loop:
+                    found.append(Entry(name, settings, integrator, "step"))
+                if adapter.native_loop:
+                    found.append(Entry(name, settings, integrator, "native_step"))
+    return found
+
+
+def block(mechanism: Mechanism, entry: Entry) -> Block:
+    """A block of at least BLOCK seconds.
+
+    Raises:
+        RunFailure, ImportError: the engine cannot run the mechanism.
+    """
+    choice = Choice(entry.settings, entry.integrator, "none", STEP)
+    adapter = get(entry.engine)
+    model = adapter.build(mechanism, choice)
+    count = 1
+    while True:
+        if entry.quantity == "build":
+            made = _repeated(entry, lambda: adapter.build(mechanism, choice), count)
+        else:
+            made = _of(model, mechanism, entry, count)
+        made.ready()
+        elapsed = _timed(made.go)
+        if elapsed >= BLOCK or count > 1_000_000:
+            return made
+        count = int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1
+
+
+def _of(model: Model, mechanism: Mechanism, entry: Entry, count: int) -> Block:
+    if entry.quantity == "acceleration":
+        return _repeated(entry, lambda: model.acceleration(0.0, mechanism.q0, mechanism.v0), count)
+    times = np.array([0.0, count * STEP])
+    return Block(entry, lambda: model.prepare(times, native=entry.quantity == "native_step"), model.run, count)
+
+
+def _repeated(entry: Entry, call: Callable[[], object], count: int) -> Block:
+    def calls() -> None:
+        for _ in range(count):
+            call()
+
+    return Block(entry, lambda: None, calls, count)
+
+
+def _timed(go: Callable[[], None]) -> float:
+    start = time.perf_counter_ns()
+    go()
+    return (time.perf_counter_ns() - start) * 1e-9
+
+
+def compare_costs(linkage: str, scenario: str, engines: list[str], seed: int = 1) -> dict[str, Any]:
+    """Seconds per repetition of every entry in every round, {"samples": [...], "failed": [...]}: one interleaved run.
+
+    Call it in a process of its own: a foreign engine may end it.
+    """
+    mechanism = load(linkage, scenario or None)
+    blocks, failed = [], []
+    for entry in entries(engines):
+        if get(entry.engine).skip(mechanism, Choice(entry.settings, entry.integrator, "none", STEP)):
+            continue
+        try:
+            blocks.append(block(mechanism, entry))
+        except (RunFailure, ImportError) as error:
+            failed.append({**vars(entry), "message": str(error)})
+    order = random.Random(seed)
+    samples = []
+    gc.disable()
+    try:
+        for number in range(ROUNDS):
+            for item in order.sample(blocks, len(blocks)):
+                item.ready()
+                seconds = _timed(item.go) / item.count
+                samples.append({**vars(item.entry), "round": number, "seconds": seconds})
+    finally:
+        gc.enable()
+    return {"samples": samples, "failed": failed}
+
+
+def ratio(samples: Array, baseline: Array, seed: int = 1) -> tuple[float, float, float]:
+    """Ratio of lower quartiles, and its 5 % and 95 % points over resampled rounds; both (rounds,) [s]."""
+    rng = np.random.default_rng(seed)
+    picks = rng.integers(0, len(samples), (RESAMPLES, len(samples)))
+    spread = np.quantile(samples[picks], 0.25, axis=1) / np.quantile(baseline[picks], 0.25, axis=1)
+    low, high = np.quantile(spread, (0.05, 0.95))
+    return float(np.quantile(samples, 0.25) / np.quantile(baseline, 0.25)), float(low), float(high)

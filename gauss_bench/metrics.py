@@ -1,0 +1,170 @@
+"""Every number of the table except times, from a mechanism, a trajectory and a reference alone: no engine grades itself.
+
+Drift and energy are evaluated in absolute coordinates, so that a tree engine's exact joints count as exact and its cut pin as what
+it is. Errors are the larger of metres and radians over links unless said.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference, Trajectory
+
+CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
+CHUNK = 2000  # states evaluated at once: bounds the memory of long runs
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How far each sample leaves the constraints.
+
+    Attributes:
+        position: (k,) max |phi| [m, rad] of the rows that have a position level.
+        velocity: (k,) max |J v + phi_t| [m/s, rad/s].
+        acceleration: (k,) max |J a - gamma| [m/s^2, rad/s^2].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
+    """The three residuals at every sample."""
+    found = []
+    h = evaluator.constraints.holonomic
+    for start in range(0, len(trajectory.t), CHUNK):
+        part = slice(start, start + CHUNK)
+        t, q, v, a = trajectory.t[part], trajectory.q[part], trajectory.v[part], trajectory.a[part]
+        rows = evaluator.constraints(t, q, v)
+        velocity = (rows.J @ v[..., None])[..., 0] + rows.phi_t
+        acceleration = (rows.J @ a[..., None])[..., 0] - rows.gamma
+        found.append([np.abs(x).max(axis=-1, initial=0.0) for x in (rows.phi[:, :h], velocity, acceleration)])
+    return Drift(*(np.concatenate(x) for x in zip(*found, strict=True)))
+
+
+def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
+    """Multipliers (k, m) of M a + J^T lambda = Q from the trajectory's own accelerations.
+
+    Where rows are redundant only J^T lambda is determined; the shortest lambda is given.
+    """
+    rows = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
+    free = evaluator.applied.generalised(trajectory.q, trajectory.v) - trajectory.a * evaluator.mass
+    inverse = np.linalg.pinv(np.swapaxes(rows.J, -1, -2), rcond=1e-10)
+    return np.asarray((inverse @ free[..., None])[..., 0])
+
+
+def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
+    """Per pair of a joint, the constraint force (fx, fy) [N] on the second-named link and its moment [N m] about the joint's point.
+
+    The second link is the later one in `at`, or the block of a slide. Springs and damping in the joint are applied forces and not
+    included.
+    """
+    multipliers = reactions(evaluator, trajectory)
+    found: dict[str, dict[str, Array]] = {}
+    for k, joint in enumerate(evaluator.mechanism.joints):
+        first, second = multipliers[:, 2 * k], multipliers[:, 2 * k + 1]
+        if isinstance(joint, Prismatic):
+            theta = joint.angle + (trajectory.q[:, 3 * joint.guide.link + 2] if joint.guide.link >= 0 else 0.0)
+            found[joint.name] = {"fx": first * np.sin(theta), "fy": -first * np.cos(theta), "moment": -second}
+        else:
+            found[joint.name] = {"fx": -first, "fy": -second, "moment": np.zeros_like(first)}
+    return found
+
+
+def driver_torque(evaluator: Evaluator, trajectory: Trajectory) -> Array | None:
+    """Torque (k,) [N m] of the prescribed rotation on its link, or None where nothing is prescribed."""
+    if evaluator.mechanism.driver is None:
+        return None
+    return -reactions(evaluator, trajectory)[:, evaluator.constraints.joint_rows]
+
+
+def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
+    """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
+
+    Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, turning forces,
+    a driver) is the integral of its power through the samples by a quintic spline; the same through every second sample gives the
+    bar, which is generous where the samples resolve the motion and honest where they do not.
+    """
+    t = trajectory.t
+    energy = evaluator.energy(trajectory.q, trajectory.v)
+    power = evaluator.applied.power(trajectory.q, trajectory.v)
+    torque = driver_torque(evaluator, trajectory)
+    if torque is not None and evaluator.mechanism.driver is not None:
+        power = power + torque * evaluator.mechanism.driver.law(t)[1]
+    rounding = 8 * np.finfo(float).eps * (1.0 + float(np.abs(energy).max()))
+    gain = energy - energy[0]
+    if not np.any(power) or len(t) < 2:
+        return gain, rounding
+    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    fine, coarse = _work(t, power, t), _work(t[half], power[half], t)
+    return gain - fine, float(np.abs(fine - coarse).max()) + rounding
+
+
+def _work(t: Array, power: Array, at: Array) -> Array:
+    spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
+    primitive: Callable[[Array], Array] = spline.antiderivative()
+    return np.asarray(primitive(at) - primitive(t[:1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """A trajectory against its reference at the reference's times.
+
+    Attributes:
+        t: (k,) times compared.
+        crank: (k,) |error| of the crank angle [rad]; of the first link where there is no crank.
+        position, velocity: (k, links) largest |error| per link [m, rad; m/s, rad/s].
+        position_bar, velocity_bar: the reference's own error over these times.
+    """
+
+    t: Array
+    crank: Array
+    position: Array
+    velocity: Array
+    position_bar: Array
+    velocity_bar: Array
+
+
+def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
+    """Errors at every time of the reference that the trajectory has sampled."""
+    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
+    near = np.minimum(near, len(trajectory.t) - 1)
+    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
+    mine = near[both]
+    shape = (len(mine), len(mechanism.links), 3)
+    dq = np.abs(trajectory.q[mine] - reference.q[both])
+    dv = np.abs(trajectory.v[mine] - reference.v[both])
+    crank = 3 * (mechanism.crank or 0) + 2
+    return Errors(
+        reference.t[both],
+        dq[:, crank],
+        dq.reshape(shape).max(axis=-1),
+        dv.reshape(shape).max(axis=-1),
+        reference.error_q[both],
+        reference.error_v[both],
+    )
+
+
+def relative_acceleration_error(found: Array, true: Array) -> Array:
+    """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n)."""
+    scale = np.abs(true).max(axis=-1)
+    return np.asarray(np.abs(found - true).max(axis=-1) / np.where(scale > 0, scale, 1.0))
+
+
+def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
+    """Observed order (k,) of each run against the one with the next larger step; NaN where an error is at its floor.
+
+    `steps` must decrease. Errors within ten times their floor say nothing about the integrator and are left out.
+    """
+    order = np.full(len(steps), np.nan)
+    for k in range(1, len(steps)):
+        usable = errors[k] > 10 * floors[k] and errors[k - 1] > 10 * floors[k - 1]
+        if usable and np.isfinite(errors[k]) and np.isfinite(errors[k - 1]):
+            order[k] = np.log(errors[k - 1] / errors[k]) / np.log(steps[k - 1] / steps[k])
+    return order

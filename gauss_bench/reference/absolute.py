@@ -1,0 +1,44 @@
+"""Accelerations in absolute coordinates for linkages without a minimal coordinate of their own: any degree of freedom.
+
+In weighted coordinates b = M^(1/2) a the constraint J M^(-1/2) b = gamma is met by a pseudo-inverse and the rest of the space
+keeps the free acceleration; the singular value decomposition serves both, with the rank fixed by what the linkage is:
+
+    K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
+"""
+
+import numpy as np
+
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+RANK_TOLERANCE = 1e-9
+
+
+class AbsoluteCoordinates:
+    """Accelerations of one mechanism for a batch of states (k, n)."""
+
+    def __init__(self, mechanism: Mechanism):
+        self.evaluator = Evaluator(mechanism)
+        self.root = np.sqrt(mechanism.mass)
+
+    def acceleration(self, t: Array, q: Array, v: Array) -> Array:
+        """a (k, n) at times (k,) and states (k, n)."""
+        rows = self.evaluator.constraints(t, q, v)
+        Q = self.evaluator.applied.generalised(q, v)
+        U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)
+        keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
+        V = np.swapaxes(Vt, -1, -2)
+        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
+        moved = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]
+        free = Q / self.root
+        blocked = keep * (Vt @ free[..., None])[..., 0]
+        b = free + (V @ (moved - blocked)[..., None])[..., 0]
+        return np.asarray(b / self.root)
+
+    def null_space(self, q: Array) -> Array:
+        """Basis (n, n - r) of the velocities the constraints allow at one state."""
+        J = self.evaluator.constraints(0.0, q, np.zeros_like(q)).J
+        _, s, Vt = np.linalg.svd(J)
+        rank = int((s > RANK_TOLERANCE * s.max(initial=0.0)).sum())
+        return np.asarray(Vt[rank:].T)

@@ -1,0 +1,160 @@
+"""References and reference accelerations of a mechanism in its scenario.
+
+Two integrators that share no code run the same equations; their disagreement at each time is the error bar. A driven linkage needs
+no integration: its motion is geometry, and the bar is what rounding leaves of the closure.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.reference.collocation import BatchAcceleration, gauss_legendre
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that no interpolation enters
+RTOL, ATOL = 1e-13, 1e-14
+COLLOCATION_STEP = 1.25e-3  # [s] leaves 2e-14 rad after 1 s of the six-bar, where 2.5e-3 leaves 5e-10
+ROUNDING = 4 * np.finfo(float).eps
+
+
+def sample_times(t_end: float) -> Array:
+    """Multiples of INTERVAL up to t_end, which is always the last."""
+    count = int(np.floor(t_end / INTERVAL * (1 + 1e-12)))
+    times = np.arange(count + 1) * INTERVAL
+    return times if t_end - times[-1] < 1e-9 else np.append(times, t_end)
+
+
+def is_minimal(mechanism: Mechanism) -> bool:
+    """Whether the crank angle alone describes the motion."""
+    return mechanism.crank is not None and mechanism.dof == 1 and not mechanism.knife_edges
+
+
+def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
+    """The reference from 0 to t_end.
+
+    Raises:
+        ArithmeticError: an integrator cannot pass, such as at a limit of motion or a singular position.
+    """
+    times = sample_times(t_end)
+    if mechanism.driver is not None and is_minimal(mechanism):
+        return driven_reference(mechanism, times)
+    if is_minimal(mechanism):
+        return minimal_reference(mechanism, times)
+    return absolute_reference(mechanism, times)
+
+
+def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
+    """Pure geometry at the driver's angle."""
+    assert mechanism.driver is not None
+    law = mechanism.driver.law
+    motion = MinimalCoordinate(mechanism)
+    states = [motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times]
+    q, v, a = (np.concatenate([s[k] for s in states]) for k in range(3))
+    bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in (q, v, a))
+    return Reference(times, q, v, a, bar_q, bar_v, bar_a, "closure of the driven loop by Newton's method")
+
+
+def minimal_reference(mechanism: Mechanism, times: Array) -> Reference:
+    """DOP853 against Gauss-Legendre collocation, both in the crank angle."""
+    k = 3 * mechanism.crank + 2 if mechanism.crank is not None else 0
+    start, speed = mechanism.q0[k : k + 1], mechanism.v0[k : k + 1]
+
+    def rhs(motion: MinimalCoordinate) -> BatchAcceleration:
+        return lambda t, q, v: motion.acceleration(q[:, 0], v[:, 0])[:, None]
+
+    runs: list[tuple[Array, ...]] = []
+    for integrate in (_adaptive, _collocation):
+        theta, w = integrate(rhs(MinimalCoordinate(mechanism)), times, start, speed)
+        motion = MinimalCoordinate(mechanism)
+        parts = []
+        for x, u in zip(theta, w, strict=True):
+            parts.append(motion.state(x, u, motion.acceleration(x, u)))
+        runs.append(tuple(np.concatenate([p[j] for p in parts]) for j in range(3)))
+    return _paired(times, runs, "crank angle; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+
+
+def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
+    """DOP853 against Gauss-Legendre collocation, both in absolute coordinates, projected at the samples."""
+    motion = AbsoluteCoordinates(mechanism)
+    runs: list[tuple[Array, ...]] = []
+    for integrate in (_adaptive, _collocation):
+        q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
+        states = [motion.evaluator.project(t, *s) for t, *s in zip(times, q, v, strict=True)]
+        q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+        runs.append((q, v, motion.acceleration(times, q, v)))
+    return _paired(times, runs, "absolute coordinates; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+
+
+def _paired(times: Array, runs: list[tuple[Array, ...]], method: str) -> Reference:
+    first, (q, v, a) = runs
+    bar_q, bar_v, bar_a = (
+        np.maximum.accumulate(np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)))
+        for x, y in zip(first, (q, v, a), strict=True)
+    )
+    return Reference(times, q, v, a, bar_q, bar_v, bar_a, method)
+
+
+def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
+    return gauss_legendre(acceleration, times, q0, v0, COLLOCATION_STEP)
+
+
+def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
+    """scipy's DOP853, made to stop at every sample."""
+    n = len(q0)
+
+    def rate(t: float, y: Array) -> Array:
+        return np.concatenate([y[n:], acceleration(np.array([t]), y[None, :n], y[None, n:])[0]])
+
+    y, states, step = np.concatenate([q0, v0]), [np.concatenate([q0, v0])], None
+    for start, end in pairwise(times):
+        first = None if step is None else min(step, end - start)
+        solver = DOP853(rate, start, y, end, first_step=first, rtol=RTOL, atol=ATOL)
+        while solver.status == "running":
+            solver.step()
+        if solver.status == "failed":
+            raise ArithmeticError(f"DOP853 cannot pass t = {solver.t:.6g} s: the motion is singular there")
+        y, step = solver.y, solver.h_abs
+        states.append(y)
+    found = np.array(states)
+    return found[:, :n], found[:, n:]
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Consistent states with their true accelerations: t (k,), q, v, a (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+
+def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> States:
+    """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have."""
+    rng = np.random.default_rng(seed)
+    if is_minimal(mechanism) and mechanism.driver is None:
+        motion = MinimalCoordinate(mechanism)
+        theta = np.sort(rng.uniform(*motion.angles_reached(), count))
+        w = rng.uniform(-speed, speed, count)
+        w_dot = np.array([motion.acceleration(x, u)[0] for x, u in zip(theta[:, None], w[:, None], strict=True)])
+        parts = [motion.state(*x) for x in zip(theta[:, None], w[:, None], w_dot[:, None], strict=True)]
+        q, v, a = (np.concatenate([p[j] for p in parts]) for j in range(3))
+        return States(np.zeros(count), q, v, a)
+    if mechanism.driver is not None and is_minimal(mechanism):
+        t = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
+        driven = driven_reference(mechanism, t)
+        return States(t, driven.q, driven.v, driven.a)
+    motion_abs = AbsoluteCoordinates(mechanism)
+    q, states = mechanism.q0, []
+    for _ in range(count):
+        basis = motion_abs.null_space(q)
+        q, _ = motion_abs.evaluator.project(0.0, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
+        states.append((q, motion_abs.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])))
+    q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+    return States(np.zeros(count), q, v, motion_abs.acceleration(np.zeros(count), q, v))

@@ -1,0 +1,125 @@
+"""A linkage with one degree of freedom in one coordinate, the crank angle.
+
+With the closed position q(theta), its derivatives d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and
+J e = gamma(q, d), e_crank = 0. Then v = d w, a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
+
+    w' = d . (Q - M e w^2) / (d . M d)
+
+There is no multiplier, no drift and no rank decision in it. All functions take a batch of angles (k,).
+Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gauss_bench.mechanism.closure import CLOSED
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+LARGEST_TURN = 0.15  # [rad] between two closures: Newton with a velocity predictor keeps its branch well beyond that
+NEWTON_STEPS = 12
+
+
+class LostClosure(ArithmeticError):
+    """The linkage cannot be closed at an angle: it lies beyond a limit of motion, or at a singular position."""
+
+
+class MinimalCoordinate:
+    """Equation of motion in the crank angle. Remembers the last closed position as the next first guess."""
+
+    def __init__(self, mechanism: Mechanism):
+        if mechanism.crank is None:
+            raise ValueError(f"{mechanism.name} has no crank")
+        self.mechanism = mechanism
+        self.crank = 3 * mechanism.crank + 2
+        self.constraints = Constraints(replace(mechanism, driver=None, knife_edges=()))
+        self.applied = AppliedForces(mechanism)
+        self.mass = mechanism.mass
+        self.redundant = mechanism.redundant > 0
+        self.unit = np.zeros((1, mechanism.n))
+        self.unit[0, self.crank] = 1.0
+        self.rest()
+
+    def rest(self) -> None:
+        """Forget the last position: the next closure starts from the assembled one."""
+        still = np.zeros(self.mechanism.n)
+        self.last = (self.mechanism.q0, still, still)
+
+    def _solve(self, J: Array, rhs: Array) -> Array:
+        """x (k, n) of J x = rhs[:, :-1], x_crank = rhs[:, -1]."""
+        A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
+        if self.redundant:
+            return np.asarray((np.linalg.pinv(A, rcond=1e-9) @ rhs[..., None])[..., 0])
+        return np.asarray(np.linalg.solve(A, rhs[..., None])[..., 0])
+
+    def _slope(self, J: Array) -> Array:
+        rhs = np.zeros((len(J), J.shape[1] + 1))
+        rhs[:, -1] = 1.0
+        return self._solve(J, rhs)
+
+    def geometry(self, theta: Array) -> tuple[Array, Array, Array]:
+        """q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), reached from the last closed position.
+
+        Raises:
+            LostClosure: Newton does not converge.
+        """
+        q, d, e = (np.tile(x, (len(theta), 1)) for x in self.last)
+        gap = theta - q[:, self.crank]
+        parts = max(1, int(np.ceil(np.abs(gap).max(initial=0.0) / LARGEST_TURN)))
+        try:
+            for part in range(1, parts + 1):
+                goal = theta - gap * (1 - part / parts)
+                turn = (goal - q[:, self.crank])[:, None]
+                q, d, e = self._close(q + turn * (d + turn / 2 * e), goal)
+        except np.linalg.LinAlgError as error:
+            raise LostClosure(f"singular position near crank angle {float(theta[0]):.6f} rad") from error
+        self.last = (q[-1], d[-1], e[-1])
+        return q, d, e
+
+    def _close(self, q: Array, theta: Array) -> tuple[Array, Array, Array]:
+        still = np.zeros_like(q)
+        rows = self.constraints(0.0, q, still)
+        for _ in range(NEWTON_STEPS):
+            error = np.concatenate([rows.phi, (q[:, self.crank] - theta)[:, None]], axis=1)
+            step = self._solve(rows.J, -error)
+            q = q + step
+            rows = self.constraints(0.0, q, still)
+            if np.abs(step).max() < 1e-9:  # quadratic convergence: the step after this one is below rounding
+                break
+        if not np.abs(rows.phi).max(initial=0.0) < CLOSED:
+            raise LostClosure(f"cannot be closed near crank angle {float(theta[0]):.6f} rad")
+        d = self._slope(rows.J)
+        gamma = self.constraints(0.0, q, d).gamma
+        return q, d, self._solve(rows.J, np.concatenate([gamma, np.zeros((len(q), 1))], axis=1))
+
+    def state(self, theta: Array, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
+        """q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
+        q, d, e = self.geometry(theta)
+        return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
+
+    def acceleration(self, theta: Array, w: Array) -> Array:
+        """Crank acceleration (k,) [rad/s^2]."""
+        q, d, e = self.geometry(theta)
+        Q = self.applied.generalised(q, d * w[:, None])
+        push = (d * (Q - self.mass * e * w[:, None] ** 2)).sum(-1)
+        return np.asarray(push / (d * d * self.mass).sum(-1))
+
+    def angles_reached(self, step: float = np.radians(1.0)) -> tuple[float, float]:
+        """Lowest and highest crank angle [rad] within one turn either way that the linkage can be closed at."""
+        start = float(self.mechanism.q0[self.crank])
+        ends = []
+        for sign in (-1.0, 1.0):
+            self.rest()
+            end = start
+            try:
+                for k in range(1, int(2 * np.pi / step) + 1):
+                    self.geometry(np.array([start + sign * k * step]))
+                    end = start + sign * k * step
+            except LostClosure:
+                pass
+            ends.append(end)
+        self.rest()
+        return ends[0], ends[1]
