@@ -36,8 +36,9 @@ class Rows:
 
 def unpacked(x: Array) -> tuple[Array, Array, Array]:
     """x, y and angle (..., links + 1) of a state (..., n), with a resting ground appended."""
-    out = np.zeros((*x.shape[:-1], x.shape[-1] // 3 + 1, 3))
-    out[..., :-1, :] = x.reshape(*x.shape[:-1], -1, 3)
+    links = x.shape[-1] // 3
+    out = np.zeros((*x.shape[:-1], links + 1, 3))
+    out[..., :-1, :] = x.reshape(*x.shape[:-1], links, 3)
     return out[..., 0], out[..., 1], out[..., 2]
 
 

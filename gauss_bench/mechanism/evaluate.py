@@ -7,6 +7,9 @@ from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 
+CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
+ROUNDING = 1e-15
+
 
 class Evaluator:
     """Evaluates one mechanism at any number of states."""
@@ -29,14 +32,16 @@ class Evaluator:
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """The nearest consistent state: two Gauss-Newton corrections of q, then the shortest correction of v.
+        """The nearest consistent state: Gauss-Newton corrections of q down to rounding, then the shortest correction of v.
 
         Singular values below `rank_tolerance` of the largest are left alone: next to a singular position, or where redundant
         rows disagree by their own drift, following them would throw the state far along the free motion.
         """
         h = self.constraints.holonomic
-        for _ in range(2):
-            rows = self.constraints(t, q, v)
-            q = q - np.linalg.lstsq(rows.J[:h], rows.phi[:h], rcond=rank_tolerance)[0]
         rows = self.constraints(t, q, v)
+        for _ in range(CORRECTIONS):
+            if np.abs(rows.phi).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()):
+                break
+            q = q - np.linalg.lstsq(rows.J[:h], rows.phi[:h], rcond=rank_tolerance)[0]
+            rows = self.constraints(t, q, v)
         return q, v - np.linalg.lstsq(rows.J, rows.J @ v + rows.phi_t, rcond=rank_tolerance)[0]

@@ -90,6 +90,8 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         raise refuse(*_toml_fault(str(error))) from error
     except RecursionError as error:
         raise refuse("TOML: nested too deeply") from error
+    except ValueError as error:  # Python refuses to read whole numbers of thousands of digits
+        raise refuse(f"TOML: a number cannot be read ({error})") from error
     if not document:
         raise refuse("the file is empty")
     return document, hashlib.sha256(content).hexdigest()

@@ -1,0 +1,108 @@
+"""Builds the report of a run: README.md for the forge, index.html for the browser, figures for both.
+
+The page is a list of sections; each is one file in `sections` with one function of the run, and one line here. Built twice from the
+same folder, every file comes out the same byte for byte.
+"""
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gauss_bench.report.pages import html_page, markdown_page
+from gauss_bench.report.rows import KEYS, Row, Run
+from gauss_bench.report.sections import (
+    acceleration,
+    cost,
+    drawing,
+    environment,
+    failures,
+    findings,
+    limitations,
+    references,
+    settings,
+    stability,
+    trajectories,
+)
+from gauss_bench.report.tables import Block, Picture, Section
+
+FIRST = (findings.section,)
+PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
+LAST = (failures.section, limitations.section, settings.section, references.section, environment.section)
+
+TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), "status", "message", "note", "link_errors", "method", "quantity")
+FLAGS = ("valid", "control")
+
+
+def read_run(folder: Path) -> Run:
+    """The rows and the environment the runner left in a folder; a missing table is an empty one."""
+    path = folder / "environment.json"
+    environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    tables = {name: _read_table(folder / f"{name}.csv") for name in ("results", "references", "series", "samples")}
+    return Run(**tables, environment=environment)
+
+
+def _read_table(path: Path) -> tuple[Row, ...]:
+    """Rows of a CSV file, sorted by key; texts stay texts, so that the status "nan" is not taken for a missing number."""
+    if not path.exists() or not path.stat().st_size:
+        return ()
+    frame = pd.read_csv(path, dtype=str, keep_default_na=False)
+    rows = [{str(k): _value(str(k), x) for k, x in row.items()} for row in frame.to_dict("records")]
+    return tuple(sorted(rows, key=_order))
+
+
+def _value(column: str, text: str) -> Any:
+    if column in TEXTS or column in ("engine", "settings"):
+        return text
+    if column in FLAGS:
+        return text.lower() in ("true", "1", "1.0")
+    return float(text) if text else math.nan
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    """The key in order; larger steps first, as an error falls with them."""
+    words = tuple(str(row.get(k, "")) for k in KEYS if k not in ("step", "t_end"))
+    numbers = (-float(row.get("step", 0.0)), float(row.get("t", row.get("round", 0.0))))
+    return (*words, *(0.0 if math.isnan(x) else x for x in numbers))
+
+
+def sections(run: Run) -> tuple[Section, ...]:
+    """Everything the report says, in order."""
+    whole = [make(run) for make in FIRST]
+    chapters = []
+    for name in run.linkages:
+        parts = tuple(part for make in PER_LINKAGE if (part := make(run, name)) is not None)
+        chapters.append(Section(name, name, parts=parts))
+    linkages = [Section("Linkages", "linkages", parts=tuple(chapters))] if chapters else []
+    return (*whole, *linkages, *(make(run) for make in LAST))
+
+
+def build_report(folder: Path) -> list[Path]:
+    """Write README.md, index.html and figures/*.svg into the folder of a run; returns what was written."""
+    run = read_run(folder)
+    content = sections(run)
+    pictures = {picture.name: picture.svg for section in content for picture in _pictures(section)}
+    files = {folder / "figures" / f"{name}.svg": svg for name, svg in sorted(pictures.items())}
+    files[folder / "README.md"] = markdown_page(run, content)
+    files[folder / "index.html"] = html_page(run, content)
+    for path, text in files.items():
+        write(path, text)
+    for stale in set((folder / "figures").glob("*.svg")) - files.keys():
+        stale.unlink()
+    return list(files)
+
+
+def _pictures(section: Section) -> list[Picture]:
+    blocks: list[Block] = [*section.blocks]
+    return [b for b in blocks if isinstance(b, Picture)] + [p for part in section.parts for p in _pictures(part)]
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f"{path.name}.part")
+    temporary.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(temporary, path)

@@ -1,0 +1,68 @@
+"""Colours, markers and lines, the same in every figure, table and drawing.
+
+Colours are told apart with any usual colour blindness (after Okabe and Ito, and Tol). Files carry the light colours; a page that
+takes a picture inline puts a CSS variable in their place and so can turn dark.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
+
+INK, MUTED, GRID, PAPER = "#1f2328", "#6a737d", "#dfe3e8", "#ffffff"
+BODY, BODY_EDGE, CRANK, CRANK_EDGE, TRACE = "#dde6f0", "#3f5f80", "#fbdcc9", "#b4480b", "#0a7ea4"
+
+ENGINES = {
+    "gauss": "#d55e00",
+    "gauss_pinv": "#e69f00",
+    "lagrange": "#0072b2",
+    "schur": "#56b4e9",
+    "udwadia_kalaba": "#009e73",
+    "pinocchio": "#cc79a7",
+    "exudyn": "#a08a00",
+    "mujoco": "#882255",
+}
+OTHERS = ("#44aa99", "#332288", "#cc6677", "#117733", "#aa4499")
+CONTROL = "#8b8b8b"
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
+
+VARIABLES = {
+    INK: "ink",
+    MUTED: "muted",
+    GRID: "grid",
+    PAPER: "paper",
+    BODY: "body",
+    BODY_EDGE: "body-edge",
+    CRANK: "crank",
+    CRANK_EDGE: "crank-edge",
+    TRACE: "trace",
+    CONTROL: "control",
+} | {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENGINES.items()}
+
+
+def engine_colours(engines: Iterable[str], controls: Iterable[str] = ()) -> dict[str, str]:
+    """Engine -> colour; engines this file does not know share OTHERS in order of their names."""
+    names, grey = sorted(set(engines)), set(controls)
+    strangers = [name for name in names if name not in ENGINES and name not in grey]
+    own = {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(strangers)}
+    return {name: CONTROL if name in grey else ENGINES.get(name) or own[name] for name in names}
+
+
+def cycle(names: Iterable[str], values: tuple[T, ...]) -> Mapping[str, T]:
+    """Name -> value; "default" and "rk4" come first so that the commonest case looks the same everywhere."""
+    ordered = sorted(set(names), key=lambda x: (x not in ("default", "rk4"), x))
+    return {name: values[i % len(values)] for i, name in enumerate(ordered)}
+
+
+def inline(svg: str, prefix: str) -> str:
+    """An SVG file's text for use inside a page: no prologue, its own ids, colours by CSS variable."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
+    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{prefix}-", svg)
+    for colour, name in VARIABLES.items():
+        svg = re.sub(rf'"{colour}"', f'"var(--{name})"', svg)
+        svg = re.sub(rf"(?<=: ){colour}\b", f"var(--{name})", svg)
+    return svg

@@ -1,0 +1,106 @@
+"""How every figure is set: type, grid, legend, and SVG text that is the same each time."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gauss_bench.report.palette import GRID, INK, MUTED, PAPER
+
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "gauss_bench",
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "grid.color": GRID,
+    "grid.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.facecolor": PAPER,
+    "axes.facecolor": PAPER,
+    "savefig.facecolor": PAPER,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 5,
+    "legend.frameon": False,
+    "axes.formatter.useoffset": False,
+}
+LEGEND = 2.1  # width kept for the legend at the right [inch]
+
+
+def panels(
+    columns: int, rows: int = 1, width: float = 3.0, height: float = 3.3, share: bool = True
+) -> tuple[Figure, list[list[Axes]]]:
+    """A figure of rows x columns panels with room for a legend at the right."""
+    left, bottom, top = 0.75, 0.6, 0.4
+    total = left + max(columns * width, 5.2) + LEGEND
+    tall = rows * height + bottom
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(total, tall))
+        axes = figure.subplots(rows, columns, sharex=share, sharey="row" if share else False, squeeze=False)
+    edges = {"left": left / total, "right": 1 - LEGEND / total, "bottom": bottom / tall, "top": 1 - top / tall}
+    figure.subplots_adjust(**edges, wspace=0.15 if share else 0.3, hspace=0.24)
+    return figure, [list(row) for row in axes]
+
+
+def svg(figure: Figure) -> str:
+    """The figure as SVG text: no date, the same identifiers each time."""
+    buffer = io.StringIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
+
+
+def legend(figure: Figure, keys: Sequence[tuple[str, Sequence[tuple[str, Mapping[str, Any]]]]]) -> None:
+    """Legends one under another at the right, each a title with (name, line style) entries; a single entry needs no legend."""
+    width, height = figure.get_size_inches()
+    y = 1 - 0.36 / height
+    for title, entries in keys:
+        if not entries:
+            continue
+        handles = [Line2D([], [], **style) for _, style in entries]
+        with matplotlib.rc_context(STYLE):
+            figure.legend(
+                handles,
+                [name for name, _ in entries],
+                title=title,
+                loc="upper left",
+                bbox_to_anchor=(1 - (LEGEND - 0.12) / width, y),
+                alignment="left",
+                title_fontproperties={"weight": "bold", "size": 9},
+                fontsize=9,
+                borderpad=0,
+                borderaxespad=0,
+            )
+        y -= (0.19 * len(entries) + 0.36) / height
+
+
+def titled(axes: Axes, text: str) -> None:
+    axes.set_title(text, fontsize=10, fontweight="bold", loc="left", color=INK)
+
+
+def decades(low: float, high: float) -> tuple[float, float]:
+    """Limits of a logarithmic axis around positive values, at least a decade apart."""
+    lower, upper = math.floor(math.log10(low) - 0.15), math.ceil(math.log10(high) + 0.15)
+    return 10.0**lower, 10.0 ** max(upper, lower + 1)
+
+
+def band(axes: Axes, bar: float, text: str) -> None:
+    """A marked band from the bottom of a logarithmic axis up to the reference's bar."""
+    low, _ = axes.get_ylim()
+    axes.axhspan(low, bar, color=GRID, alpha=0.6, linewidth=0, zorder=0)
+    if text:
+        axes.text(0.985, bar, text, transform=axes.get_yaxis_transform(), ha="right", va="top", fontsize=8, color=MUTED, zorder=1)

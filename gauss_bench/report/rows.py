@@ -1,0 +1,131 @@
+"""A run as plain rows, and the few questions every section asks of them.
+
+A row is a mapping from column to value; a missing number is NaN. What counts in a ranking is decided here once: a case that ended
+ok, passed the validity gate and is no negative control.
+"""
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+Row = Mapping[str, Any]
+Key = TypeVar("Key", bound=Hashable)
+
+KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")
+CRANK_ERRORS = {"crank_error_t05": 0.5, "crank_error_t1": 1.0, "crank_error_t2": 2.0}
+SAME_ACCELERATION = 1e-6  # 100 times what numerical differentiation loses (1e-8), far below any soft loop (1e-2)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What one run of the suite left behind.
+
+    Attributes:
+        results: one row per case, failures included, sorted by KEYS.
+        references: one row per mechanism and scenario.
+        series: one row per case and time.
+        samples: one row per cost sample.
+        environment: where, when and with what the run was made.
+    """
+
+    results: tuple[Row, ...]
+    references: tuple[Row, ...]
+    series: tuple[Row, ...]
+    samples: tuple[Row, ...]
+    environment: Mapping[str, Any]
+
+    @property
+    def linkages(self) -> tuple[str, ...]:
+        return tuple(sorted({row["mechanism"] for row in self.results}))
+
+    @property
+    def acceleration_gate(self) -> float:
+        """Largest relative error of an acceleration at the same state that still counts as the same model."""
+        return float(self.environment.get("gates", {}).get("acceleration", SAME_ACCELERATION))
+
+    def of(self, mechanism: str | None) -> tuple[Row, ...]:
+        """The cases of one linkage, or of all."""
+        return tuple(row for row in self.results if mechanism in (None, row["mechanism"]))
+
+
+def known(x: Any) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(x, (int, float)) and math.isfinite(x)
+
+
+def number(row: Row, column: str) -> float:
+    """The value of a column, NaN where there is none."""
+    x = row.get(column, math.nan)
+    return float(x) if known(x) else math.nan
+
+
+def grouped(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Row]]:
+    """Rows by key, keys in order of their first row."""
+    groups: dict[Key, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
+
+
+def ok(row: Row) -> bool:
+    return bool(row["status"] == "ok")
+
+
+def ranked(row: Row) -> bool:
+    """Whether a row may count: it ended ok, is valid, and is no negative control."""
+    return ok(row) and bool(row["valid"]) and not row["control"]
+
+
+def end_error(row: Row) -> float:
+    """Crank error [rad] at the last of 0.5, 1 and 2 s the row has."""
+    found = [number(row, column) for column in CRANK_ERRORS]
+    return next((x for x in reversed(found) if known(x)), math.nan)
+
+
+def position_bar(row: Row) -> float:
+    """Error bar of the reference below which a position or crank error says nothing; 0 where it is not known."""
+    bar = number(row, "position_error_bar")
+    return bar if known(bar) else 0.0
+
+
+def below_reference(row: Row) -> bool:
+    return known(end_error(row)) and end_error(row) < position_bar(row)
+
+
+def run_time(row: Row) -> float:
+    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
+    own = number(row, "native_step_time")
+    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
+
+
+def method(row: Row) -> tuple[str, str, str, str]:
+    """Everything that was chosen but the step."""
+    return row["engine"], row["settings"], row["integrator"], row["stabilization"]
+
+
+def label(row: Row, *columns: str) -> str:
+    """A case in words: `gauss` rk4, step 0.001."""
+    words = [f"`{row['engine']}`"]
+    words += [str(row[c]) for c in columns if c != "step" and row[c] not in ("", "default", "none")]
+    if "step" in columns and known(row["step"]):
+        words.append(f"at step {row['step']:g} s")
+    return " ".join(words)
+
+
+def accelerations(rows: Sequence[Row]) -> list[Row]:
+    """One row per mechanism, engine and settings that has an acceleration error: it is the same for all their cases."""
+    found = [row for row in rows if known(row.get("acceleration_error_median"))]
+    return [_merged(group) for group in grouped(found, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
+
+
+def costs(rows: Sequence[Row]) -> list[Row]:
+    """One row per mechanism, engine, settings and integrator whose cost was measured."""
+    found = [r for r in rows if any(known(r.get(c)) for c in ("step_time", "native_step_time", "acceleration_time"))]
+    keys = ("mechanism", "engine", "settings", "integrator")
+    return [_merged(group) for group in grouped(found, lambda r: tuple(r[k] for k in keys)).values()]
+
+
+def _merged(group: Sequence[Row]) -> Row:
+    """The first row, with every number it lacks taken from the next that has it."""
+    return {k: next((r[k] for r in group if known(r.get(k))), x) if not known(x) else x for k, x in group[0].items()}

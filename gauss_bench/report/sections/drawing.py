@@ -1,0 +1,27 @@
+"""What the linkage looks like."""
+
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import built_in
+from gauss_bench.report.drawing import draw
+from gauss_bench.report.pose import posed
+from gauss_bench.report.rows import Run
+from gauss_bench.report.tables import Picture, Section, Text, count
+
+
+def section(run: Run, name: str) -> Section | None:
+    """A drawing of a linkage that comes with the suite; nothing of others, whose file the report does not have."""
+    if name not in built_in():
+        return None
+    try:
+        mechanism, q, trace = posed(name)
+    except LinkageError:
+        return None
+    loops = len(mechanism.joints) - len(mechanism.links)
+    words = (
+        f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, {count(len(mechanism.joints), 'joint')}, "
+        f"{count(loops, 'loop')}; {mechanism.n} coordinates, {mechanism.n - mechanism.dof + mechanism.redundant} constraint rows, "
+        f"{count(mechanism.dof, 'degree')} of freedom."
+    )
+    caption = "Crank in orange; dotted: paths of the observed points over a turn."
+    picture = Picture(name, draw(mechanism, q, trace), f"Drawing of {name}", caption)
+    return Section("The linkage", f"{name}-linkage", (Text(words), picture))

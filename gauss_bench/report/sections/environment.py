@@ -1,0 +1,35 @@
+"""Where, when and with what the run was made."""
+
+from gauss_bench.report.rows import Run
+from gauss_bench.report.tables import Cell, Section, Table, Text, columns, text_cell
+
+FACTS = (
+    "suite",
+    "date",
+    "commit",
+    "dirty",
+    "python",
+    "platform",
+    "cpu",
+    "cores",
+    "threads",
+    "blas",
+    "baseline_engine",
+    "wall_time",
+)
+
+
+def section(run: Run) -> Section:
+    facts = [(name, run.environment[name]) for name in FACTS if name in run.environment]
+    if not facts:
+        return Section("Environment", "environment", (Text("The run recorded no environment."),))
+    lines = [(text_cell(name.replace("_", " ")), _value(name, value)) for name, value in facts]
+    lines += [(text_cell(name), text_cell(version)) for name, version in sorted(run.environment.get("versions", {}).items())]
+    head, numeric = columns(("what", "value"), 2)
+    return Section("Environment", "environment", (Table("Environment", head, tuple(lines), numeric),))
+
+
+def _value(name: str, value: object) -> Cell:
+    if name == "wall_time" and isinstance(value, (int, float)):
+        return Cell(f"{value / 60:.1f} min", float(value))
+    return Cell({True: "yes", False: "no"}[value]) if isinstance(value, bool) else text_cell(value)

@@ -1,0 +1,96 @@
+"""Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
+
+from gauss_bench.report.figures import convergence, work_precision
+from gauss_bench.report.rows import CRANK_ERRORS, Row, Run, below_reference, end_error, grouped, known, method, ranked
+from gauss_bench.report.tables import (
+    BELOW_LEGEND,
+    Block,
+    Cell,
+    Picture,
+    Section,
+    Table,
+    columns,
+    engine_cell,
+    error_cell,
+    status_cell,
+    step_cell,
+    text_cell,
+)
+
+HEAD = (
+    "engine",
+    "settings",
+    "integrator",
+    "stabilization",
+    "step [s]",
+    *(f"crank {t:g} s" for t in CRANK_ERRORS.values()),
+    "position",
+    "velocity",
+    "pos. drift",
+    "vel. drift",
+    "acc. residual",
+    "energy [J]",
+    "order",
+    "status",
+)
+NOTE = (
+    "Errors against the reference: of the crank angle [rad] at three times, and the worst over the run of any position [m, "
+    "rad] and velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. Order: observed from this and "
+    "the next larger step. "
+)
+
+
+def section(run: Run, name: str) -> Section | None:
+    blocks: list[Block] = []
+    for scenario, rows in grouped(run.of(name), lambda r: str(r["scenario"])).items():
+        tag = f"{name}_{scenario}"
+        if any(known(end_error(row)) for row in rows):
+            caption = "Only valid rows are drawn; lines that coincide show as stripes." + left_out(rows)
+            blocks.append(Picture(f"work_precision_{tag}", work_precision(rows), f"Error against cost, {name} {scenario}", caption))
+            blocks.append(Picture(f"convergence_{tag}", convergence(rows), f"Error against step, {name} {scenario}", caption))
+            blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
+        blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
+    return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
+
+
+def left_out(rows: list[Row]) -> str:
+    """How many rows no figure draws, in a sentence."""
+    failed = sum(row["status"] not in ("ok", "skip") for row in rows)
+    skipped = sum(row["status"] == "skip" for row in rows)
+    invalid = sum(row["status"] == "ok" and not ranked(row) for row in rows)
+    parts = [f"{n} {word}" for n, word in ((failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")) if n]
+    return f" Left out: {', '.join(parts)}." if parts else ""
+
+
+def line(row: Row) -> tuple[Cell, ...]:
+    order = row.get("observed_order")
+    return (
+        engine_cell(row),
+        *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
+        step_cell(row),
+        *(error_cell(row, column, "position_error_bar") for column in CRANK_ERRORS),
+        error_cell(row, "position_error", "position_error_bar"),
+        error_cell(row, "velocity_error", "velocity_error_bar"),
+        *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
+        error_cell(row, "energy_error", "energy_error_bar"),
+        Cell(f"{order:.1f}", order) if known(order) and order is not None else Cell("-"),
+        status_cell(row),
+    )
+
+
+def whole(title: str, rows: list[Row]) -> Table:
+    head, numeric = columns(HEAD, 4, last_text=1)
+    return Table(title, head, tuple(line(row) for row in rows), numeric, folded=True, note=NOTE + BELOW_LEGEND)
+
+
+def best(title: str, rows: list[Row]) -> Table:
+    """One line for each engine and its settings; below the reference the largest step stands for all."""
+
+    def rank(row: Row) -> tuple[bool, float, float]:
+        below = below_reference(row)
+        return not below, 0.0 if below else end_error(row), -row["step"] if known(row["step"]) else 0.0
+
+    found = [row for row in rows if ranked(row) and known(end_error(row))]
+    lines = [line(min(group, key=rank)) for group in grouped(found, lambda r: method(r)[:2]).values()]
+    head, numeric = columns(HEAD, 4, last_text=1)
+    return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)

@@ -1,0 +1,186 @@
+"""What a section is made of, the same for the forge and for the browser: sentences, lists, tables, pictures; and how numbers print.
+
+Number formats are fixed, so that two runs differ in a line only where a number does.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from gauss_bench.report.rows import Row, known, number
+
+NOTHING = "-"
+BELOW_LEGEND = "`< x` means below the reference's own error bar x: the reference cannot tell such errors apart."
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry of a table.
+
+    Attributes:
+        sort: what the browser sorts by; numbers before text.
+        tone: "", "engine", "below", "bad", "warn" or "good".
+    """
+
+    text: str
+    sort: float | str = ""
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under a head.
+
+    Attributes:
+        title: one line above, which also anchors a diff.
+        numeric: indices of right-aligned columns.
+        folded: whether the forge's page hides it until asked.
+        note: what abbreviations mean.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    numeric: frozenset[int] = frozenset()
+    folded: bool = False
+    note: str = ""
+    kind: Literal["table"] = "table"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `code` and **strong** are understood."""
+
+    text: str
+    kind: Literal["text"] = "text"
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of sentences."""
+
+    items: tuple[str, ...]
+    kind: Literal["bullets"] = "bullets"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A sentence computed from rows, under a few words; tone: "good", "bad", "warn" or ""."""
+
+    title: str
+    text: str
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a run found, sentence by sentence."""
+
+    items: tuple[Finding, ...]
+    kind: Literal["findings"] = "findings"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An SVG file beside the page; its text goes inline in the browser's page."""
+
+    name: str
+    svg: str
+    alt: str
+    caption: str = ""
+    kind: Literal["picture"] = "picture"
+
+
+Block = Text | Bullets | Table | Findings | Picture
+
+
+@dataclass(frozen=True)
+class Section:
+    """A title with its blocks and, for a linkage, sections below it."""
+
+    title: str
+    anchor: str
+    blocks: tuple[Block, ...] = ()
+    parts: tuple["Section", ...] = field(default=())
+
+
+def error(x: float) -> str:
+    """Two digits of an error."""
+    return f"{x:.1e}" if known(x) else NOTHING
+
+
+def times(x: float) -> str:
+    """A ratio with three digits."""
+    if not known(x):
+        return NOTHING
+    return f"{x:.3f}" if x < 0.1 else f"{x:.2f}" if x < 10 else f"{x:.1f}" if x < 100 else f"{x:.0f}"
+
+
+def microseconds(seconds: float) -> str:
+    if not known(seconds):
+        return NOTHING
+    x = 1e6 * seconds
+    return f"{x:.2f}" if x < 10 else f"{x:.1f}" if x < 100 else f"{x:.0f}"
+
+
+def listed(words: Iterable[str]) -> str:
+    """a, b and c."""
+    found = list(words)
+    return " and ".join([", ".join(found[:-1]), found[-1]]) if len(found) > 1 else "".join(found)
+
+
+def count(n: int, word: str) -> str:
+    return f"{n} {word}" if n == 1 else f"{n} {word}s"
+
+
+def text_cell(value: Any, tone: str = "") -> Cell:
+    text = str(value) if value not in ("", None) else NOTHING
+    return Cell(text, text, tone)
+
+
+def engine_cell(row: Row) -> Cell:
+    return text_cell(row["engine"], "engine")
+
+
+def error_cell(row: Row, column: str, bar: str = "") -> Cell:
+    """An error, or the bar it is below; `bar` is the column of the reference's error bar."""
+    x, limit = number(row, column), number(row, bar) if bar else 0.0
+    if not known(x):
+        return Cell(NOTHING)
+    if known(limit) and abs(x) < limit:
+        return Cell(f"< {limit:.0e}", limit, "below")
+    return Cell(error(x), x)
+
+
+def ratio_cells(row: Row, name: str) -> tuple[Cell, Cell]:
+    """A ratio and its spread low..high."""
+    x, low, high = (number(row, f"{name}{end}") for end in ("", "_low", "_high"))
+    spread = f"{times(low)}..{times(high)}" if known(low) and known(high) else NOTHING
+    return Cell(times(x), x if known(x) else ""), Cell(spread, low if known(low) else "")
+
+
+def time_cell(row: Row, column: str) -> Cell:
+    x = number(row, column)
+    return Cell(microseconds(x), x if known(x) else "")
+
+
+def step_cell(row: Row) -> Cell:
+    """The step [s], or that the engine chose it."""
+    step = number(row, "step")
+    return Cell(f"{step:g}", step) if known(step) and step > 0 else Cell("own", 0.0)
+
+
+def status_cell(row: Row) -> Cell:
+    """How the case ended, and whether it may count."""
+    if row["status"] == "skip":
+        return Cell("skip", "skip", "warn")
+    if row["status"] != "ok":
+        return Cell(row["status"], row["status"], "bad")
+    if row["control"]:
+        return Cell("control", "control", "warn")
+    return Cell("ok", "ok", "good") if row["valid"] else Cell("not valid", "not valid", "bad")
+
+
+def columns(head: Sequence[str], first_numeric: int, last_text: int = 0) -> tuple[tuple[str, ...], frozenset[int]]:
+    """Head and the indices of its numeric columns: from `first_numeric` up to the last `last_text` columns."""
+    return tuple(head), frozenset(range(first_numeric, len(head) - last_text))

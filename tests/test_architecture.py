@@ -1,0 +1,109 @@
+"""The arrows between rooms: who may import whom, and that no arrow closes a circle."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "gauss_bench"
+LIGHT = {"terms", "trajectory"}
+ALLOWED = {
+    "terms": set(),
+    "trajectory": set(),
+    "results": set(),
+    "mechanism": LIGHT,
+    "formulations": {"terms"},
+    "integrate": {"terms"},
+    "engines": {"mechanism", "formulations", "integrate", "gauss_bench", *LIGHT},
+    "reference": {"mechanism", *LIGHT},
+    "metrics": {"mechanism", *LIGHT},
+    "bench": {"mechanism", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
+    "report": {"mechanism", "results", *LIGHT},
+    "simulation": {"mechanism", "engines", "integrate", "metrics", "bench", *LIGHT},
+    "comparison": {"mechanism", "engines", "bench"},
+    "text": {"mechanism", "engines", "bench"},
+    "cli": {"mechanism", "engines", "bench", "report", "results", "simulation", "text", "gauss_bench"},
+    "__init__": set(),
+    "__main__": {"cli"},
+}
+FOREIGN = {"pinocchio": "engines/pinocchio.py", "exudyn": "engines/exudyn.py", "mujoco": "engines/mujoco.py"}
+OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
+
+
+def imports(path: Path) -> set[str]:
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = {f"{node.module}.{alias.name}" for alias in node.names} if node.module == "gauss_bench" else {node.module}
+            found |= names
+    return found
+
+
+def room(name: str) -> str:
+    parts = name.split(".")
+    return "gauss_bench" if len(parts) == 1 or parts[1] == "__version__" else parts[1]
+
+
+def room_of(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
+    own = room_of(path)
+    for name in imports(path):
+        top = name.split(".")[0]
+        if top == "gauss_bench":
+            assert room(name) in ALLOWED[own] | {own}, f"{own} must not import {name}"
+        elif top in FOREIGN:
+            assert str(path.relative_to(PACKAGE)) == FOREIGN[top], f"{name} belongs to its adapter alone"
+        elif own in OUTSIDE and top not in sys.stdlib_module_names:
+            assert top in OUTSIDE[own], f"{own} must not import {name}"
+
+
+def test_rooms_form_no_circle() -> None:
+    arrows = {
+        own: {room(n) for p in FILES if room_of(p) == own for n in imports(p) if n.startswith("gauss_bench")} for own in ALLOWED
+    }
+    done: set[str] = set()
+    while len(done) < len(arrows):
+        free = {own for own, to in arrows.items() if own not in done and to - {own, "gauss_bench"} <= done}
+        assert free, f"a circle among {sorted(arrows.keys() - done)}"
+        done |= free
+
+
+def modules_after(statement: str) -> set[str]:
+    code = f"import sys; {statement}; print(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("statement", "absent"),
+    [
+        ("import gauss_bench", {"numpy", "pandas", "scipy", *FOREIGN}),
+        ("import gauss_bench.cli; gauss_bench.cli.parser()", {"numpy", "pandas", *FOREIGN}),
+        ("import gauss_bench.metrics", {"pandas", *FOREIGN}),
+        ("import gauss_bench.engines as e; [e.get(n) for n in e.names()]", set(FOREIGN)),
+        ("import gauss_bench.report.build", set(FOREIGN)),
+    ],
+)
+def test_importing_pulls_in_nothing_heavy(statement: str, absent: set[str]) -> None:
+    assert not modules_after(statement) & absent
+
+
+def test_pins_carry_hashes_and_no_address() -> None:
+    pins = (PACKAGE.parent / "constraints.txt").read_text(encoding="utf-8")
+    assert "://" not in pins
+    assert "--index-url" not in pins
+    names = [line for line in pins.splitlines() if line and line[0].isalpha()]
+    assert len(names) > 30
+    assert all("==" in line for line in names)
+    assert pins.count("--hash=sha256:") >= len(names)

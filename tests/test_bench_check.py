@@ -1,0 +1,79 @@
+"""The gate passes what has not changed, fails a planted fault by name, and tells an improvement."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from gauss_bench.bench.cases import Case
+from gauss_bench.bench.check import accept, compare, facts, failures, read_baseline
+from gauss_bench.bench.runner import measure_all
+from gauss_bench.cli import main
+
+CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) for h in (1e-2, 1e-3)]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    return facts(*measure_all(CASES, tmp_path_factory.mktemp("gate")))
+
+
+@pytest.fixture
+def baseline(found: pd.DataFrame, tmp_path: Path) -> Path:
+    path = tmp_path / "baseline.csv"
+    accept(found, path, "first")
+    return path
+
+
+def changed(found: pd.DataFrame, metric: str, factor: float) -> pd.DataFrame:
+    worse = found.copy()
+    here = worse["metric"] == metric
+    worse.loc[here, "value"] = [str(float(x) * factor) for x in worse.loc[here, "value"]]
+    return worse
+
+
+def test_the_same_figures_pass(found: pd.DataFrame, baseline: Path) -> None:
+    verdicts = compare(found, read_baseline(baseline))
+    assert {v.outcome for v in verdicts} == {"ok"}
+    assert len(verdicts) > 10
+
+
+@pytest.mark.parametrize("metric", ["crank_error_t1", "position_error", "velocity_error", "position_drift", "energy_error"])
+def test_a_worse_figure_fails_and_a_better_one_is_told(metric: str, found: pd.DataFrame, baseline: Path) -> None:
+    worse = list(failures(compare(changed(found, metric, 3.0), read_baseline(baseline))))
+    assert {v.metric for v in worse} == {metric}
+    assert "four_bar torque gauss" in str(worse[0])
+    better = compare(changed(found, metric, 0.3), read_baseline(baseline))
+    assert "better" in {v.outcome for v in better}
+    assert not list(failures(better))
+
+
+def test_a_truth_that_moves_fails(found: pd.DataFrame, baseline: Path) -> None:
+    moved = list(failures(compare(changed(found, "crank_t1", 1 + 1e-7), read_baseline(baseline))))
+    assert [v.metric for v in moved] == ["crank_t1"]
+
+
+def test_a_missing_case_fails(found: pd.DataFrame, baseline: Path) -> None:
+    assert list(failures(compare(found[found["step"] != 1e-2], read_baseline(baseline))))
+
+
+def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: pd.DataFrame, baseline: Path) -> None:
+    assert accept(changed(found, "crank_error_t1", 3.0), baseline, "a longer lever") == 2
+    accepted = read_baseline(baseline).set_index("metric")["accepted"]
+    assert accepted["crank_error_t1"].str.fullmatch(r"\d{4}-\d\d-\d\d a longer lever").all()
+    assert accepted["velocity_error"].str.endswith(" first").all()
+
+
+def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["check", "crank_slider", "--engine", "gauss", "--baseline", str(tmp_path / "baseline.csv")]
+    assert main([*command, "--accept", "first"]) == 0
+    assert main(command) == 0
+    capsys.readouterr()
+    assert main([*command, "--plant-inertia", "1.01"]) == 1
+    said = capsys.readouterr().out
+    assert "fail: crank_slider paper gauss default rk4 none 0.001 1: acceleration_error_median" in said
+    assert "limit" in said
+
+
+def test_without_a_baseline_the_gate_is_bad_usage(tmp_path: Path) -> None:
+    assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(tmp_path / "none.csv")]) == 2

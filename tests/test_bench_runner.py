@@ -1,0 +1,120 @@
+"""A run loses nothing when it is killed, repeats nothing that is finished, and gives the same digits every time."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gauss_bench.bench.cases import Case, gate
+from gauss_bench.bench.journal import Busy, Journal
+from gauss_bench.bench.measure import measure
+from gauss_bench.bench.runner import run
+from gauss_bench.bench.timing import compare_costs, ratio
+from gauss_bench.results import KEY, NUMBERS, read_table
+
+ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
+COMMAND = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs"]
+COMMAND += [x for name in ENGINES for x in ("--engine", name)]
+
+
+def lines(folder: Path) -> list[bytes]:
+    journal = folder / ".run" / "gate.jsonl"
+    return journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
+
+
+@pytest.mark.parametrize("after", [1, 4])
+def test_kill_9_loses_no_finished_case_and_doubles_none(after: int, tmp_path: Path) -> None:
+    process = subprocess.Popen([*COMMAND, "--out", str(tmp_path)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while len(lines(tmp_path)) < after and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    finished = [line for line in lines(tmp_path) if line.endswith(b"\n")]
+    assert not list(tmp_path.glob("results*"))
+    (tmp_path / ".run" / "gate.jsonl").open("ab").write(b'{"key": "torn')  # what a kill in the middle of a write leaves
+    subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
+    after_all = lines(tmp_path)
+    assert after_all[: len(finished)] == finished
+    keys = [json.loads(line)["key"] for line in after_all]
+    assert len(keys) == len(set(keys))
+    rows = read_table(tmp_path / "results.csv")
+    assert len(rows) == len(gate({"four_bar": "torque"}, ENGINES))
+    assert not rows.duplicated(KEY).any()
+    subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
+    assert lines(tmp_path) == after_all
+
+
+def test_accuracy_rows_are_the_same_bit_by_bit(tmp_path: Path) -> None:
+    cases = gate({"four_bar": "torque"}, ENGINES)
+    tables = []
+    for name, jobs in (("one", 1), ("two", 2)):
+        run(cases, tmp_path / name, "gate", jobs, costs=False)
+        tables.append((tmp_path / name / "results.csv").read_bytes())
+    assert tables[0] == tables[1]
+
+
+def test_tables_of_both_kinds_hold_the_same_and_failures_are_rows(tmp_path: Path) -> None:
+    cases = [
+        Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1),
+        Case("crank_slider", "paper", "yuan_ge_eq16", "default", "rk4", "none", 1e-2, 1.0),
+    ]
+    rows = run(cases, tmp_path, "gate", 1, costs=False)
+    assert list(rows["engine"]) == ["yuan_ge_eq16", "gauss"]
+    assert list(rows["status"]) == ["nan", "ok"]
+    assert rows["message"][0]
+    csv, parquet = read_table(tmp_path / "results.csv"), read_table(tmp_path / "results.parquet")
+    for column in NUMBERS:
+        np.testing.assert_allclose(csv[column], parquet[column], rtol=1e-9)
+    provenance = json.loads((tmp_path / "environment.json").read_text(encoding="utf-8"))
+    assert {"versions", "cpu", "threads", "commit", "engines"} <= provenance.keys()
+
+
+def test_two_runs_do_not_write_into_one_journal(tmp_path: Path) -> None:
+    with Journal(tmp_path / "a.jsonl"), pytest.raises(Busy, match="another run"), Journal(tmp_path / "a.jsonl"):
+        pass
+
+
+def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
+    with Journal(tmp_path / "a.jsonl") as journal:
+        journal.add("case", "old", {"row": {"x": 1}})
+        assert journal.finished("case", "old")
+        assert journal.finished("case", "new") is None
+
+
+def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:
+    case = Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "projection", 1e-3, 0.1)
+    row = measure(case, str(tmp_path))["row"]
+    assert row["status"] == "ok"
+    assert row["control"]
+    assert not row["valid"]
+    assert row["acceleration_error_median"] > 0.1
+    assert row["position_drift"] < 1e-13
+    assert row["velocity_drift"] < 1e-12
+    assert "accelerations off" in row["flag"]
+
+
+def test_costs_are_interleaved_and_complete() -> None:
+    found = compare_costs("four_bar", "torque", ["gauss", "lagrange"])
+    samples = pd.DataFrame(found["samples"])
+    assert not found["failed"]
+    counts = samples.groupby(["engine", "integrator", "quantity"]).size()
+    assert counts.nunique() == 1
+    assert (samples["seconds"] > 0).all()
+    first = samples[samples["round"] < 10].groupby("round")["engine"].agg(tuple)
+    assert first.nunique() > 1  # a new order every round
+
+
+def test_the_ratio_of_equal_samples_is_one_and_its_spread_covers_it() -> None:
+    rng = np.random.default_rng(1)
+    value, low, high = ratio(1e-6 * rng.gamma(20, size=40), 1e-6 * rng.gamma(20, size=40))
+    assert low < 1.0 < high
+    assert value == pytest.approx(1.0, abs=0.2)
+    assert ratio(np.full(40, 2e-6), np.full(40, 1e-6)) == (2.0, 2.0, 2.0)

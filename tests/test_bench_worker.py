@@ -1,0 +1,47 @@
+"""Whatever happens in a worker is an answer: a result, or a status with a sentence."""
+
+import ctypes
+import os
+import time
+
+import pytest
+
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.trajectory import Status
+
+
+def test_a_worker_answers_and_runs_in_another_process() -> None:
+    with Worker() as worker:
+        assert worker.call(max, (3, 7), 20.0) == 7
+        first = worker.call(os.getpid, (), 20.0)
+        assert first != os.getpid()
+        assert worker.call(os.getpid, (), 20.0) == first
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "status", "sentence"),
+    [
+        (os.abort, (), Status.CRASHED, "SIGABRT"),
+        (ctypes.string_at, (0,), Status.CRASHED, "SIGSEGV"),
+        (os._exit, (7,), Status.CRASHED, "exit code 7"),
+        (time.sleep, (60,), Status.TIMEOUT, "no answer within 2 s"),
+        (int, ("seven",), Status.ERROR, "ValueError"),
+    ],
+)
+def test_a_death_is_typed_and_the_next_task_is_served(function: object, arguments: tuple, status: Status, sentence: str) -> None:
+    with Worker() as worker:
+        with pytest.raises(WorkerFailure, match=sentence) as caught:
+            worker.call(function, arguments, 2.0)
+        assert caught.value.status == status
+        assert worker.call(max, (1, 2), 20.0) == 2
+
+
+def test_what_a_task_prints_does_not_spoil_its_answer() -> None:
+    with Worker() as worker:
+        assert worker.call(os.write, (1, b"noise\n"), 20.0) == 6
+        assert worker.call(print, ("more noise",), 20.0) is None
+
+
+def test_one_blas_thread() -> None:
+    with Worker() as worker:
+        assert worker.call(os.getenv, ("OMP_NUM_THREADS",), 20.0) == "1"

@@ -1,0 +1,148 @@
+"""The command line: one object on stdout, everything else on stderr, exit codes as documented."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.cli import main
+from gauss_bench.engines import OWN, names
+from gauss_bench.mechanism.load import built_in
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    assert main(list(arguments)) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def test_help_answers_at_once() -> None:
+    command = [sys.executable, "-m", "gauss_bench", "--help"]
+    subprocess.run(command, check=True, capture_output=True)
+    start = time.perf_counter()
+    assert b"simulate" in subprocess.run(command, check=True, capture_output=True).stdout
+    assert time.perf_counter() - start < 3.0  # ten times what it takes: a heavy import would show, a busy machine would not
+
+
+def test_list_names_every_linkage_and_engine(capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, "list", "--json")
+    assert found["linkages"].keys() == built_in().keys()
+    assert list(found["engines"]) == names()
+
+
+def test_show_checks_every_scenario(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    found = said(capsys, "show", "six_bar", "--json", "--svg", str(tmp_path / "six_bar.svg"))
+    assert found["dof"] == 1
+    assert set(found["scenarios"]) == {"driven", "cycloid", "torque", "conservative"}
+    assert "<svg" in (tmp_path / "six_bar.svg").read_text(encoding="utf-8")
+    assert main(["show", "six_bar"]) == 0
+    assert "1 degrees of freedom, 2 loops" in capsys.readouterr().out
+
+
+def test_simulate_prints_one_object_with_all_that_is_promised(capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(
+        capsys, "simulate", "crank_slider", "--engine", "gauss", "--scenario", "paper", "--dt", "1e-3", "--at", "0,0.5,1", "--json"
+    )
+    assert (found["status"], found["engine"], found["mechanism"], found["scenario"]) == ("ok", "gauss", "crank_slider", "paper")
+    assert found["t"] == [0.0, 0.5, 1.0]
+    assert set(found["links"]) == {"crank", "rod", "slider"}
+    assert set(found["links"]["crank"]) == {"x", "y", "theta", "vx", "vy", "omega", "ax", "ay", "alpha"}
+    assert set(found["points"]) == {"rod.P", "slider.B", "crank.A"}
+    assert set(found["points"]["rod.P"]) == {"x", "y", "vx", "vy", "ax", "ay"}
+    assert set(found["joints"]) == {"O", "A", "B", "guide"}
+    assert {"position_drift", "velocity_drift", "acceleration_residual", "energy_error", "steps", "step_time"} <= found[
+        "metrics"
+    ].keys()
+    assert found["metrics"]["steps"] == 1000
+    assert found["links"]["crank"]["alpha"][0] == pytest.approx(
+        -156.57953, abs=1e-5
+    )  # the paper's start, by hand in one coordinate
+
+
+def test_joint_forces_balance_every_link(capsys: pytest.CaptureFixture[str]) -> None:
+    from gauss_bench.mechanism.load import load
+
+    found = said(capsys, "simulate", "six_bar", "--scenario", "torque", "--at", "0.3", "--json")
+    mechanism = load("six_bar", "torque")
+    force = {link.name: np.zeros(2) for link in mechanism.links} | {"ground": np.zeros(2)}
+    for joint in mechanism.joints:
+        f = np.array([found["joints"][joint.name]["fx"][0], found["joints"][joint.name]["fy"][0]])
+        first, second = (joint.guide, joint.block) if joint.name == "g" else (joint.a, joint.b)
+        force[mechanism.link_name(second.link)] += f
+        force[mechanism.link_name(first.link)] -= f
+    for link in mechanism.links:
+        a = np.array([found["links"][link.name]["ax"][0], found["links"][link.name]["ay"][0]])
+        assert np.abs(force[link.name] + link.mass * (mechanism.gravity - a)).max() < 1e-9
+    guide = found["joints"]["g"]
+    assert abs(guide["fx"][0] - guide["fy"][0]) < 1e-9  # the guide at -45 degrees pushes along +45
+
+
+@pytest.mark.parametrize("engine", OWN)
+def test_every_own_engine_shows_the_assembled_start(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, "simulate", "four_bar", "--engine", engine, "--at", "0", "--json")
+    assert found["status"] == "ok"
+    assert found["links"]["crank"]["theta"][0] == pytest.approx(0.0, abs=1e-15)
+    assert found["links"]["rocker"]["theta"][0] == pytest.approx(1.8038527400689641, abs=1e-14)  # the dyad, by hand
+
+
+def test_times_off_the_step_grid_are_met_exactly(capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, "simulate", "four_bar", "--dt", "1e-2", "--at", "0.0137,0.1", "--json")
+    exact = said(capsys, "simulate", "four_bar", "--integrator", "dop853", "--at", "0.0137,0.1", "--json")
+    assert found["t"] == [0.0137, 0.1]
+    assert np.abs(np.subtract(found["links"]["crank"]["theta"], exact["links"]["crank"]["theta"])).max() < 1e-6
+
+
+def test_a_run_that_fails_is_told_and_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, "simulate", "crank_slider", "--engine", "yuan_ge_eq16", "--dt", "0.01", "--at", "1", "--json", code=1)
+    assert found["status"] == "nan"
+    assert "smaller step" in found["message"]
+    assert found["t"] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--engine", "newton"], "unknown engine 'newton'"),
+        (["--settings", "best"], "gauss has no settings 'best'; it offers default"),
+        (["--integrator", "leapfrog"], "gauss has no integrator 'leapfrog'; it offers rk4"),
+        (["--dt", "0"], "the step must be a positive number"),
+        (["--dt", "nan"], "the step must be a positive number"),
+        (["--scenario", "rest"], "unknown scenario"),
+    ],
+)
+def test_bad_usage_ends_with_2_and_says_what_there_is(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "four_bar", "--at", "0.1", "--json", *arguments]) == 2
+    found = capsys.readouterr()
+    assert text in found.err
+    assert found.out == ""
+
+
+@pytest.mark.parametrize("arguments", [["--at", "x"], ["--at", "-1"], ["--stabilization", "glue"], ["--dt", "fast"]])
+def test_arguments_that_cannot_be_read_end_with_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", "four_bar", *arguments])
+    assert caught.value.code == 2
+
+
+def test_a_users_file_works_like_a_built_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(built_in()["four_bar"].read_text(encoding="utf-8").replace('"four_bar"', '"mine"'), encoding="utf-8")
+    mine = said(capsys, "simulate", str(path), "--at", "0.2", "--json")
+    theirs = said(capsys, "simulate", "four_bar", "--at", "0.2", "--json")
+    assert mine["mechanism"] == "mine"
+    assert mine["links"] == theirs["links"]
+
+
+def test_the_python_interface_mirrors_the_command_line() -> None:
+    mechanism = gauss_bench.load("four_bar")
+    assert mechanism.dof == 1
+    result = gauss_bench.simulate("four_bar", "lagrange", at=[0.1])
+    assert result["status"] == "ok"
+    rows = gauss_bench.compare("four_bar", ["gauss", "yuan_ge_eq16"], steps=(1e-2,), t_end=0.1, jobs=1)
+    assert bool(rows[rows["engine"] == "gauss"]["valid"].any())
+    assert not rows[rows["engine"] == "yuan_ge_eq16"]["valid"].any()

@@ -1,0 +1,112 @@
+"""Properties that every formulation must have, and the one that the negative control lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gauss_bench.formulations import CONTROLS, FORMULATIONS
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.terms import SingularSystem, Terms, constraint_force, recover_multipliers
+from tests.conftest import everything, redundant
+
+SOUND = sorted(FORMULATIONS.keys() - CONTROLS)
+TAKES_REDUNDANT_ROWS = sorted(set(SOUND) - {"lagrange", "schur"})
+AGREEMENT = 1e-11  # relative; the eight-bar's condition of some 1e4 times rounding
+
+
+def random_terms(seed: int, n: int, m: int) -> Terms:
+    """Any symmetric positive definite M, not diagonal, and any independent rows."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(n, n))
+    J, zero = rng.normal(size=(m, n)), np.zeros(m)
+    return Terms(A @ A.T + 0.1 * n * np.eye(n), J, rng.normal(size=n), rng.normal(size=m), zero, zero)
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+@pytest.mark.parametrize("name", SOUND)
+@given(seed=st.integers(0, 10_000), n=st.integers(2, 12), rows=st.floats(0.1, 0.99))
+@settings(max_examples=40, deadline=None)
+def test_the_solution_meets_the_constraints_and_is_stationary(name: str, seed: int, n: int, rows: float) -> None:
+    terms = random_terms(seed, n, max(1, int(rows * n)))
+    a = FORMULATIONS[name](terms).a
+    assert np.abs(terms.J @ a - terms.gamma).max() < 1e-8
+    force = constraint_force(terms, a)  # Gauss's principle: no component along any motion the constraints allow
+    assert np.abs(force + terms.J.T @ recover_multipliers(terms, a)).max() < 1e-8 * (1 + np.abs(force).max())
+
+
+@pytest.mark.parametrize("mechanism", [*(load(n) for n in built_in()), everything()], ids=lambda m: m.name)
+def test_all_formulations_agree_on_random_states(mechanism: Mechanism) -> None:
+    evaluator = Evaluator(mechanism)
+    states = random_states(mechanism, 50)
+    for t, q, v in zip(states.t, states.q, states.v, strict=True):
+        terms = evaluator.terms(float(t), q, v)
+        expected = FORMULATIONS["lagrange"](terms).a
+        for name in SOUND:
+            # the free acceleration that udwadia_kalaba and schur start from is up to 1e3 times the constrained one
+            assert difference(FORMULATIONS[name](terms).a, expected) < AGREEMENT * (
+                1e3 if name in ("udwadia_kalaba", "schur") else 1
+            )
+
+
+@pytest.mark.parametrize("name", TAKES_REDUNDANT_ROWS)
+def test_a_redundant_row_changes_nothing(name: str) -> None:
+    twice, once = redundant(), load("four_bar")
+    terms, plain = (Evaluator(m).terms(0.0, m.q0, m.v0) for m in (twice, once))
+    solution = FORMULATIONS[name](terms)
+    assert solution.rank == len(plain.J)
+    assert difference(solution.a, FORMULATIONS["lagrange"](plain).a) < AGREEMENT
+
+
+@pytest.mark.parametrize("name", ["lagrange", "schur"])
+def test_multipliers_refuse_redundant_rows_with_a_typed_error(name: str) -> None:
+    mechanism = redundant()
+    with pytest.raises(SingularSystem, match="redundant"):
+        FORMULATIONS[name](Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0))
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_constraint_forces_do_not_depend_on_the_formulation(name: str, any_mechanism: Mechanism) -> None:
+    terms = Evaluator(any_mechanism).terms(0.0, any_mechanism.q0, any_mechanism.v0)
+    if any_mechanism.redundant and name not in TAKES_REDUNDANT_ROWS:
+        pytest.skip("takes no redundant rows")
+    expected = constraint_force(terms, FORMULATIONS["gauss"](terms).a)
+    solution = FORMULATIONS[name](terms)
+    assert difference(constraint_force(terms, solution.a), expected) < 1e-9
+    if solution.multipliers is not None:
+        assert difference(-terms.J.T @ solution.multipliers, expected) < 1e-9
+
+
+def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount() -> None:
+    mechanism = load("crank_slider")
+    terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+    wrong, true = FORMULATIONS["yuan_ge_eq16"](terms).a, FORMULATIONS["gauss"](terms).a
+    assert np.abs(terms.J @ wrong - terms.gamma).max() < 1e-10 * np.abs(wrong).max()
+    N = np.eye(mechanism.n) - np.linalg.pinv(terms.J) @ terms.J
+    predicted = N @ np.linalg.solve(terms.M, constraint_force(terms, true))
+    assert difference(true - wrong, predicted) < 1e-10
+    assert difference(wrong, true) > 1.0
+
+
+def test_equation_16_is_right_only_for_a_mass_matrix_that_is_a_multiple_of_the_unit() -> None:
+    terms = random_terms(3, 6, 4)
+    same = replace(terms, M=2.5 * np.eye(6))
+    assert difference(FORMULATIONS["yuan_ge_eq16"](same).a, FORMULATIONS["gauss"](same).a) < 1e-12
+    assert difference(FORMULATIONS["yuan_ge_eq16"](terms).a, FORMULATIONS["gauss"](terms).a) > 1e-2
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_accelerations_do_not_depend_on_the_unit_of_length(name: str) -> None:
+    mechanism = load("crank_slider")
+    terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+    unit = np.tile([1000.0, 1000.0, 1.0], len(mechanism.links))  # millimetres
+    scaled = replace(terms, M=terms.M / np.outer(unit, unit), J=terms.J / unit, Q=terms.Q / unit)
+    assert difference(FORMULATIONS[name](scaled).a / unit, FORMULATIONS[name](terms).a) < 1e-9

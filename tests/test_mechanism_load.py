@@ -1,0 +1,205 @@
+"""A linkage file is read whole or refused whole, with every fault named by file, table and field."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.cli import main
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import MAX_BYTES, built_in, load, load_document
+
+FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
+
+
+def write(folder: Path, text: str, name: str = "four_bar") -> Path:
+    path = folder / f"{name}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def faults(path: Path, scenario: str | None = None) -> list[str]:
+    with pytest.raises(LinkageError) as caught:
+        load(path, scenario)
+    assert str(path) in str(caught.value)
+    return [str(f) for f in caught.value.faults]
+
+
+# what is replaced in a sound file, by what, and the fault that must be named
+SINGLE = {
+    "toml syntax": ("[links.crank]", "[links.crank", "TOML syntax"),
+    "unknown key": ("[links.crank]", "[links.crank]\nmas = 1.0", "links.crank.mas: unknown key"),
+    "unknown table": ("[ground]", "[grund]\n[ground]", "grund: unknown key"),
+    "unknown link": ('at   = ["crank.B", "coupler.B"]', 'at   = ["krank.B", "coupler.B"]', "joints.B.at[0]: unknown link 'krank'"),
+    "unknown point": ('"coupler.B"]', '"coupler.Z"]', "joints.B.at[1]: unknown point 'Z' of 'coupler'"),
+    "unknown force": ('["motor", "brake"]', '["motor", "break"]', "scenarios.torque.forces[1]: unknown force 'break'"),
+    "unknown joint": ('joint = "A"', 'joint = "AA"', "forces.brake.joint: unknown joint 'AA'"),
+    "mass missing": ("kg_per_m = 0.8                     # steel flat 20 x 5 mm", "", "links.crank.mass: neither mass nor"),
+    "mass negative": ("kg_per_m = 0.8                     # steel", "mass = -0.1 # steel", "links.crank.mass: must be positive"),
+    "mass zero": ("kg_per_m = 0.8                     # steel", "mass = 0.0 # steel", "links.crank.mass: must be positive"),
+    "mass twice": ("kg_per_m = 0.8                     # steel", "kg_per_m = 0.8\nmass = 1.0 # steel", "given together with mass"),
+    "inertia zero": ("[links.crank]", "[links.crank]\ninertia = 0", "links.crank.inertia: must be positive"),
+    "inertia missing": (
+        'bars   = [["A", "B"]]\nkg_per_m = 0.8 ',
+        "mass = 1.0 ",
+        "links.crank.inertia: required where there are no bars",
+    ),
+    "not a number": ("value = 0.6", "value = nan", "forces.motor.value: must be a finite number"),
+    "infinite": ("c = 0.03", "c = inf", "forces.brake.c: must be a finite number"),
+    "infinite point": ("D = [0.4, 0.0]", "D = [inf, 0.0]", "ground.points.D[0]: must be a finite number"),
+    "text for a number": ("value = 0.6", 'value = "0.6"', "forces.motor.value: must be a number"),
+    "flag for a number": ("value = 0.6", "value = true", "forces.motor.value: must be a number"),
+    "negative damping": ("c = 0.03", "c = -0.03", "forces.brake.c: must not be negative"),
+    "wrong joint type": ('type = "revolute"\nat   = ["ground.A"', 'type = "hinge"\nat   = ["ground.A"', "joints.A: type 'hinge'"),
+    "wrong force type": ('type = "torque"', 'type = "push"', "forces.motor: type 'push'"),
+    "one end": ('["crank.B", "coupler.B"]', '["crank.B"]', "joints.B.at: must have at least 2"),
+    "same link twice": ('["crank.B", "coupler.B"]', '["crank.B", "crank.A"]', "joints.B.at: the link 'crank' appears twice"),
+    "unsupported version": ("planar-linkage/1", "planar-linkage/9", "format: unsupported format 'planar-linkage/9'"),
+    "duplicate name": ("[links.rocker]", "[links.crank]", "links.crank: duplicate name"),
+    "duplicate key": ("value = 0.6", "value = 0.6\nvalue = 0.7", "duplicate name"),
+    "reserved name": ("[links.rocker]", "[links.ground]", "links.ground: 'ground' is a reserved name"),
+    "file and name": ('name   = "four_bar"', 'name   = "fourbar"', "name: 'fourbar' differs"),
+    "degree of freedom": ("dof = 1", "dof = 2", "expect.dof: the file says 2, the assembled linkage has 1"),
+    "sketch missing": ("sketch = { B = [0.12, 0.0], C = [0.32, 0.28] }", "", "assembly.sketch: not placed: crank, coupler, rocker"),
+    "cannot assemble": ("C = [0.36, 0.0], P", "C = [3.6, 0.0], P", "assembly: cannot be assembled"),
+    "crank unknown": ('crank  = "crank"', 'crank  = "handle"', "crank: unknown link 'handle'"),
+    "crank not on ground": ('crank  = "crank"', 'crank  = "coupler"', "crank: link 'coupler' has no revolute joint on the ground"),
+    "circular point": ("P = [0.18, 0.12]", 'P = { from = "P", xy = [0, 0] }', "links.coupler.points.P.from: circular"),
+    "zero bar": ('bars   = [["D", "C"]]', 'bars   = [["D", "D"]]', "links.rocker.bars[0]: zero length"),
+    "speed alone": ("start    = { crank_deg = 0.0, speed = 0.0 }", "start = { speed = 1.0 }", "start.speed: a rate without"),
+    "too little held": ("start    = { crank_deg = 0.0, speed = 0.0 }", "start = {}", "do not determine the position: 1 too few"),
+    "driver and start": ("duration = 2.0", 'driver = { link = "crank", law = "constant", speed = 1.0 }', "driver: given together"),
+    "law keys": ('law = "sine", start_deg = 0.0, travel_deg = 360.0, time = 1.0', 'law = "sine"', "cycloid.driver.time: required"),
+    "override unknown": (
+        "[scenarios.torque]",
+        "[scenarios.torque]\noverride.forces.x.c = 1.0",
+        "torque.override.forces.x: no such table",
+    ),
+    "override fixed": (
+        "[scenarios.torque]",
+        '[scenarios.torque]\noverride.name = "x"',
+        "torque.override.name: cannot be overridden",
+    ),
+    "override illegal": (
+        "[scenarios.torque]",
+        "[scenarios.torque]\noverride.forces.brake.k = 1.0",
+        "override.forces.brake.k: unknown key",
+    ),
+    "degrees and radians": (
+        "crank_deg = 0.0, speed = 6.0",
+        "crank_deg = 0.0, crank = 0.0, speed = 6.0",
+        "given together with crank_deg",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_a_fault_is_named_by_table_and_field(name: str, tmp_path: Path) -> None:
+    old, new, expected = SINGLE[name]
+    assert old in FOUR_BAR
+    path = write(tmp_path, FOUR_BAR.replace(old, new, 1))
+    found = faults(path, "torque")
+    assert any(expected in fault for fault in found), found
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_the_command_line_refuses_the_same_files_with_exit_code_2(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new, expected = SINGLE[name]
+    path = write(tmp_path, FOUR_BAR.replace(old, new, 1))
+    assert main(["simulate", str(path), "--scenario", "torque", "--at", "0", "--json"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert expected in said.err
+    assert str(path) in said.err
+
+
+def test_independent_faults_are_reported_together(tmp_path: Path) -> None:
+    names = ("unknown key", "unknown link", "unknown force", "mass negative", "not a number", "wrong joint type", "crank unknown")
+    text = FOUR_BAR
+    for name in names:
+        text = text.replace(*SINGLE[name][:2], 1)
+    found = faults(write(tmp_path, text))
+    for name in names:
+        assert any(SINGLE[name][2] in fault for fault in found), (name, found)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "the file is empty"),
+        (b"# only a comment\n", "the file is empty"),
+        (b"\xff\xfe\x00", "not UTF-8"),
+        (b"#" * (MAX_BYTES + 1), "larger than"),
+        (b"a = " + b"[" * 100_000, "TOML"),
+        (b"x = 1" + b"0" * 5000, "a number cannot be read"),
+    ],
+)
+def test_what_is_no_linkage_file_is_refused(content: bytes, expected: str, tmp_path: Path) -> None:
+    path = tmp_path / "four_bar.toml"
+    path.write_bytes(content)
+    assert any(expected in fault for fault in faults(path))
+
+
+def test_a_huge_number_is_refused_and_not_an_exception(tmp_path: Path) -> None:
+    path = write(tmp_path, FOUR_BAR.replace("value = 0.6", "value = 1" + "0" * 400))
+    assert any("forces.motor.value" in fault for fault in faults(path))
+
+
+@pytest.mark.parametrize("name", ["missing.toml", "."])
+def test_a_path_that_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
+    assert faults(tmp_path / name)
+
+
+def test_an_unknown_scenario_is_refused_with_those_there_are() -> None:
+    with pytest.raises(LinkageError, match=r"scenarios\.rest: unknown scenario; the file has driven, cycloid, torque"):
+        load("four_bar", "rest")
+
+
+@pytest.mark.parametrize("name", built_in())
+def test_every_scenario_of_a_built_in_linkage_starts_on_its_constraints(name: str) -> None:
+    from gauss_bench.mechanism.evaluate import Evaluator
+
+    for scenario in load(name).scenarios:
+        mechanism = load(name, scenario)
+        terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+        assert np.abs(terms.phi).max() < 1e-14  # Gauss-Newton ends at rounding of coordinates below 1 m
+        assert np.abs(terms.phi_dot).max() < 1e-13  # one linear solve at speeds below 10 rad/s
+        assert mechanism.dof == 1
+        assert mechanism.redundant == 0
+
+
+def test_an_override_changes_its_scenario_alone() -> None:
+    assert next(f for f in load("crank_slider", "paper").forces if f.name == "motor").value == -0.5  # type: ignore[union-attr]
+    assert next(f for f in load("crank_slider", "settles").forces if f.name == "motor").value == -0.2  # type: ignore[union-attr]
+
+
+def test_an_override_of_a_length_moves_the_start() -> None:
+    document = tomllib.loads(FOUR_BAR)
+    longer = copy.deepcopy(document)
+    longer["scenarios"]["torque"]["override"] = {"links": {"crank": {"points": {"B": [0.13, 0.0]}}}}
+    assert load_document(longer, "torque").q0[0] == pytest.approx(0.065, abs=1e-15)
+    assert load_document(document, "torque").q0[0] == pytest.approx(0.06, abs=1e-15)
+
+
+def test_angles_may_be_given_in_radians() -> None:
+    document = tomllib.loads(FOUR_BAR)
+    document["scenarios"]["torque"]["start"] = {"crank": 1.0, "speed": 2.0}
+    mechanism = load_document(document, "torque")
+    assert mechanism.q0[2] == pytest.approx(1.0, abs=1e-15)
+    assert mechanism.v0[2] == pytest.approx(2.0, abs=1e-14)
+
+
+def test_a_multiple_joint_is_pairs_in_list_order() -> None:
+    document = tomllib.loads(FOUR_BAR)
+    document["links"]["flag"] = {"points": {"B": [0.0, 0.0], "E": [0.1, 0.0]}, "bars": [["B", "E"]], "mass": 0.1}
+    document["joints"]["B"]["at"].append("flag.B")
+    document["assembly"]["angles"] = {"flag": 0.3}
+    document["expect"] = {"dof": 2}
+    document["scenarios"]["torque"]["start"]["angles"] = {"flag": 0.3}
+    mechanism = load_document(document, "torque")
+    assert [j.name for j in mechanism.joints] == ["A", "B", "B.001", "C", "D"]
+    assert mechanism.dof == 2

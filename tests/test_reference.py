@@ -1,0 +1,145 @@
+"""The truth is checked against closed forms, and its bar against itself."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ellipj, ellipk
+
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
+from gauss_bench.reference.collocation import NoConvergence, gauss_legendre
+from gauss_bench.reference.minimal import LostClosure, MinimalCoordinate
+from gauss_bench.reference.store import stored_reference
+from tests.conftest import everything, redundant
+
+
+def pendulum() -> Mechanism:
+    """A uniform bar on a pin: theta'' = -(3 g / 2 l) cos(theta)."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "pendulum",
+            "crank": "bar",
+            "ground": {"points": {"O": [0.0, 0.0]}},
+            "links": {"bar": {"points": {"O": [0.0, 0.0], "E": [0.6, 0.0]}, "bars": [["O", "E"]], "mass": 1.3}},
+            "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
+            "assembly": {"angles": {"bar": 0.0}},
+            "scenarios": {"swing": {"duration": 2.0, "start": {"crank_deg": -30.0, "speed": 0.0}}},
+        }
+    )
+
+
+def test_a_pendulum_follows_its_elliptic_functions_within_the_bar() -> None:
+    reference = build_reference(pendulum(), 2.0)
+    # from the lowest point, phi = theta + pi/2 swings with amplitude 60 degrees: sin(phi/2) = k sn(K - w t, k^2)
+    w, k = np.sqrt(1.5 * 9.81 / 0.6), np.sin(np.radians(30.0))
+    sn = ellipj(ellipk(k * k) - w * reference.t, k * k)[0]
+    exact = 2 * np.arcsin(k * sn) - np.pi / 2
+    error = np.abs(reference.q[:, 2] - exact)
+    assert (error <= reference.error_q + 2e-14).all()  # the closed form itself is good to a few rounding units
+    assert reference.error_q.max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "eight_bar"])
+def test_two_integrators_agree_to_far_below_what_they_judge(name: str) -> None:
+    reference = build_reference(load(name), 0.3)
+    assert reference.error_q.max() < 1e-12
+    assert reference.error_v.max() < 1e-11
+    assert (np.diff(reference.error_q) >= 0).all()
+
+
+def test_the_crank_angle_and_absolute_coordinates_tell_the_same_motion() -> None:
+    mechanism, times = load("four_bar"), sample_times(0.2)
+    one, other = minimal_reference(mechanism, times), absolute_reference(mechanism, times)
+    assert np.abs(one.q - other.q).max() < 1e-11
+    assert np.abs(one.a - other.a).max() < 1e-8
+
+
+def test_a_driven_linkage_is_pure_geometry() -> None:
+    mechanism = load("six_bar", "driven")
+    reference = build_reference(mechanism, 0.1)
+    assert np.abs(reference.q[:, 2] - 2 * np.pi * reference.t).max() < 1e-14
+    h = 1e-2
+    difference = (reference.q[2:] - reference.q[:-2]) / (2 * h)
+    assert np.abs(difference - reference.v[1:-1]).max() < 1e-3 * np.abs(reference.v).max()
+
+
+@pytest.mark.parametrize("mechanism", [load("six_bar"), everything(), redundant()], ids=["six_bar", "everything", "redundant"])
+def test_random_states_are_consistent_and_repeatable(mechanism: Mechanism) -> None:
+    from gauss_bench.mechanism.evaluate import Evaluator
+
+    states, again = random_states(mechanism, 30), random_states(mechanism, 30)
+    rows = Evaluator(mechanism).constraints(states.t, states.q, states.v)
+    assert np.abs(rows.phi).max() < 1e-12
+    assert np.abs((rows.J @ states.v[..., None])[..., 0]).max() < 1e-11
+    assert np.abs((rows.J @ states.a[..., None])[..., 0] - rows.gamma).max() < 1e-8
+    for one, other in zip(vars(states).values(), vars(again).values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_linkage_that_cannot_turn_says_where_it_stops() -> None:
+    document = {
+        "format": "planar-linkage/1",
+        "name": "rocker",
+        "crank": "a",
+        "ground": {"points": {"A": [0.0, 0.0], "D": [0.4, 0.0]}},
+        "links": {
+            "a": {"points": {"A": [0.0, 0.0], "B": [0.3, 0.0]}, "bars": [["A", "B"]], "mass": 1.0},
+            "b": {"points": {"B": [0.0, 0.0], "C": [0.2, 0.0]}, "bars": [["B", "C"]], "mass": 1.0},
+            "c": {"points": {"D": [0.0, 0.0], "C": [0.25, 0.0]}, "bars": [["D", "C"]], "mass": 1.0},
+        },
+        "joints": {
+            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
+            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
+            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
+            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
+        },
+        "assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}},
+        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0}}},
+    }
+    motion = MinimalCoordinate(load_document(document))
+    low, high = motion.angles_reached()
+    limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
+    assert high <= limit < high + np.radians(1.01)
+    assert low > -np.pi
+    with pytest.raises(LostClosure):
+        motion.geometry(np.array([limit + 0.05]))
+
+
+def test_collocation_refuses_a_step_that_is_too_long() -> None:
+    with pytest.raises(NoConvergence):
+        gauss_legendre(lambda t, q, v: -1e6 * q, np.array([0.0, 1.0]), np.array([1.0]), np.array([0.0]), 1.0)
+
+
+def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_path: Path) -> None:
+    mechanism = load("four_bar")
+    first = stored_reference(mechanism, 0.05, tmp_path)
+    second = stored_reference(mechanism, 0.05, tmp_path)
+    np.testing.assert_array_equal(first.q, second.q)
+    stored_reference(load("six_bar"), 0.05, tmp_path)
+    assert len(list(tmp_path.glob("*.npz"))) == 2
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "four_bar", "six_bar", "eight_bar"])
+def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> None:
+    """The tables hold 12 crank angles of closed forms (dyads in complex numbers) evaluated in 40-digit arithmetic."""
+    from gauss_bench.mechanism.forces import acceleration, position, velocity
+
+    mechanism = load(name, "driven")
+    motion = MinimalCoordinate(mechanism)
+    start = mechanism.q0[motion.crank]
+    points = {p.name: p for p in mechanism.observed_points}
+    speed = 2 * np.pi
+    with (Path(__file__).parent / "data" / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            angle = start + np.radians(float(row["crank_deg_from_start"]))
+            q, v, a = motion.state(np.array([angle]), np.array([speed]), np.zeros(1))
+            p = points[row["point"]]
+            found = [*position(q, p)[0], *velocity(q, v, p)[0], *acceleration(q, v, a, p)[0]]
+            for key, value, tolerance in zip(
+                ("x", "y", "vx", "vy", "ax", "ay"), found, [1e-13] * 2 + [1e-12] * 2 + [1e-11] * 2, strict=True
+            ):
+                assert value == pytest.approx(float(row[key]), abs=tolerance), (row["crank_deg_from_start"], key)
