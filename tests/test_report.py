@@ -2,15 +2,24 @@
 
 import json
 import math
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from gauss_bench.report.build import build_report
-from gauss_bench.report.rows import KEYS
+from gauss_bench.mechanism import schema
+from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.report.build import build_report, read_run
+from gauss_bench.report.drawing import draw, write_drawings
+from gauss_bench.report.findings import all_findings
+from gauss_bench.report.palette import ENGINES, inline
+from gauss_bench.report.pose import posed
+from gauss_bench.report.rows import KEYS, ranked
 
+ROOT = Path(__file__).parents[1]
 LINKAGES = {"four_bar": 1.0, "six_bar": 4.0}
 BAR = 3e-13
 STEPS = (0.008, 0.004, 0.002, 0.001)
@@ -131,3 +140,158 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_run(tmp_path_factory.mktemp("run"), invented())
     build_report(folder)
     return folder
+
+
+def text_of(rows: list[dict[str, object]], folder: Path) -> str:
+    """All findings of a run with these rows, as one text."""
+    return "\n".join(f"{x.tone}: {x.title}: {x.text}" for x in all_findings(read_run(write_run(folder, rows))))
+
+
+def test_soft_engine_is_flagged_and_its_step_does_not_help(tmp_path: Path) -> None:
+    said = text_of(invented(), tmp_path)
+    soft = re.search(r"warn: Soft, or another model: `mujoco` \(settings default\).*", said)
+    assert soft is not None
+    assert "3.0e-01" in soft[0]
+    assert "at step 0.008 s and" in soft[0]
+    exact = [row | {"acceleration_error_median": 1e-12} if row["engine"] == "mujoco" else row for row in invented()]
+    assert "Soft" not in text_of(exact, tmp_path)
+
+
+def test_control_is_flagged_and_a_gate_that_passes_it_is_called_too_wide(tmp_path: Path) -> None:
+    said = text_of(invented(), tmp_path)
+    assert "`yuan_ge_eq16` satisfies the constraints of acceleration to 1.0e-13 and is still wrong" in said
+    assert "No row of it passes the gate" in said
+    passing = [row | {"valid": True} for row in invented()]
+    assert "bad: The negative control" in text_of(passing, tmp_path)
+
+
+def test_own_cost_is_told_whichever_way_it_falls(tmp_path: Path) -> None:
+    said = text_of(invented(), tmp_path)
+    assert "four_bar rk4 1.50 (1.44..1.58)" in said
+    assert "slower in 4 of 4" in said
+    cheap = [row | {"step_ratio": 0.8} if row["engine"] == "gauss" else row for row in invented()]
+    assert "four_bar rk4 0.80" in text_of(cheap, tmp_path)
+    assert "slower in 0 of 4" in text_of(cheap, tmp_path)
+
+
+def test_cheapest_at_equal_accuracy_takes_no_invalid_row(tmp_path: Path) -> None:
+    """The stiff soft engine is cheaper than all and within 1e-3, but not valid."""
+    said = text_of(invented(), tmp_path)
+    assert re.search(r"four_bar, torque: .*Cheapest within 1e-03 rad: `pinocchio` rk4 at step 0.008 s, 3 ms", said)
+    assert not re.search(r"Cheapest within \S+ rad: `(mujoco|yuan)", said)
+
+
+def test_failures_keep_their_sentence(report: Path) -> None:
+    page = (report / "README.md").read_text()
+    assert r"Newton did not converge at t = 0.31 s \| step &lt;size> see \*log\*" in page
+    assert "| exudyn | **nan** |" in page, "the status nan was read as a missing number"
+    assert "Newton did not converge at t = 0.31 s | step &lt;size&gt;" in (report / "index.html").read_text()
+
+
+def test_every_case_is_in_the_tables(report: Path) -> None:
+    run = read_run(report)
+    page = (report / "README.md").read_text()
+    folded = [part.split("</details>")[0] for part in page.split("<details>")[1:]]
+    assert sum(part.count("\n| ") - 2 for part in folded) == len(run.results) == len(invented())
+
+
+def test_nothing_below_the_reference_is_printed_as_a_number(report: Path) -> None:
+    lines = [x for x in (report / "README.md").read_text().splitlines() if x.startswith("| gauss | default | dop853")]
+    assert lines
+    assert all("| < 3e-13 |" in x and "1.0e-13 | 1.0e-13" not in x for x in lines if "| own |" in x)
+
+
+def test_figures_leave_out_what_is_not_valid(report: Path) -> None:
+    run = read_run(report)
+    dropped = {row["engine"] for row in run.results} - {row["engine"] for row in run.results if ranked(row)}
+    assert dropped == {"mujoco", "yuan_ge_eq16", "exudyn"}
+    for path in (report / "figures").glob("work_precision_*.svg"):
+        assert "gauss" in path.read_text()
+        assert not any(name in path.read_text() for name in dropped)
+
+
+def test_built_twice_is_the_same_byte_for_byte(report: Path, tmp_path: Path) -> None:
+    rows = invented()
+    other = write_run(tmp_path, rows[::-1])
+    files = build_report(other)
+    assert len(files) == 16
+    for path in files:
+        assert path.read_bytes() == (report / path.relative_to(other)).read_bytes(), path.name
+    assert not list(other.rglob("*.part"))
+
+
+@pytest.mark.parametrize(
+    "rows", [[], [case("unheard_of", "new_engine", "", "", "", math.nan) | {"status": "crashed", "valid": False}]]
+)
+def test_runs_with_next_to_nothing(rows: list[dict[str, object]], tmp_path: Path) -> None:
+    folder = write_run(tmp_path, rows)
+    (folder / "environment.json").unlink()
+    build_report(folder)
+    page = (folder / "README.md").read_text()
+    assert ("crashed" in page) == bool(rows)
+    assert "nan" not in page.replace("nan |", "").lower().replace("finan", "")
+
+
+def test_page_is_whole_and_asks_for_nothing_outside(report: Path) -> None:
+    page = (report / "index.html").read_text()
+    addresses = set(re.findall(r"https?://[^\"' )<]+", page))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert not re.search(r"<(?:link|script|img|iframe)[^>]*(?:src|href)=\"(?!data:|#)", page)
+    identifiers = re.findall(r"\bid=\"([^\"]+)\"", page)
+    assert len(identifiers) == len(set(identifiers))
+    wanted = set(re.findall(r"(?:href=\"#|url\(#|aria-controls=\")([^\")]+)", page))
+    assert wanted <= set(identifiers)
+
+
+def test_inline_pictures_follow_the_page_colours() -> None:
+    svg = inline(draw(*posed("four_bar")), "x")
+    assert svg.startswith("<svg")
+    assert not re.search(r"#[0-9a-f]{6}", svg), "a colour has no variable and would not turn dark"
+    assert len(set(ENGINES.values())) == len(ENGINES)
+
+
+def test_drawings_show_every_link_and_are_up_to_date(tmp_path: Path) -> None:
+    for path in write_drawings(tmp_path):
+        svg = path.read_text()
+        assert all(f">{link.name}</text>" in svg for link in load(path.stem).links)
+        kept = (ROOT / "mechanisms" / path.name).read_text()
+        split = re.compile(r"-?\d+\.?\d*")
+        assert split.sub("#", kept) == split.sub("#", svg), f"{path.name}: run write_drawings"
+        # half a pixel: another machine's rounding, far below what is seen
+        np.testing.assert_allclose([float(x) for x in split.findall(kept)], [float(x) for x in split.findall(svg)], atol=0.5)
+
+
+def test_drawing_of_any_state_and_of_links_without_bars() -> None:
+    document = tomllib.loads(example())
+    document["links"]["crank"] |= {"mass": 1.0, "inertia": 1.0}
+    for key in ("bars", "kg_per_m"):
+        document["links"]["crank"].pop(key, None)
+    mechanism = load_document(document)
+    assert draw(mechanism) != draw(mechanism, np.zeros(mechanism.n))
+    assert draw(mechanism) == draw(mechanism, mechanism.q0)
+
+
+def guide() -> str:
+    return (ROOT / "mechanisms" / "README.md").read_text()
+
+
+def example() -> str:
+    """The complete file in the guide: its one TOML block that names a format."""
+    (found,) = (x for x in re.findall(r"```toml\n(.*?)```", guide(), re.DOTALL) if x.startswith("format"))
+    return found
+
+
+def test_the_guide_has_a_complete_file_that_loads(tmp_path: Path) -> None:
+    document = tomllib.loads(example())
+    path = tmp_path / f"{document['name']}.toml"
+    path.write_text(example())
+    for scenario in document["scenarios"]:
+        assert load(path, scenario).dof == 1
+
+
+def test_the_guide_names_every_key_of_the_grammar() -> None:
+    tables = [x for x in vars(schema).values() if isinstance(x, type) and issubclass(x, schema.Table)]
+    keys = {field.alias or name for table in tables for name, field in table.model_fields.items()}
+    words = set(re.findall(r"\w+", guide()))
+    assert keys - words == set()
+    assert set(built_in()) <= words

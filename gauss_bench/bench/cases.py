@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 
 from gauss_bench.engines import OWN, get, names
 from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
 
 SCENARIOS = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
 DURATION = 2.0  # [s] headline comparisons end there: by then every linkage has been through its fastest turns
@@ -40,46 +41,49 @@ class Case:
         return "|".join(f"{value:g}" if isinstance(value, float) else str(value) for value in asdict(self).values())
 
 
-def variants(engine: str) -> list[tuple[str, str, str]]:
+def variants(engine: str, integrators: int | None = None) -> list[tuple[str, str, str]]:
     """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
 
-    Every setting with every integrator without stabilisation, and every stabilisation at the defaults. Own formulations other than
-    `gauss` differ in algebra alone, so their first integrator says all there is to say.
+    Every setting with every integrator (or the first few) without stabilisation, and every stabilisation at the defaults. Own
+    formulations other than `gauss` differ in algebra alone, so their first integrator says all there is to say.
     """
     adapter = get(engine)
     first_setting, first_integrator = next(iter(adapter.settings)), adapter.integrators[0]
     if engine in OWN and engine != "gauss":
         return [(first_setting, first_integrator, "none")]
-    crossed = [(s, i, "none") for s in adapter.settings for i in adapter.integrators]
+    crossed = [(s, i, "none") for s in adapter.settings for i in adapter.integrators[:integrators]]
     stabilized = [(first_setting, first_integrator, s) for s in adapter.stabilizations if s != "none"]
     return crossed + stabilized
 
 
-def crossed(linkages: dict[str, str], engines: list[str], steps: tuple[float, ...], t_end: float) -> Iterator[Case]:
-    """All engines at all their variants on all linkages (name or path -> scenario)."""
+def crossed(
+    linkages: dict[str, str], engines: list[str], steps: tuple[float, ...], t_end: float, integrators: int | None = None
+) -> Iterator[Case]:
+    """All engines at their variants on all linkages (name or path -> scenario)."""
     for linkage, scenario in linkages.items():
         for engine in engines:
-            for settings, integrator, stabilization in variants(engine):
+            for settings, integrator, stabilization in variants(engine, integrators):
                 used = steps[-1:] if integrator == "dop853" else steps
                 for step in used:
                     yield Case(linkage, scenario, engine, settings, integrator, stabilization, step, t_end)
 
 
 def quick(linkages: dict[str, str] | None = None, engines: list[str] | None = None) -> list[Case]:
-    """Every engine on every linkage at three steps over two seconds."""
-    return list(crossed(linkages or SCENARIOS, engines or names(), (1e-2, 1e-3, 1e-4), DURATION))
+    """Every engine on every linkage at three steps over two seconds, with its first two integrators."""
+    return list(crossed(linkages or SCENARIOS, engines or names(), (1e-2, 1e-3, 1e-4), DURATION, 2))
 
 
 def full(linkages: dict[str, str] | None = None, engines: list[str] | None = None) -> list[Case]:
-    """The quick suite, and the conservative scenarios, where energy is the judge, over five seconds."""
-    conservative = dict.fromkeys(linkages or SCENARIOS, "conservative")
-    longer = crossed(conservative, engines or names(), (1e-2, 1e-3, 1e-4), 5.0)
-    return [*quick(linkages, engines), *longer]
+    """The quick suite with every integrator, and the conservative scenarios, where energy is the judge, over five seconds."""
+    conservative = {x: "conservative" for x in linkages or SCENARIOS if "conservative" in load(x).scenarios}
+    steps = (1e-2, 1e-3, 1e-4)
+    headline = crossed(linkages or SCENARIOS, engines or names(), steps, DURATION)
+    return [*headline, *crossed(conservative, engines or names(), steps, 5.0)]
 
 
 def gate(linkages: dict[str, str] | None = None, engines: list[str] | None = None) -> list[Case]:
     """What the accuracy gate runs: two steps, so that the order of convergence shows, over one second."""
-    return list(crossed(linkages or SCENARIOS, engines or names(), (1e-2, 1e-3), 1.0))
+    return list(crossed(linkages or SCENARIOS, engines or names(), (1e-2, 1e-3), 1.0, 2))
 
 
 SUITES = {"quick": quick, "full": full, "gate": gate}

@@ -1,4 +1,4 @@
-"""Everything that runs a mechanism: the suite's own formulations and adapters to foreign engines, by name, loaded when asked for."""
+"""Everything that runs a mechanism: own formulations and adapters to foreign engines, by name, loaded when asked for."""
 
 from collections.abc import Callable
 from importlib import import_module

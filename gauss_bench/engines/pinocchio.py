@@ -1,19 +1,24 @@
 """Pinocchio: a tree of joints in relative coordinates, closed by rigid point constraints and integrated by the suite.
 
-The tree coordinates y are Pinocchio's own, so its plain vectors are mapped to absolute states by `Tree` alone. With A_k the placement
-of the centre of mass of link k in the frame of the joint that carries it, and all placements turned about z only:
+The tree coordinates y are Pinocchio's own vectors, so `Tree` alone maps them to absolute states. With A_k the placement of the
+centre of mass of link k in the frame of the joint that carries it, and all placements turned about z only:
 
     revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
     prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
     free        PX, PY, RZ from the ground at the centre of mass,         A = 1
 
-Each pin the tree leaves open becomes a CONTACT_3D constraint: two rows in the plane and one that is identically zero. The
-accelerations solve, in proximal iterations (the same result for any sign convention of the forces f, which are not read),
+Each pin the tree leaves open becomes a CONTACT_3D constraint: two rows in the plane and a third that is identically zero. Its
+proximal iterations solve
 
-    M y'' + h = tau + J^T f,    J y'' + mu (f_new - f_old) = gamma
+    M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
-Pinocchio has no springs, dampers or integrator for constrained systems: forces other than gravity reach it as tau, and the
-steps are the suite's. It has no projection either; that of the suite closes the open pins.
+so that mu times the last change of the forces f is what the constraints are still missed by. f itself is never read: its sign and
+frame do not matter here.
+
+Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
+steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
+coordinates; mapped back to the tree it closes the open pins. Redundant rows that have drifted apart contradict each other: the
+iterations then do not settle, and the run is given up rather than followed. Projection keeps them together.
 """
 
 from collections.abc import Mapping
@@ -45,7 +50,7 @@ SETTINGS: Mapping[str, Mapping[str, float]] = {
 }
 AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or lever about 1
 AFFINE = 1e-10  # relative: rounding leaves about 1e-14; a force that is affine only this far may as well be affine
-SOLVED = 1e-6  # of the largest acceleration: far above rounding, far below what shows in a trajectory
+SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
 
 
 class Pinocchio:
@@ -194,13 +199,15 @@ class TreeForces:
     """Applied forces without gravity as tau (n,) of a tree state.
 
     What is affine in the tree state (torques, dampers of joints, springs along slides) is tabulated once, as a user of Pinocchio
-    would write it by hand:  tau = constant + stiffness y + damping dy.  Other forces go through absolute coordinates each time.
+    would write it by hand; the others are evaluated each time, with v = T dy from Pinocchio's joint Jacobians:
+
+        tau = constant + stiffness y + damping dy + T^T Q_others(q, v)
 
     Attributes:
         others: the forces that are not affine.
     """
 
-    def __init__(self, mechanism: Mechanism, tree: Tree):
+    def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
         self.tree, self.weightless = tree, replace(mechanism, gravity=np.zeros(2))
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
@@ -213,19 +220,17 @@ class TreeForces:
         self.stiffness, self.damping = slope[:, : tree.n].copy(), slope[:, tree.n :].copy()
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
+        self.motion = Motion(tree, body)
 
     def _tabulated(self, f: Force) -> tuple[Array, Array] | None:
         """Constant (n,) and slope (n, 2n) of one force, read off unit states; None if random states contradict them."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
-        tau = self._through_absolute(applied, states[:, :n], states[:, n:])
+        q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
+        tau = self.tree.forces(q, applied.generalised(q, v))
         constant, slope = tau[0], (tau[1 : 2 * n + 1] - tau[0]).T
         error = np.abs(constant + states @ slope.T - tau).max()
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
-
-    def _through_absolute(self, applied: AppliedForces, y: Array, dy: Array) -> Array:
-        q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-        return self.tree.forces(q, applied.generalised(q, v))
 
     def __call__(self, y: Array, dy: Array) -> Array:
         tau = self.constant
@@ -233,7 +238,41 @@ class TreeForces:
             tau = tau + self.damping.dot(dy)
         if self.has_stiffness:
             tau = tau + self.stiffness.dot(y)
-        return tau + self._through_absolute(self.applied, y, dy) if self.others else tau
+        if self.others:
+            q, T = self.motion(y)
+            tau = tau + self.applied.generalised(q, T.dot(dy)).dot(T)
+        return tau
+
+
+class Motion:
+    """Absolute positions q (3 links,) and T (3 links, n), with v = T dy, by Pinocchio's kinematics: a tenth of the time of `Tree`.
+
+    A column of a world Jacobian is the velocity [u, w] at the origin and the angular speed omega, for every link that the joint
+    carries: the centre of mass at [x, y] moves with [u - omega y, w + omega x].
+    """
+
+    def __init__(self, tree: Tree, body: Multibody):
+        self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
+        self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
+        states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
+        theta = tree.absolute(states, states, states)[0][:, 2::3]
+        self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T
+        self.carried = np.zeros((tree.links + 1, tree.n))  # the last row is the ground
+        for b in tree.branches:
+            self.carried[b.link] = self.carried[b.parent]
+            self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0
+        self.carried = self.carried[:-1]
+
+    def __call__(self, y: Array) -> tuple[Array, Array]:
+        J = self.jacobians(self.model, self.data, y)
+        placements = self.data.oMi
+        centres = np.array([placements[joint].act(own) for joint, own in self.centres])
+        q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
+        q[0::3], q[1::3], q[2::3] = centres[:, 0], centres[:, 1], self.theta0 + self.turns.dot(y)
+        T[0::3] = self.carried * (J[0] - centres[:, 1, None] * J[5])
+        T[1::3] = self.carried * (J[1] + centres[:, 0, None] * J[5])
+        T[2::3] = self.turns
+        return q, T
 
 
 # Accelerations and steps ------------------------------------------------------------------------------------------------
@@ -253,16 +292,34 @@ class ConstrainedDynamics:
         pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
         accuracies = settings["absolute_accuracy"], settings["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, settings["mu"], int(settings["max_iter"]))
+        self.limit = SOLVED / settings["mu"]
         self.evaluations = 0
-        self.worst = 0.0
-        self.caps = 0
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         self.evaluations += 1
         a: Array = self.solve(self.model, self.data, y, dy, self.forces(y, dy), self.rows, self.row_data, self.prox)
-        self.worst = max(self.worst, self.prox.mu * self.prox.relative_residual / max(1, abs(a).max()))
-        self.caps += self.prox.iter == self.prox.max_iter
+        if not self.prox.relative_residual <= self.limit:
+            self._doubt(t, a)
         return a
+
+    def _doubt(self, t: float, a: Array) -> None:
+        """Second look, relative to the accelerations.
+
+        `relative_residual` is the last change of the forces f. `absolute_residual` is no help: at exact accelerations it is as
+        large as they are (4.1). `iter` is none either: with redundant rows f wanders along directions that move nothing.
+
+        Raises:
+            RunFailure: not finite, or the constraints are missed.
+        """
+        if not np.isfinite(a).all():
+            raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
+        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))
+        if not missed <= SOLVED * size:
+            raise RunFailure(
+                Status.NOT_CONVERGED,
+                f"t = {t:.6g} s: proximal iteration {self.prox.iter} still misses the constraints by {missed:.1e} m/s^2 where "
+                f"accelerations are {size:.1e}; redundant rows that have drifted apart do this: try projection or a smaller step",
+            )
 
 
 class PinocchioModel:
@@ -273,14 +330,18 @@ class PinocchioModel:
         self.tree, self.evaluator = spanning_tree(mechanism), Evaluator(mechanism)
         body = Multibody(mechanism, self.tree)
         verify(body, mechanism, self.tree)
-        self.forces, settings = TreeForces(mechanism, self.tree), SETTINGS[choice.settings]
+        self.forces, settings = TreeForces(mechanism, self.tree, body), SETTINGS[choice.settings]
         gains = (BAUMGARTE_RATE**2, 2 * BAUMGARTE_RATE) if choice.stabilization == "baumgarte" else (0.0, 0.0)
-        self.plain = ConstrainedDynamics(body, self.forces, settings, (0.0, 0.0))  # reports accelerations without Baumgarte's terms
+        self.plain = ConstrainedDynamics(body, self.forces, settings, (0.0, 0.0))  # what is reported has no Baumgarte terms
         self.stabilized = ConstrainedDynamics(body, self.forces, settings, gains)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        y, dy = self.tree.relative(q, v)
-        return self.tree.absolute(y, dy, self.plain(t, y, dy))[2]
+        with np.errstate(all="ignore"):
+            y, dy = self.tree.relative(q, v)
+            a = self.tree.absolute(y, dy, self.plain(t, y, dy))[2]
+        if not np.isfinite(a).all():
+            raise RunFailure(Status.NAN, f"t = {t:.6g} s: Pinocchio's acceleration is not finite")
+        return a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the suite's own loop, whatever `native` says."""
@@ -289,10 +350,11 @@ class PinocchioModel:
         self.y, self.dy = (np.tile(x, (len(times), 1)) for x in start)
 
     def run(self) -> None:
-        if self.choice.integrator == "dop853":
-            self._adaptive()
-        else:
-            self._fixed()
+        with np.errstate(all="ignore"):  # what is not finite is found afterwards
+            if self.choice.integrator == "dop853":
+                self._adaptive()
+            else:
+                self._fixed()
 
     def _adaptive(self) -> None:
         if self.times[-1] == self.times[0]:
@@ -321,9 +383,32 @@ class PinocchioModel:
 
     def _projected(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:
         q, v, _ = self.tree.absolute(y, dy, dy)
-        return self.tree.relative(*self.evaluator.project(t, q, v))
+        try:
+            return self.tree.relative(*self.evaluator.project(t, q, v))
+        except np.linalg.LinAlgError as error:
+            raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
         ddy = np.array([self.plain(t, y, dy) for t, y, dy in zip(self.times, self.y, self.dy, strict=True)])
         q, v, a = self.tree.absolute(self.y, self.dy, ddy)
-        return Trajectory(self.times, q, v, a, self.steps, self.stabilized.evaluations, "")
+        self._check(q, v, a)
+        slow = ", ".join(f.name for f in self.forces.others)
+        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
+        return Trajectory(self.times, q, v, a, self.steps, self.stabilized.evaluations, note)
+
+    def _check(self, q: Array, v: Array, a: Array) -> None:
+        """The samples are finite, and their accelerations satisfy the suite's own constraint rows.
+
+        Raises:
+            RunFailure: they do not.
+        """
+        finite = np.isfinite(np.hstack([q, v, a])).all(axis=1)
+        if not finite.all():
+            raise RunFailure(Status.NAN, f"not finite at t = {self.times[int(np.argmin(finite))]:.6g} s; a smaller step may help")
+        rows = self.evaluator.constraints(self.times, q, v)
+        missed = np.abs(np.einsum("kij,kj->ki", rows.J, a) - rows.gamma).max(axis=1, initial=0.0)
+        missed /= np.maximum(1.0, np.abs(a).max(axis=1))
+        if (missed > SOLVED).any():
+            k = int(np.argmax(missed > SOLVED))
+            text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {missed[k]:.1e} of their size"
+            raise RunFailure(Status.NOT_CONVERGED, text)

@@ -14,7 +14,7 @@ Matrix Computations (4th ed.), section 6.2.3.
 """
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 
 from gauss_bench.terms import Array, Solution, Terms
 
@@ -24,21 +24,31 @@ RANK_TOLERANCE = 1e-10  # of the largest diagonal entry of R: rounding leaves ab
 def gauss(terms: Terms) -> Solution:
     """Accelerations (n,) by Gauss's principle; rank is that of J."""
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
-    basis, R, order = qr(J.T, pivoting=True, check_finite=False)
+    Y, N, R, order = subspaces(J)
+    a: Array = Y @ least_squares(R.T, gamma[order])
+    if N.shape[1]:
+        L, indefinite = dpotrf(M, lower=True)
+        if indefinite:
+            raise np.linalg.LinAlgError("the mass matrix is not positive definite")
+        target = dtrtrs(L, Q, lower=True)[0] - L.T @ a
+        a = a + N @ least_squares(L.T @ N, target)
+    return Solution(a, None, Y.shape[1])
+
+
+def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
+    """Y (n, r), N (n, n - r), R (r, m) and the order P of the rows in J^T P = Y R, with Y^T N = 0."""
+    m, n = J.shape
+    factors, pivots, tau, _, _ = dgeqp3(J.T)
+    R = np.triu(factors)[: min(m, n)]
     diagonal = np.abs(np.diagonal(R))
     rank = int((diagonal > RANK_TOLERANCE * diagonal.max(initial=0.0)).sum())
-    Y, N = basis[:, :rank], basis[:, rank:]
-    a: Array = Y @ solve_range(R[:rank], gamma[order])
-    if N.shape[1]:
-        L = np.linalg.cholesky(M)
-        target = np.linalg.solve(L, Q) - L.T @ a
-        a = a + N @ np.linalg.lstsq(L.T @ N, target, rcond=None)[0]
-    return Solution(a, None, rank)
+    reflectors = np.zeros((n, n), order="F")
+    reflectors[:, : min(m, n)] = factors[:, : min(m, n)]
+    basis = dorgqr(reflectors, tau, overwrite_a=True)[0]
+    return basis[:, :rank], basis[:, rank:], R[:rank], pivots - 1
 
 
-def solve_range(R: Array, gamma: Array) -> Array:
-    """y (r,) of R^T y = gamma: triangular where the rows are independent, least squares where they are redundant."""
-    if R.shape[0] == R.shape[1]:
-        y: Array = np.linalg.solve(R.T, gamma)
-        return y
-    return np.asarray(np.linalg.lstsq(R.T, gamma, rcond=None)[0])
+def least_squares(A: Array, b: Array) -> Array:
+    """x that minimises |A x - b|, A (k, l) of full column rank with k >= l; exact where A is square."""
+    x: Array = dgels(A, b)[1][: A.shape[1]]
+    return x

@@ -1,11 +1,12 @@
 """Constraint residual, Jacobian and acceleration bias of a linkage in absolute coordinates.
 
-With R(theta) the rotation of a link, S the quarter turn and r = R s the arm of a link-fixed point s:
+A vector of the plane is a complex number, so that i turns it by a quarter and n . g + i n x g = conj(n) g. With z the centre of
+mass of a link and r = exp(i theta) s the arm of a link-fixed point s:
 
-    p = [x, y] + r,    dp/dtheta = S r,    p'' = [x'', y''] + S r alpha - r omega^2
+    p = z + r,    dp/dtheta = i r,    p'' = z'' + i r alpha - r omega^2
 
     revolute    p_b - p_a = 0
-    prismatic   n . (p_b - p_g) - offset = 0,   theta_b - theta_g - turn = 0,   n = R_g S u the normal of the guide
+    prismatic   n . (p_b - p_g) - offset = 0,   theta_b - theta_g - turn = 0,   n the normal of the guide, turning with it
     driver      theta - law(t) = 0
     knife edge  n . p' = 0   (no position level)
 
@@ -16,9 +17,10 @@ All functions take one state, q (n,), or a batch, q (..., n).
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
@@ -34,12 +36,15 @@ class Rows:
     phi_t: Array
 
 
-def unpacked(x: Array) -> tuple[Array, Array, Array]:
-    """x, y and angle (..., links + 1) of a state (..., n), with a resting ground appended."""
+Vectors = NDArray[np.complexfloating[Any, Any]]
+
+
+def unpacked(x: Array) -> tuple[Vectors, Array]:
+    """Vector and angle (..., links + 1) of a state (..., n), with a resting ground appended."""
     links = x.shape[-1] // 3
     out = np.zeros((*x.shape[:-1], links + 1, 3))
     out[..., :-1, :] = x.reshape(*x.shape[:-1], links, 3)
-    return out[..., 0], out[..., 1], out[..., 2]
+    return out[..., 0] + 1j * out[..., 1], out[..., 2]
 
 
 class Constraints:
@@ -67,7 +72,7 @@ class Constraints:
         self.edge = self._points([e.point for _, e in knives])
         self.edge_normal = self._normals([(e.point.link, e.angle) for _, e in knives])
         self.links = np.array(self.link, dtype=int)
-        self.X, self.Y = np.array(self.local, dtype=float).reshape(-1, 2).T
+        self.arms = np.array(self.local, dtype=float).reshape(-1, 2) @ [1.0, 1.0j]
         self.offset, self.turn = np.array([j.offset for _, j in slides]), np.array([j.turn for _, j in slides])
         self.pin_x = np.array([row for row, _ in pins], dtype=int)
         self.slide_gap = np.array([row for row, _ in slides], dtype=int)
@@ -109,11 +114,10 @@ class Constraints:
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
         """Residual, Jacobian, bias and explicit rate of all rows at state(s) q, v (..., n) and time(s) t [s]."""
-        x, y, theta = unpacked(q)
-        u, w, omega = unpacked(v)
-        c, s = np.cos(theta)[..., self.links], np.sin(theta)[..., self.links]
-        rx, ry = c * self.X - s * self.Y, s * self.X + c * self.Y
-        arms = _Arms(x[..., self.links], y[..., self.links], u[..., self.links], w[..., self.links], rx, ry, omega[..., self.links])
+        z, theta = unpacked(q)
+        u, omega = unpacked(v)
+        r = np.exp(1j * theta)[..., self.links] * self.arms
+        arms = _Arms(z[..., self.links], u[..., self.links], omega[..., self.links], r)
         shape = (*q.shape[:-1], self.m)
         phi, gamma, phi_t = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         values: list[Array] = []
@@ -135,46 +139,40 @@ class Constraints:
 
     def _pins(self, arms: "_Arms", phi: Array, gamma: Array, values: list[Array]) -> None:
         a, b = arms.part(self.pin_a), arms.part(self.pin_b)
-        phi[..., self.pin_x] = b.x + b.rx - a.x - a.rx
-        phi[..., self.pin_y] = b.y + b.ry - a.y - a.ry
-        wa, wb = a.omega**2, b.omega**2
-        gamma[..., self.pin_x] = b.rx * wb - a.rx * wa
-        gamma[..., self.pin_y] = b.ry * wb - a.ry * wa
-        values += [-b.ry, b.rx, a.ry, -a.rx]
+        gap = b.z + b.r - a.z - a.r
+        bias = b.r * b.omega**2 - a.r * a.omega**2
+        phi[..., self.pin_x], phi[..., self.pin_y] = gap.real, gap.imag
+        gamma[..., self.pin_x], gamma[..., self.pin_y] = bias.real, bias.imag
+        values += [-b.r.imag, b.r.real, a.r.imag, -a.r.real]
 
     def _slides(self, arms: "_Arms", theta: Array, phi: Array, gamma: Array, values: list[Array]) -> None:
-        g, b, normal = arms.part(self.guide), arms.part(self.block), arms.part(self.slide_normal)
-        nx, ny = normal.rx, normal.ry
-        gap_x, gap_y = b.x + b.rx - g.x - g.rx, b.y + b.ry - g.y - g.ry
-        rate_x = b.u - b.omega * b.ry - g.u + g.omega * g.ry
-        rate_y = b.w + b.omega * b.rx - g.w - g.omega * g.rx
-        wg, wb = g.omega**2, b.omega**2
-        phi[..., self.slide_gap] = nx * gap_x + ny * gap_y - self.offset
+        g, b, n = arms.part(self.guide), arms.part(self.block), arms.part(self.slide_normal).r
+        towards = n.conj()
+        gap = towards * (b.z + b.r - g.z - g.r)  # real: distance from the line; imaginary: minus the place along it
+        rate = towards * (b.u - g.u + 1j * (b.omega * b.r - g.omega * g.r))
+        turning = (towards * (g.r * g.omega**2 - b.r * b.omega**2)).real - gap.real * g.omega**2
+        phi[..., self.slide_gap] = gap.real - self.offset
         phi[..., self.slide_turn] = theta[..., self.links[self.block]] - theta[..., self.links[self.guide]] - self.turn
-        centripetal = nx * (g.rx * wg - b.rx * wb - gap_x * wg) + ny * (g.ry * wg - b.ry * wb - gap_y * wg)
-        gamma[..., self.slide_gap] = -centripetal - 2 * g.omega * (nx * rate_y - ny * rate_x)
-        block_arm = ny * b.rx - nx * b.ry
-        guide_arm = nx * gap_y - ny * gap_x + nx * g.ry - ny * g.rx
-        values += [nx, ny, block_arm, -nx, -ny, guide_arm]
+        gamma[..., self.slide_gap] = -turning - 2 * g.omega * rate.imag
+        block_arm = -(towards * b.r).imag
+        guide_arm = gap.imag + (towards * g.r).imag
+        values += [n.real, n.imag, block_arm, -n.real, -n.imag, guide_arm]
 
     def _edges(self, arms: "_Arms", gamma: Array, values: list[Array]) -> None:
-        e, normal = arms.part(self.edge), arms.part(self.edge_normal)
-        nx, ny = normal.rx, normal.ry
-        along = nx * (e.w + e.omega * e.rx) - ny * (e.u - e.omega * e.ry)
-        gamma[..., self.edge_rows] = (nx * e.rx + ny * e.ry) * e.omega**2 - e.omega * along
-        values += [nx, ny, ny * e.rx - nx * e.ry]
+        e, n = arms.part(self.edge), arms.part(self.edge_normal).r
+        towards = n.conj()
+        arm, velocity = towards * e.r, towards * (e.u + 1j * e.omega * e.r)
+        gamma[..., self.edge_rows] = arm.real * e.omega**2 - e.omega * velocity.imag
+        values += [n.real, n.imag, -arm.imag]
 
 
 class _Arms(NamedTuple):
-    """Per link-fixed vector: position x, y, velocity u, w and angular speed of its link, and the vector rx, ry in world axes."""
+    """Per link-fixed vector: position z, velocity u and angular speed of its link, and the vector r in world axes."""
 
-    x: Array
-    y: Array
-    u: Array
-    w: Array
-    rx: Array
-    ry: Array
+    z: Vectors
+    u: Vectors
     omega: Array
+    r: Vectors
 
     def part(self, which: slice) -> "_Arms":
-        return _Arms(*(values[..., which] for values in self))
+        return _Arms(self.z[..., which], self.u[..., which], self.omega[..., which], self.r[..., which])

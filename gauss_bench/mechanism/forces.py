@@ -78,7 +78,11 @@ def add_torque(Q: Array, link: int, torque: Array | float) -> None:
 
 def axis_state(q: Array, v: Array, point: Point, origin: Point, theta: float) -> tuple[Array, Array, Array]:
     """Coordinate x (...), its rate, and direction (..., 2) of a point along an axis at angle `theta` in the origin's link."""
-    direction = rotated(np.array([np.cos(theta), np.sin(theta)]), angle(q, origin.link))
+    axis = np.array([np.cos(theta), np.sin(theta)])
+    if origin.link == GROUND:  # the common case, and the cheap one
+        x, rate = (position(q, point) - origin.local) @ axis, velocity(q, v, point) @ axis
+        return x, rate, np.broadcast_to(axis, (*q.shape[:-1], 2))
+    direction = rotated(axis, angle(q, origin.link))
     gap = position(q, point) - position(q, origin)
     gap_rate = velocity(q, v, point) - velocity(q, v, origin)
     turning = angle(v, origin.link) * (direction[..., 0] * gap[..., 1] - direction[..., 1] * gap[..., 0])
@@ -89,9 +93,10 @@ def add_axis_force(Q: Array, q: Array, point: Point, origin: Point, direction: A
     """A force along an axis on `point`; the opposite one acts on the origin's link along the same line."""
     push = direction * force[..., None]
     add_force(Q, q, point, push)
-    add_force(Q, q, origin, -push)
-    gap = position(q, point) - position(q, origin)
-    add_torque(Q, origin.link, gap[..., 1] * push[..., 0] - gap[..., 0] * push[..., 1])
+    if origin.link != GROUND:
+        add_force(Q, q, origin, -push)
+        gap = position(q, point) - position(q, origin)
+        add_torque(Q, origin.link, gap[..., 1] * push[..., 0] - gap[..., 0] * push[..., 1])
 
 
 def stretch(q: Array, v: Array, f: SpringDamper) -> tuple[Array, Array, Array]:

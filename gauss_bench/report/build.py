@@ -33,7 +33,7 @@ FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
 LAST = (failures.section, limitations.section, settings.section, references.section, environment.section)
 
-TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), "status", "message", "note", "link_errors", "method", "quantity")
+TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), "status", "message", "note", "flag", "link_errors", "method", "quantity")
 FLAGS = ("valid", "control")
 
 
@@ -41,25 +41,29 @@ def read_run(folder: Path) -> Run:
     """The rows and the environment the runner left in a folder; a missing table is an empty one."""
     path = folder / "environment.json"
     environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    tables = {name: _read_table(folder / f"{name}.csv") for name in ("results", "references", "series", "samples")}
+    tables = {name: _read_table(folder, name) for name in ("results", "references", "series", "samples")}
     return Run(**tables, environment=environment)
 
 
-def _read_table(path: Path) -> tuple[Row, ...]:
-    """Rows of a CSV file, sorted by key; texts stay texts, so that the status "nan" is not taken for a missing number."""
-    if not path.exists() or not path.stat().st_size:
-        return ()
-    frame = pd.read_csv(path, dtype=str, keep_default_na=False)
+def _read_table(folder: Path, name: str) -> tuple[Row, ...]:
+    """Rows of a CSV or, without one, Parquet file, sorted by key; the status "nan" stays a text."""
+    path = folder / f"{name}.csv"
+    if path.exists():
+        empty = not path.read_text(encoding="utf-8").strip()
+        frame = pd.DataFrame() if empty else pd.read_csv(path, dtype=str, keep_default_na=False)
+    else:
+        path = path.with_suffix(".parquet")
+        frame = pd.read_parquet(path) if path.exists() else pd.DataFrame()
     rows = [{str(k): _value(str(k), x) for k, x in row.items()} for row in frame.to_dict("records")]
     return tuple(sorted(rows, key=_order))
 
 
-def _value(column: str, text: str) -> Any:
-    if column in TEXTS or column in ("engine", "settings"):
-        return text
+def _value(column: str, value: Any) -> Any:
+    if column in TEXTS:
+        return value if isinstance(value, str) else ""
     if column in FLAGS:
-        return text.lower() in ("true", "1", "1.0")
-    return float(text) if text else math.nan
+        return str(value).lower() in ("true", "1", "1.0")
+    return float(value) if value not in ("", None) else math.nan
 
 
 def _order(row: Row) -> tuple[Any, ...]:

@@ -13,15 +13,17 @@ from matplotlib.ticker import LogLocator, NullLocator
 from gauss_bench.report.palette import INK, LINES, MARKERS, MUTED, cycle, engine_colours
 from gauss_bench.report.plotting import band, decades, legend, panels, svg, titled
 from gauss_bench.report.rows import (
+    SAME_ACCELERATION,
     Row,
     Run,
     accelerations,
+    end_bar,
     end_error,
     grouped,
     known,
     method,
     number,
-    position_bar,
+    own_steps,
     ranked,
     run_time,
 )
@@ -93,20 +95,21 @@ def stabilizations(rows: Iterable[Row]) -> list[str]:
 
 
 def work_precision(rows: Sequence[Row]) -> str:
-    """Crank error at the end against the time of the whole run, one panel for each stabilisation."""
-    return _errors(rows, run_time, "time of the run [s], measured step time x steps")
+    """Crank error at the end against the time of the whole run, of runs without stabilisation; empty without costs."""
+    timed = [row for row in rows if known(run_time(row))]
+    return _errors(timed, run_time, "time of the run [s]") if any(ranked(row) for row in timed) else ""
 
 
 def convergence(rows: Sequence[Row]) -> str:
     """Crank error at the end against the step, one panel for each stabilisation."""
-    return _errors(rows, lambda row: number(row, "step"), "step [s]", ticks=True)
+    return _errors([row for row in rows if not own_steps(row)], lambda row: number(row, "step"), "step [s]", ticks=True)
 
 
 def _errors(rows: Sequence[Row], x: Callable[[Row], float], xlabel: str, ticks: bool = False) -> str:
     drawn = [r for r in rows if ranked(r) and known(end_error(r)) and known(x(r)) and x(r) > 0]
     looks, names = Looks(rows), stabilizations(drawn)
     figure, grid = panels(max(len(names), 1), width=max(2.4, min(5.6, 8.6 / max(len(names), 1))))
-    bar = max((position_bar(row) for row in drawn), default=0.0)
+    bar = max((end_bar(row) for row in drawn), default=0.0)
     values = [max(end_error(r), bar, FLOOR) for r in drawn] or [1e-6]
     low, high = decades(min(values) / (30 if bar and min(values) <= bar else 1), max(values))
     for i, axes in enumerate(grid[0]):
@@ -134,7 +137,7 @@ def _errors(rows: Sequence[Row], x: Callable[[Row], float], xlabel: str, ticks: 
 
 def common_step(rows: Sequence[Row]) -> float:
     """The step most cases with a history have in common; of equals the smallest."""
-    steps = [number(row, "step") for row in rows if known(row.get("step")) and row["step"] > 0]
+    steps = [number(row, "step") for row in rows if not own_steps(row)]
     return max(sorted(set(steps)), key=steps.count, default=0.0)
 
 
@@ -144,8 +147,7 @@ def _histories(series: Sequence[Row], cases: Sequence[Row]) -> tuple[list[list[R
     step = common_step(list(fine.values()))
     found: list[list[Row]] = []
     for key, rows in grouped(series, _case).items():
-        own = number(rows[0], "step")
-        if key in fine and (own == step or not own > 0):
+        if key in fine and (own_steps(fine[key]) or number(rows[0], "step") == step):
             found.append([{**row, "control": fine[key]["control"]} for row in rows])
     return found, step
 
@@ -210,8 +212,9 @@ def acceleration_errors(run: Run, name: str) -> str:
         axes.plot([middle[i], most[i]], [i, i], color=colour, linewidth=1)
         axes.plot(most[i], i, marker="|", markersize=9, color=colour, markeredgewidth=1.6)
         axes.annotate(f"{middle[i]:.0e}", (most[i], i), (7, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
-    axes.axvline(run.acceleration_gate, color=INK, linewidth=1, linestyle=(0, (4, 3)))
-    axes.text(run.acceleration_gate, len(rows) - 0.42, "gate", fontsize=8.5, va="bottom", ha="center", color=INK)
+    for place, word in ((SAME_ACCELERATION, "same model"), (run.acceleration_gate, "validity gate")):
+        axes.axvline(place, color=INK, linewidth=1, linestyle=(0, (4, 3)))
+        axes.text(place, len(rows) - 0.42, word, fontsize=8.5, va="bottom", ha="center", color=INK)
     axes.set_yticks(range(len(rows)), [_name(row) for row in rows])
     axes.set_ylim(-0.6, len(rows) - 0.4)
     logarithmic(axes, "x")

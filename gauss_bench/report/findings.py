@@ -1,13 +1,17 @@
 """Sentences computed from rows: each function looks for one thing and returns what it found, or nothing."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 
 from gauss_bench.report.rows import (
+    KEYS,
+    SAME_ACCELERATION,
     Row,
     Run,
     accelerations,
     below_reference,
     costs,
+    end_bar,
     end_error,
     grouped,
     known,
@@ -15,7 +19,8 @@ from gauss_bench.report.rows import (
     method,
     number,
     ok,
-    position_bar,
+    own_steps,
+    plain,
     ranked,
     run_time,
 )
@@ -46,13 +51,13 @@ def _settings(row: Row) -> str:
 def same_model(run: Run) -> Iterator[Finding]:
     """Who returns the reference's acceleration at the same state, and to what."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
-    worst = {name: max(number(r, "acceleration_error_max") for r in group) for name, group in grouped(rows, _settings).items()}
-    same = sorted((x, name) for name, x in worst.items() if x <= run.acceleration_gate)
+    worst = {name: max(number(r, "acceleration_error_median") for r in group) for name, group in grouped(rows, _settings).items()}
+    same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
         found = listed(f"{name} ({error(x)})" for x, name in same)
         yield Finding(
             "Same state, same acceleration",
-            f"Given the same states, {found} return the reference's acceleration; in brackets the worst relative error over "
+            f"Given the same states, {found} return the reference's acceleration; in brackets the largest median relative error of "
             f"{count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
         )
@@ -62,7 +67,7 @@ def other_model(run: Run) -> Iterator[Finding]:
     """Who computes another acceleration, and whether a smaller step helps."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     for (name, settings), group in grouped(rows, lambda r: (r["engine"], r["settings"])).items():
-        off = [row for row in group if not row["acceleration_error_max"] <= run.acceleration_gate]
+        off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
         if not off:
             continue
         span = _span([number(r, "acceleration_error_median") for r in off])
@@ -84,7 +89,7 @@ def _step_does_not_help(run: Run, off: list[Row]) -> str:
     rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and known(end_error(r))]
     found = []
     for group in grouped(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
-        stepped = sorted((r for r in group if number(r, "step") > 0), key=lambda r: -number(r, "step"))
+        stepped = sorted((r for r in group if not own_steps(r)), key=lambda r: -number(r, "step"))
         if len(stepped) > 1 and stepped[0]["step"] >= 4 * stepped[-1]["step"] and end_error(stepped[-1]) > 0:
             found.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
     flat = [(ratio, steps) for ratio, steps in found if ratio < SHRINKS]
@@ -106,7 +111,7 @@ def controls(run: Run) -> Iterator[Finding]:
         errors = [number(r, "acceleration_error_median") for r in group if known(r.get("acceleration_error_median"))]
         if not errors:
             continue
-        holds = f"satisfies the constraints of acceleration to {error(min(residuals))} and is" if residuals else "is"
+        holds = f"satisfies the constraints of acceleration to {error(max(residuals))} and is" if residuals else "is"
         passed = sum(bool(row["valid"]) for row in group)
         caught = (
             "**" + f"{passed} of its {len(group)} rows pass the gate: it is too wide.**"
@@ -150,14 +155,14 @@ def _alike(a: Row, b: Row) -> bool:
 
 
 def _ratio(run: Run, own: Row, rival: Row, quantity: str) -> list[float]:
-    """Ratio with low and high where one of the two is the baseline; without where both are compared to a third."""
+    """Ratio with low and high where the rival, or the row itself, is what ratios are taken to; else the quotient of two ratios."""
     x, low, high = (number(own, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
+    y, below, above = (number(rival, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
     baseline = run.environment.get("baseline_engine")
-    if baseline == RIVAL and known(x):
-        return [x, low, high] if known(low) and known(high) else [x]
-    y, low, high = (number(rival, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
-    if baseline == OWN and y > 0:
-        return [1 / y, 1 / high, 1 / low] if low > 0 and high > 0 else [1 / y]
+    if baseline == RIVAL and y == 1 and known(low) and known(high):
+        return [x, low, high]
+    if baseline == OWN and x == 1 and below > 0 and above > 0:
+        return [1 / y, 1 / above, 1 / below]
     return [x / y] if known(x) and y > 0 else []
 
 
@@ -169,7 +174,7 @@ def best_of(run: Run, name: str) -> Iterator[Finding]:
             continue
         sentences = [_most_accurate(with_error)]
         for target in TARGETS:
-            reached = [r for r in with_error if max(end_error(r), position_bar(r)) <= target and known(run_time(r))]
+            reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and known(run_time(r))]
             if reached:
                 cheapest = min(reached, key=run_time)
                 sentences.append(f"Cheapest within {target:.0e} rad: {_priced(cheapest)}{_cheapest_own(reached, cheapest)}.")
@@ -193,36 +198,51 @@ def _cheapest_own(reached: list[Row], cheapest: Row) -> str:
 def _most_accurate(rows: list[Row]) -> str:
     below = sorted({row["engine"] for row in rows if below_reference(row)})
     if below:
-        bar = max(position_bar(row) for row in rows)
+        bar = max(end_bar(row) for row in rows)
         return f"Crank error below the reference's bar ({bar:.0e} rad): {listed(f'`{x}`' for x in below)}."
     best = min(rows, key=end_error)
-    what = label(best, "settings", "integrator", "stabilization", "step")
-    return f"Most accurate: {what}, crank error {error(end_error(best))} rad."
+    return f"Most accurate: {_tied(rows, best, end_error)}, crank error {error(end_error(best))} rad."
+
+
+def _tied(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
+    """A case in words, with the engines that come within 5 percent of it by the same choices."""
+    same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
+    engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= 0.05 * abs(value(best))})
+    choices = label(best, "settings", "integrator", "stabilization", "step").partition("` ")[2]
+    return f"{listed(f'`{name}`' for name in engines)} {choices}".strip()
 
 
 def worst_drift(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if ranked(row) and known(row.get("position_drift"))]
-    plain = [row for row in rows if row["stabilization"] in ("none", "")] or rows
-    if plain:
-        row = max(plain, key=lambda r: number(r, "position_drift"))
-        what = label(row, "settings", "integrator", "stabilization", "step")
+    free = [row for row in rows if plain(row)]
+    if free:
+        row = max(free, key=lambda r: number(r, "position_drift"))
+        what = _tied(free, row, lambda r: number(r, "position_drift"))
         yield Finding(
             "Where drift is worst",
-            f"Of the valid rows without stabilisation {what} on {row['mechanism']} {row['scenario']} leaves its constraints "
-            f"farthest: {error(number(row, 'position_drift'))} in position and {error(number(row, 'velocity_drift'))} in velocity.",
+            f"Of the valid rows without stabilisation, constraints are left farthest by {what} on {row['mechanism']} "
+            f"{row['scenario']}: {error(number(row, 'position_drift'))} in position and "
+            f"{error(number(row, 'velocity_drift'))} in velocity.",
         )
 
 
 def not_valid(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if ok(row) and not row["valid"] and not row["control"]]
     if rows:
-        found = listed(f"{name} ({len(group)})" for name, group in grouped(rows, _settings).items())
+        engines = grouped(rows, lambda r: str(r["engine"])).items()
+        found = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",
             f"{count(len(rows), 'case')} ended ok and did not pass the validity gate: {found}. They stay in the tables, marked, "
             "and are in no figure of error against cost and in no ranking.",
             "warn",
         )
+
+
+def _why(group: list[Row]) -> str:
+    """The gate's words for these rows, numbers taken out, in order of how often they were said."""
+    words = [re.sub(r" by \S+", "", str(row.get("flag") or "no reason given")) for row in group]
+    return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))
 
 
 def failed(run: Run) -> Iterator[Finding]:

@@ -34,7 +34,7 @@ def plain(text: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    text = re.sub(r"([\\`*\[\]#])", r"\\\1", text)
+    text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")
     text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)
     return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)
 
@@ -71,10 +71,13 @@ def _context(run: Run, content: Sequence[Section]) -> dict[str, Any]:
     controls = {row["engine"] for row in run.results if row["control"]}
     return {
         "sections": content,
-        "suite": environment.get("suite", "gauss_bench"),
-        "facts": [x for x in (str(environment.get("date", "")), _commit(run), str(environment.get("cpu", ""))) if x],
+        "facts": [x for x in (_suite(run), str(environment.get("date", "")), _commit(run), str(environment.get("cpu", ""))) if x],
         "colours": engine_colours((row["engine"] for row in run.results), controls),
     }
+
+
+def _suite(run: Run) -> str:
+    return f"suite {run.environment['suite']}" if "suite" in run.environment else ""
 
 
 def _commit(run: Run) -> str:

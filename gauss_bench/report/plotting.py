@@ -66,11 +66,10 @@ def svg(figure: Figure) -> str:
 
 def legend(figure: Figure, keys: Sequence[tuple[str, Sequence[tuple[str, Mapping[str, Any]]]]]) -> None:
     """Legends one under another at the right, each a title with (name, line style) entries; a single entry needs no legend."""
-    width, height = figure.get_size_inches()
+    keys = [(title, entries) for title, entries in keys if entries]
+    width, height = _grown(figure, 0.5 + sum(0.19 * len(entries) + 0.36 for _, entries in keys))
     y = 1 - 0.36 / height
     for title, entries in keys:
-        if not entries:
-            continue
         handles = [Line2D([], [], **style) for _, style in entries]
         with matplotlib.rc_context(STYLE):
             figure.legend(
@@ -86,6 +85,17 @@ def legend(figure: Figure, keys: Sequence[tuple[str, Sequence[tuple[str, Mapping
                 borderaxespad=0,
             )
         y -= (0.19 * len(entries) + 0.36) / height
+
+
+def _grown(figure: Figure, least: float) -> tuple[float, float]:
+    """Width and height [inch] after the figure, margins kept, has grown to a least height."""
+    width, height = (float(x) for x in figure.get_size_inches())
+    if height < least:
+        margins = figure.subplotpars
+        bottom, top = margins.bottom * height / least, 1 - (1 - margins.top) * height / least
+        figure.set_size_inches(width, least)
+        figure.subplots_adjust(bottom=bottom, top=top)
+    return width, max(height, least)
 
 
 def titled(axes: Axes, text: str) -> None:

@@ -14,7 +14,9 @@ Key = TypeVar("Key", bound=Hashable)
 
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")
 CRANK_ERRORS = {"crank_error_t05": 0.5, "crank_error_t1": 1.0, "crank_error_t2": 2.0}
-SAME_ACCELERATION = 1e-6  # 100 times what numerical differentiation loses (1e-8), far below any soft loop (1e-2)
+SAME_ACCELERATION = 1e-6  # median: 100 times what numerical differentiation loses (1e-8), far below a soft loop (1e-2)
+VALID_ACCELERATION = 1e-2  # median: the validity gate, where a run does not record its own
+OWN_STEPS = 0.02  # relative: a run whose number of steps differs more from duration / step chose them itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +43,8 @@ class Run:
 
     @property
     def acceleration_gate(self) -> float:
-        """Largest relative error of an acceleration at the same state that still counts as the same model."""
-        return float(self.environment.get("gates", {}).get("acceleration", SAME_ACCELERATION))
+        """Largest median relative error of the acceleration at the same state with which a run may be valid."""
+        return float(self.environment.get("gates", {}).get("acceleration", VALID_ACCELERATION))
 
     def of(self, mechanism: str | None) -> tuple[Row, ...]:
         """The cases of one linkage, or of all."""
@@ -77,26 +79,49 @@ def ranked(row: Row) -> bool:
     return ok(row) and bool(row["valid"]) and not row["control"]
 
 
+def end_column(row: Row) -> str:
+    """The column of the crank error at the last of 0.5, 1 and 2 s the row has."""
+    return next((c for c in reversed(CRANK_ERRORS) if known(row.get(c))), "crank_error_t05")
+
+
 def end_error(row: Row) -> float:
     """Crank error [rad] at the last of 0.5, 1 and 2 s the row has."""
-    found = [number(row, column) for column in CRANK_ERRORS]
-    return next((x for x in reversed(found) if known(x)), math.nan)
+    return number(row, end_column(row))
 
 
-def position_bar(row: Row) -> float:
-    """Error bar of the reference below which a position or crank error says nothing; 0 where it is not known."""
-    bar = number(row, "position_error_bar")
-    return bar if known(bar) else 0.0
+def crank_bar(row: Row, column: str) -> float:
+    """The reference's bar of a crank error [rad], or its worst of any position over the run; 0 where neither is known."""
+    bars = number(row, column.replace("error", "error_bar")), number(row, "position_error_bar")
+    return next((x for x in bars if known(x)), 0.0)
+
+
+def end_bar(row: Row) -> float:
+    return crank_bar(row, end_column(row))
 
 
 def below_reference(row: Row) -> bool:
-    return known(end_error(row)) and end_error(row) < position_bar(row)
+    return known(end_error(row)) and end_error(row) < end_bar(row)
+
+
+def plain(row: Row) -> bool:
+    """Whether the run is without stabilisation."""
+    return row["stabilization"] in ("none", "")
+
+
+def own_steps(row: Row) -> bool:
+    """Whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
+    step = number(row, "step")
+    given = number(row, "t_end") / step if step > 0 else math.nan
+    return not known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
 
 
 def run_time(row: Row) -> float:
-    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
+    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one.
+
+    NaN for stabilised runs: steps are timed without stabilisation.
+    """
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
+    return (own if known(own) else number(row, "step_time")) * number(row, "steps") if plain(row) else math.nan
 
 
 def method(row: Row) -> tuple[str, str, str, str]:
@@ -108,7 +133,7 @@ def label(row: Row, *columns: str) -> str:
     """A case in words: `gauss` rk4, step 0.001."""
     words = [f"`{row['engine']}`"]
     words += [str(row[c]) for c in columns if c != "step" and row[c] not in ("", "default", "none")]
-    if "step" in columns and known(row["step"]):
+    if "step" in columns and not own_steps(row):
         words.append(f"at step {row['step']:g} s")
     return " ".join(words)
 
@@ -120,9 +145,11 @@ def accelerations(rows: Sequence[Row]) -> list[Row]:
 
 
 def costs(rows: Sequence[Row]) -> list[Row]:
-    """One row per mechanism, engine, settings and integrator whose cost was measured."""
-    found = [r for r in rows if any(known(r.get(c)) for c in ("step_time", "native_step_time", "acceleration_time"))]
+    """One row per mechanism, engine, settings and integrator whose step was timed, or only an acceleration where no step was."""
     keys = ("mechanism", "engine", "settings", "integrator")
+    stepped = [r for r in rows if known(r.get("step_time")) or known(r.get("native_step_time"))]
+    have = {tuple(r[k] for k in keys[:3]) for r in stepped}
+    found = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
     return [_merged(group) for group in grouped(found, lambda r: tuple(r[k] for k in keys)).values()]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from gauss_bench.report.rows import Row, known, number
+from gauss_bench.report.rows import Row, known, number, ok, own_steps
 
 NOTHING = "-"
 BELOW_LEGEND = "`< x` means below the reference's own error bar x: the reference cannot tell such errors apart."
@@ -113,7 +113,8 @@ def times(x: float) -> str:
     """A ratio with three digits."""
     if not known(x):
         return NOTHING
-    return f"{x:.3f}" if x < 0.1 else f"{x:.2f}" if x < 10 else f"{x:.1f}" if x < 100 else f"{x:.0f}"
+    decimals = next((n for limit, n in ((0.01, 5), (0.1, 4), (1, 3), (10, 2), (100, 1)) if x < limit), 0)
+    return f"{x:.{decimals}f}"
 
 
 def microseconds(seconds: float) -> str:
@@ -142,12 +143,12 @@ def engine_cell(row: Row) -> Cell:
     return text_cell(row["engine"], "engine")
 
 
-def error_cell(row: Row, column: str, bar: str = "") -> Cell:
-    """An error, or the bar it is below; `bar` is the column of the reference's error bar."""
-    x, limit = number(row, column), number(row, bar) if bar else 0.0
+def error_cell(row: Row, column: str, bar: float = 0.0) -> Cell:
+    """An error, or the reference's error bar where it is below that."""
+    x, limit = number(row, column), bar
     if not known(x):
         return Cell(NOTHING)
-    if known(limit) and abs(x) < limit:
+    if abs(x) < limit:
         return Cell(f"< {limit:.0e}", limit, "below")
     return Cell(error(x), x)
 
@@ -165,9 +166,9 @@ def time_cell(row: Row, column: str) -> Cell:
 
 
 def step_cell(row: Row) -> Cell:
-    """The step [s], or that the engine chose it."""
+    """The step [s], or that the integrator chose it."""
     step = number(row, "step")
-    return Cell(f"{step:g}", step) if known(step) and step > 0 else Cell("own", 0.0)
+    return Cell("own", 0.0) if (ok(row) and own_steps(row)) or not step > 0 else Cell(f"{step:g}", step)
 
 
 def status_cell(row: Row) -> Cell:

@@ -30,7 +30,7 @@ def section(run: Run, name: str) -> Section | None:
         own = (time_cell(row, "native_step_time"), *ratio_cells(row, "native_step_ratio"))
         one = (time_cell(row, "acceleration_time"), *ratio_cells(row, "acceleration_ratio"))
         lines.append((engine_cell(row), *names, *step, *own, *one, milliseconds(row)))
-    note = "A spread is the range of the ratio over the rounds of sampling."
+    note = "A spread is the range of the ratio from its 5 to its 95 percent point over resampled rounds."
     table = Table(f"{name}: cost", head, tuple(lines), numeric, note=note)
     svg = cost_ratios(rows, str(baseline))
     pictures = (Picture(f"cost_{name}", svg, f"Cost ratios of {name}"),) if svg else ()

@@ -1,7 +1,21 @@
 """Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
 
 from gauss_bench.report.figures import convergence, work_precision
-from gauss_bench.report.rows import CRANK_ERRORS, Row, Run, below_reference, end_error, grouped, known, method, ranked
+from gauss_bench.report.rows import (
+    CRANK_ERRORS,
+    Row,
+    Run,
+    below_reference,
+    crank_bar,
+    end_error,
+    grouped,
+    known,
+    method,
+    number,
+    plain,
+    ranked,
+    run_time,
+)
 from gauss_bench.report.tables import (
     BELOW_LEGEND,
     Block,
@@ -33,6 +47,10 @@ HEAD = (
     "order",
     "status",
 )
+COSTED = (
+    "Cost is the measured time of a step, in the engine's own loop where it has one, times the steps; steps are timed without "
+    "stabilisation, so only such runs are drawn. Lines that coincide show as stripes."
+)
 NOTE = (
     "Errors against the reference: of the crank angle [rad] at three times, and the worst over the run of any position [m, "
     "rad] and velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. Order: observed from this and "
@@ -45,20 +63,27 @@ def section(run: Run, name: str) -> Section | None:
     for scenario, rows in grouped(run.of(name), lambda r: str(r["scenario"])).items():
         tag = f"{name}_{scenario}"
         if any(known(end_error(row)) for row in rows):
+            svg = work_precision(rows)
+            if svg:
+                blocks.append(
+                    Picture(f"work_precision_{tag}", svg, f"Error against cost, {name} {scenario}", COSTED + left_out(rows, True))
+                )
             caption = "Only valid rows are drawn; lines that coincide show as stripes." + left_out(rows)
-            blocks.append(Picture(f"work_precision_{tag}", work_precision(rows), f"Error against cost, {name} {scenario}", caption))
             blocks.append(Picture(f"convergence_{tag}", convergence(rows), f"Error against step, {name} {scenario}", caption))
             blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
         blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
     return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
 
 
-def left_out(rows: list[Row]) -> str:
+def left_out(rows: list[Row], costs: bool = False) -> str:
     """How many rows no figure draws, in a sentence."""
     failed = sum(row["status"] not in ("ok", "skip") for row in rows)
     skipped = sum(row["status"] == "skip" for row in rows)
     invalid = sum(row["status"] == "ok" and not ranked(row) for row in rows)
-    parts = [f"{n} {word}" for n, word in ((failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")) if n]
+    reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
+    if costs:
+        reasons.append((sum(ranked(row) and plain(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
+    parts = [f"{n} {word}" for n, word in reasons if n]
     return f" Left out: {', '.join(parts)}." if parts else ""
 
 
@@ -68,11 +93,10 @@ def line(row: Row) -> tuple[Cell, ...]:
         engine_cell(row),
         *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
         step_cell(row),
-        *(error_cell(row, column, "position_error_bar") for column in CRANK_ERRORS),
-        error_cell(row, "position_error", "position_error_bar"),
-        error_cell(row, "velocity_error", "velocity_error_bar"),
+        *(error_cell(row, column, crank_bar(row, column)) for column in CRANK_ERRORS),
+        *(error_cell(row, column, number(row, f"{column}_bar")) for column in ("position_error", "velocity_error")),
         *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
-        error_cell(row, "energy_error", "energy_error_bar"),
+        error_cell(row, "energy_error", number(row, "energy_error_bar")),
         Cell(f"{order:.1f}", order) if known(order) and order is not None else Cell("-"),
         status_cell(row),
     )

@@ -1,0 +1,117 @@
+"""What every engine must do, by one loop over all of them: right accelerations, a typed answer, and no word taken on trust."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gauss_bench.bench.cases import SCENARIOS, Case
+from gauss_bench.bench.measure import measure
+from gauss_bench.bench.worker import Worker
+from gauss_bench.engines import FOREIGN, get, names
+from gauss_bench.engines.base import Choice
+from gauss_bench.formulations import CONTROLS
+from gauss_bench.mechanism.load import load
+from tests.conftest import everything
+
+DATA = Path(__file__).parent / "data"
+# median relative error at the same state that each engine's arithmetic explains
+GATES = {
+    ("mujoco", "rigid"): 1e-8,  # regularisation scaled down by 1e-6
+    ("mujoco", "tuned"): 1e-3,  # impedance is clamped at 0.9999
+    ("exudyn", "default"): 1e-5,  # one-sided numerical differentiation at 1e-7
+    ("exudyn", "tuned"): 1e-9,  # central differences
+}
+EXACT = 1e-11  # rounding at the condition of the eight-bar
+OFF = {("mujoco", "default"), *((name, "default") for name in CONTROLS)}
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    with Worker() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tmp_path_factory.mktemp("references"))
+
+
+def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
+    found: dict[str, Any] = worker.call(measure, (case, store), 120.0)["row"]
+    return found
+
+
+SETTINGS = [(engine, settings) for engine in names() for settings in get(engine).settings]
+
+
+@pytest.mark.parametrize("linkage", SCENARIOS)
+@pytest.mark.parametrize(("engine", "settings"), SETTINGS)
+def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: str, worker: Worker, store: str) -> None:
+    adapter = get(engine)
+    case = Case(linkage, SCENARIOS[linkage], engine, settings, adapter.integrators[0], "none", 1e-3, 0.05)
+    found = row(worker, store, case)
+    assert found["status"] == "ok", found["message"]
+    if (engine, settings) in OFF:
+        assert found["acceleration_error_median"] > 5e-3
+    else:
+        assert found["acceleration_error_median"] < GATES.get((engine, settings), EXACT)
+        assert found["valid"], found["flag"]
+
+
+@pytest.mark.parametrize("engine", sorted(set(names()) - CONTROLS))
+def test_a_linkage_of_others_runs_in_every_engine(engine: str, worker: Worker, store: str) -> None:
+    settings, integrator = list(get(engine).settings)[-1], get(engine).integrators[0]  # the last setting is each engine's best
+    found = row(worker, store, Case(str(DATA / "jansen.toml"), "walk", engine, settings, integrator, "none", 1e-3, 0.2))
+    assert found["status"] == "ok", found["message"]
+    assert found["position_error"] < 1e-4  # the native integrator of second order at a millisecond is the coarsest
+    assert found["valid"], found["flag"]
+
+
+@pytest.mark.parametrize("engine", names())
+def test_what_an_engine_cannot_model_it_skips_with_a_reason_or_runs(engine: str, worker: Worker, store: str) -> None:
+    adapter = get(engine)
+    for linkage, scenario in (("six_bar", "cycloid"), (str(DATA / "everything.toml"), "free")):
+        case = Case(linkage, scenario, engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-3, 0.02)
+        found = row(worker, store, case)
+        assert found["status"] in ("ok", "skip"), found["message"]
+        if found["status"] == "skip":
+            assert engine in FOREIGN  # own formulations take every linkage
+            assert len(found["message"]) > 20
+
+
+@pytest.mark.parametrize("engine", FOREIGN)
+def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(engine: str, store: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, engine, None)  # an import of it fails from here on
+    adapter = get(engine)
+    case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
+    found = measure(case, store)["row"]
+    assert found["status"] == "skip"
+    assert "not installed" in found["message"]
+
+
+@pytest.mark.parametrize("engine", FOREIGN)
+def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, store: str) -> None:
+    from functools import partial
+
+    from gauss_bench.bench.check import scaled_inertia
+
+    adapter = get(engine)
+    settings = list(adapter.settings)[-1]
+    case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
+    sound, faulty = row(worker, store, case), worker.call(measure, (case, store, partial(scaled_inertia, 1.01)), 60.0)["row"]
+    assert faulty["acceleration_error_median"] > 1e-4
+    assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]
+
+
+def test_defaults_come_first() -> None:
+    for name in names():
+        adapter = get(name)
+        assert next(iter(adapter.settings)) == "default"
+        assert adapter.stabilizations[0] == "none"
+        assert adapter.native_loop or adapter.python_loop
+        assert adapter.skip(everything(), Choice(integrator=adapter.integrators[0])) is None or name in FOREIGN
+        assert adapter.skip(load("four_bar"), Choice(integrator=adapter.integrators[0])) is None
