@@ -1,5 +1,7 @@
 """Integrators show their order, stabilisation cures drift, and energy is kept where nothing dissipates."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
 
 ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0}
@@ -120,3 +122,13 @@ def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
         assert count * h == pytest.approx(gap, rel=1e-12)
         assert h <= 1e-3 * (1 + 1e-9)
     assert step_counts(np.array([0.0, 1.0]), 1e-3)[0][0] == 1000
+
+
+def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock() -> None:
+    mechanism = load(Path(__file__).parent / "data" / "parallelogram.toml", "torque")
+    with pytest.raises(RunFailure, match="redundant rows have drifted apart") as caught:
+        run(mechanism)
+    assert caught.value.status == Status.RANK_LOST
+    cured = run(mechanism, stabilization="projection")
+    assert cured.q[-1, 2] > 15.0  # it turns on: three cranks move as one
+    assert np.abs(cured.q[:, 2] - cured.q[:, 5]).max() < 1e-12

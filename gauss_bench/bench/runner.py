@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.journal import Journal, fingerprint
-from gauss_bench.bench.measure import Alteration, measure, mechanism_of, reference_of, unaltered
+from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, Alteration, measure, mechanism_of, reference_of, unaltered
 from gauss_bench.bench.timing import compare_costs, ratio
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get
@@ -186,6 +186,7 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     where = environment() | {
         "suite": suite,
         "baseline_engine": BASELINE,
+        "gates": {"acceleration": OFF_ACCELERATION, "drift": OFF_DRIFT},
         "engines": described_engines(list(dict.fromkeys(c.engine for c in cases))),
         "costs_failed": failed,
     }

@@ -49,6 +49,8 @@ class NativeModel:
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
         self.evaluations = 0
+        driven = mechanism.driver is not None
+        self.rank = mechanism.n - mechanism.dof + driven + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self._solve(t, self.evaluator.terms(t, q, v))
@@ -61,11 +63,15 @@ class NativeModel:
 
     def _solve(self, t: float, terms: Terms) -> Array:
         try:
-            return self.formulation(terms).a
+            solution = self.formulation(terms)
         except (SingularSystem, np.linalg.LinAlgError) as error:
             if np.isfinite(terms.J).all() and np.isfinite(terms.gamma).all():
                 raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
+        if self.mechanism.redundant and solution.rank > self.rank:
+            drifted = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent (rank {solution.rank}, "
+            raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")
+        return solution.a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times

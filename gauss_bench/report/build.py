@@ -6,7 +6,6 @@ same folder, every file comes out the same byte for byte.
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from gauss_bench.report.sections import (
     trajectories,
 )
 from gauss_bench.report.tables import Block, Picture, Section
+from gauss_bench.results import write_text
 
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
@@ -93,7 +93,7 @@ def build_report(folder: Path) -> list[Path]:
     files[folder / "README.md"] = markdown_page(run, content)
     files[folder / "index.html"] = html_page(run, content)
     for path, text in files.items():
-        write(path, text)
+        write_text(path, text)
     for stale in set((folder / "figures").glob("*.svg")) - files.keys():
         stale.unlink()
     return list(files)
@@ -102,11 +102,3 @@ def build_report(folder: Path) -> list[Path]:
 def _pictures(section: Section) -> list[Picture]:
     blocks: list[Block] = [*section.blocks]
     return [b for b in blocks if isinstance(b, Picture)] + [p for part in section.parts for p in _pictures(part)]
-
-
-def write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.part")
-    temporary.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(temporary, path)

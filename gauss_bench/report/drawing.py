@@ -3,7 +3,6 @@
 Plain text in, plain text out: lengths are turned into pixels, rounded to a tenth, so that equal states give equal files.
 """
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,6 +17,7 @@ from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismati
 from gauss_bench.report.lettering import distance, lettering, obstacles
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
 from gauss_bench.report.pose import posed
+from gauss_bench.results import write_text
 from gauss_bench.terms import Array
 
 WIDTH, LONGEST, MARGIN = 640.0, 500.0, 52.0  # page width, largest drawing height and margin [px]
@@ -222,8 +222,6 @@ def write_drawings(folder: Path) -> list[Path]:
     written = []
     for name in built_in():
         path = folder / f"{name}.svg"
-        temporary = path.with_suffix(".svg.part")
-        temporary.write_text(draw(*posed(name)), encoding="utf-8")
-        os.replace(temporary, path)
+        write_text(path, draw(*posed(name)))
         written.append(path)
     return written

@@ -11,6 +11,8 @@ LIMITATIONS = (
     "**Python is part of the price of a formulation.** The suite's own formulations are plain numpy code stepped from "
     "Python, foreign engines run compiled code. Where both can be had, a step from Python and a step in the engine's own "
     "loop are separate columns.",
+    "**One acceleration of a foreign engine includes the adapter's translation** of the state in Python and back. It is the price "
+    "of asking from outside, not of the engine; its steps in its own loop are free of it.",
     "**Foreign integrators are not ours.** An engine that steps with its own integrator is judged on its trajectory as a "
     "whole; only the acceleration at the same state separates its model from its integrator.",
     "**A tree engine's joints cannot drift, except the cut ones.** Engines in relative coordinates keep their tree's joints"
