@@ -1,16 +1,21 @@
 """The spanning tree of a linkage and the joints it leaves open, for engines in relative coordinates.
 
-Each link hangs on its parent by one branch with one coordinate (a free link by three):
+Each link hangs on its parent by one branch with one coordinate (a free link by three). Vectors of the plane are complex numbers,
+with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) anchor of the child:
 
-    revolute    theta = theta_parent + y,     the child's anchor stays on the parent's
-    prismatic   theta = theta_parent + turn,  child's anchor = parent's anchor + R_parent (base + y axis)
+    revolute    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
+    prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free        x, y, theta of the centre of mass
 
 Slides are taken into the tree before pins, so that what is left open are pins wherever possible. Branches are listed depth first.
-States are mapped for one state (n,) or a batch (..., n).
+States are mapped for one state (n,), in plain Python numbers because that is fastest, or a batch (..., n).
 """
 
+import cmath
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +47,12 @@ class Branch:
     axis: Array
     turn: float
 
+    @cached_property
+    def vectors(self) -> tuple[complex, complex, complex, complex]:
+        """parent_anchor, anchor, base and axis as complex numbers."""
+        near, far, base, axis = (complex(*x) for x in (self.parent_anchor, self.anchor, self.base, self.axis))
+        return near, far, base, axis
+
 
 @dataclass(frozen=True, eq=False)
 class Tree:
@@ -54,97 +65,97 @@ class Tree:
 
     def absolute(self, y: Array, dy: Array, ddy: Array) -> tuple[Array, Array, Array]:
         """q, v, a (..., 3 links) of tree states (..., n)."""
-        shape = (*y.shape[:-1], self.links + 1, 3)  # the last, resting, link is the ground
-        q, v, a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        exp = exponential(y)
+        Y, dY, ddY = columns(y), columns(dy), columns(ddy)
+        rest = (0j, 0.0)
+        q, v, a = {GROUND: rest}, {GROUND: rest}, {GROUND: rest}
         for b in self.branches:
-            _place(b, y, dy, ddy, q, v, a)
-        flat = (*y.shape[:-1], 3 * self.links)
-        return q[..., :-1, :].reshape(flat), v[..., :-1, :].reshape(flat), a[..., :-1, :].reshape(flat)
+            k, i, p = b.at, b.link, b.parent
+            if b.kind == "free":
+                q[i], v[i], a[i] = ((x[k] + 1j * x[k + 1], x[k + 2]) for x in (Y, dY, ddY))
+                continue
+            near, far, base, axis = b.vectors
+            (z, theta), (u, w), (c, alpha) = q[p], v[p], a[p]
+            E = exp(1j * theta)
+            if b.kind == "revolute":
+                arm, slide, slide_rate = E * near, 0.0, 0.0
+                theta_i, w_i, alpha_i = theta + Y[k], w + dY[k], alpha + ddY[k]
+            else:
+                arm, slide, slide_rate = E * (near + base + Y[k] * axis), E * axis * dY[k], E * axis * ddY[k]
+                theta_i, w_i, alpha_i = theta + b.turn, w, alpha
+            r = exp(1j * theta_i) * far
+            turning = (1j * alpha - w * w) * arm + 2j * w * slide + slide_rate
+            q[i] = (z + arm - r, theta_i)
+            v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
+            a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
+        return self._stacked(q, y), self._stacked(v, y), self._stacked(a, y)
+
+    def _stacked(self, states: dict[int, Any], like: Array) -> Array:
+        out = np.empty((*like.shape[:-1], 3 * self.links))
+        for i in range(self.links):
+            z, theta = states[i]
+            out[..., 3 * i], out[..., 3 * i + 1], out[..., 3 * i + 2] = z.real, z.imag, theta
+        return out
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Tree coordinates and rates (..., n) of absolute states (..., 3 links); what leaves the tree's joints is ignored."""
-        y, dy = np.zeros((*q.shape[:-1], self.n)), np.zeros((*q.shape[:-1], self.n))
+        y, dy = np.empty((*q.shape[:-1], self.n)), np.empty((*q.shape[:-1], self.n))
+        exp, position, velocity = exponential(q), states_of(q), states_of(v)
         for b in self.branches:
-            child, rate = q[..., 3 * b.link : 3 * b.link + 3], v[..., 3 * b.link : 3 * b.link + 3]
+            (z_i, theta_i), (u_i, w_i) = position[b.link], velocity[b.link]
+            k = b.at
             if b.kind == "free":
-                y[..., b.at : b.at + 3], dy[..., b.at : b.at + 3] = child, rate
+                y[..., k], y[..., k + 1], y[..., k + 2] = z_i.real, z_i.imag, theta_i
+                dy[..., k], dy[..., k + 1], dy[..., k + 2] = u_i.real, u_i.imag, w_i
                 continue
-            parent, parent_rate = _parent_state(b, q), _parent_state(b, v)
+            (z, theta), (u, w) = position[b.parent], velocity[b.parent]
             if b.kind == "revolute":
-                y[..., b.at], dy[..., b.at] = child[..., 2] - parent[..., 2], rate[..., 2] - parent_rate[..., 2]
+                y[..., k], dy[..., k] = theta_i - theta, w_i - w
                 continue
-            axis, start = _rotate(b.axis, parent[..., 2]), _rotate(b.parent_anchor + b.base, parent[..., 2])
-            arm = _rotate(b.anchor, child[..., 2])
-            w, w_child = parent_rate[..., 2, None], rate[..., 2, None]
-            gap = child[..., :2] + arm - parent[..., :2] - start
-            gap_rate = rate[..., :2] + w_child * _quarter(arm) - parent_rate[..., :2] - w * _quarter(start)
-            y[..., b.at] = (axis * gap).sum(-1)
-            dy[..., b.at] = (axis * gap_rate + w * _quarter(axis) * gap).sum(-1)
+            near, far, base, axis = b.vectors
+            E = exp(1j * theta)
+            start, r, along = E * (near + base), exp(1j * theta_i) * far, (E * axis).conjugate()
+            gap, gap_rate = z_i + r - z - start, u_i + 1j * w_i * r - u - 1j * w * start
+            y[..., k] = (along * gap).real
+            dy[..., k] = (along * (gap_rate - 1j * w * gap)).real
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
         """Tree generalised forces (..., n) with the same virtual work as absolute forces Q (..., 3 links) at state q."""
-        tau = np.zeros((*q.shape[:-1], self.n))
-        load = np.zeros((*q.shape[:-1], self.links + 1, 3))
-        load[..., :-1, :] = Q.reshape(*q.shape[:-1], self.links, 3)
+        tau = np.empty((*q.shape[:-1], self.n))
+        exp, position, load = exponential(q), states_of(q), states_of(Q)
         for b in reversed(self.branches):
-            own = load[..., b.link, :]
+            force, torque = load[b.link]
             if b.kind == "free":
-                tau[..., b.at : b.at + 3] = own
+                tau[..., b.at], tau[..., b.at + 1], tau[..., b.at + 2] = force.real, force.imag, torque
                 continue
-            child, parent = q[..., 3 * b.link : 3 * b.link + 3], _parent_state(b, q)
+            _, far, _, axis = b.vectors
+            (z_i, theta_i), (z, theta) = position[b.link], position[b.parent]
             if b.kind == "revolute":
-                tau[..., b.at] = own[..., 2] - _cross(_rotate(b.anchor, child[..., 2]), own[..., :2])
+                r = exp(1j * theta_i) * far
+                tau[..., b.at] = torque - (r.conjugate() * force).imag
             else:
-                tau[..., b.at] = (_rotate(b.axis, parent[..., 2]) * own[..., :2]).sum(-1)
-            load[..., b.parent, :2] += own[..., :2]
-            load[..., b.parent, 2] += own[..., 2] + _cross(child[..., :2] - parent[..., :2], own[..., :2])
+                tau[..., b.at] = ((exp(1j * theta) * axis).conjugate() * force).real
+            above, torque_above = load[b.parent]
+            load[b.parent] = (above + force, torque_above + torque + ((z_i - z).conjugate() * force).imag)
         return tau
 
 
-def _quarter(x: Array) -> Array:
-    return np.stack((-x[..., 1], x[..., 0]), axis=-1)
+def exponential(x: Array) -> Callable[[Any], Any]:
+    """exp for the entries of one state, or of a batch."""
+    return cmath.exp if x.ndim == 1 else np.exp
 
 
-def _rotate(x: Array, theta: Array) -> Array:
-    c, s = np.cos(theta), np.sin(theta)
-    return np.stack((c * x[0] - s * x[1], s * x[0] + c * x[1]), axis=-1)
+def columns(x: Array) -> Any:
+    """The coordinates one by one: plain numbers of one state (n,), arrays (...) of a batch (..., n)."""
+    return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
-def _parent_state(b: Branch, x: Array) -> Array:
-    return np.zeros((*x.shape[:-1], 3)) if b.parent == GROUND else x[..., 3 * b.parent : 3 * b.parent + 3]
-
-
-def _place(b: Branch, y: Array, dy: Array, ddy: Array, q: Array, v: Array, a: Array) -> None:
-    """Fill in the absolute state of one branch's link; arrays are (..., links + 1, 3)."""
-    i = b.link
-    if b.kind == "free":
-        part = slice(b.at, b.at + 3)
-        q[..., i, :], v[..., i, :], a[..., i, :] = y[..., part], dy[..., part], ddy[..., part]
-        return
-    p, w, alpha = q[..., b.parent, :], v[..., b.parent, 2, None], a[..., b.parent, 2, None]
-    s, ds, dds = y[..., b.at, None], dy[..., b.at, None], ddy[..., b.at, None]
-    arm = _rotate(b.parent_anchor, p[..., 2])
-    slide_v, slide_a = np.zeros(2), np.zeros(2)
-    if b.kind == "revolute":
-        turn, turn_v, turn_a = y[..., b.at], dy[..., b.at], ddy[..., b.at]
-    else:
-        turn, turn_v, turn_a = np.array(b.turn), np.zeros(()), np.zeros(())
-        axis = _rotate(b.axis, p[..., 2])
-        arm = arm + _rotate(b.base, p[..., 2]) + s * axis
-        slide_v, slide_a = ds * axis, dds * axis + 2 * w * ds * _quarter(axis)
-    q[..., i, 2] = p[..., 2] + turn
-    v[..., i, 2] = v[..., b.parent, 2] + turn_v
-    a[..., i, 2] = a[..., b.parent, 2] + turn_a
-    own = -_rotate(b.anchor, q[..., i, 2])
-    wi, alpha_i = v[..., i, 2, None], a[..., i, 2, None]
-    q[..., i, :2] = p[..., :2] + arm + own
-    v[..., i, :2] = v[..., b.parent, :2] + w * _quarter(arm) + slide_v + wi * _quarter(own)
-    a[..., i, :2] = a[..., b.parent, :2] + alpha * _quarter(arm) - w**2 * arm + slide_a + alpha_i * _quarter(own) - wi**2 * own
+def states_of(x: Array) -> dict[int, Any]:
+    """Link index -> (vector, angle) of an absolute state, with a resting ground."""
+    c = columns(x)
+    found: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
+    return found | {GROUND: (0j, 0.0)}
 
 
 def ends(joint: Joint) -> tuple[int, int]:
@@ -199,5 +210,5 @@ def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     near, far = (joint.guide, joint.block) if forward else (joint.block, joint.guide)
     theta, sign = (joint.angle, 1.0) if forward else (joint.angle - joint.turn, -1.0)
     u = np.array([np.cos(theta), np.sin(theta)])
-    base = sign * joint.offset * _quarter(u)
+    base = sign * joint.offset * np.array([-u[1], u[0]])
     return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base, sign * u, sign * joint.turn)
