@@ -64,7 +64,7 @@ def parser() -> argparse.ArgumentParser:
     one = verb("show", show, "check a linkage file and say what it describes")
     one.add_argument("linkage", metavar="FILE-OR-NAME")
     one.add_argument("--scenario")
-    one.add_argument("--svg", type=Path, metavar="FILE", help="draw the linkage at its start")
+    one.add_argument("--svg", type=Path, metavar="FILE", help="draw the linkage, with the paths of its observed points")
     one.add_argument("--json", action="store_true")
 
     one = verb("simulate", simulate, "run one linkage in one engine")
@@ -147,9 +147,10 @@ def show(options: argparse.Namespace) -> int:
     found = text.description(first, others)
     if options.svg:
         from gauss_bench.report.drawing import draw
+        from gauss_bench.report.pose import posed
         from gauss_bench.results import write_text
 
-        write_text(options.svg, draw(first))
+        write_text(options.svg, draw(*posed(options.linkage)))
     if options.json:
         print_json(found)
     else:
