@@ -77,11 +77,10 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     return found
 
 
-def driver_torque(evaluator: Evaluator, trajectory: Trajectory) -> Array | None:
-    """Torque (k,) [N m] of the prescribed rotation on its link, or None where nothing is prescribed."""
-    if evaluator.mechanism.driver is None:
-        return None
-    return -reactions(evaluator, trajectory)[:, evaluator.constraints.joint_rows]
+def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
+    """Torque [N m] or force [N] that each driver exerts along its coordinate, (k, drivers)."""
+    rows = evaluator.constraints
+    return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
 
 
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
@@ -94,9 +93,9 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
     power = evaluator.applied.power(trajectory.q, trajectory.v)
-    torque = driver_torque(evaluator, trajectory)
-    if torque is not None and evaluator.mechanism.driver is not None:
-        power = power + torque * evaluator.mechanism.driver.law(t)[1]
+    if evaluator.mechanism.drivers:
+        rates = np.stack([np.broadcast_to(driver.law(t)[1], t.shape) for driver in evaluator.mechanism.drivers], axis=-1)
+        power = power + (driving_forces(evaluator, trajectory) * rates).sum(-1)
     rounding = 8 * np.finfo(float).eps * (1.0 + float(np.abs(energy).max()))
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:

@@ -154,9 +154,9 @@ def described(
         "joints": metrics.joint_forces(evaluator, chosen),
         "metrics": measured(evaluator, trajectory) | (cost or {}) if trajectory else {},
     }
-    torque = metrics.driver_torque(evaluator, chosen)
-    if torque is not None:
-        result["driver"] = {"link": mechanism.link_name(mechanism.driver.link), "torque": torque} if mechanism.driver else {}
+    if mechanism.drivers:
+        forces = metrics.driving_forces(evaluator, chosen)
+        result["drivers"] = {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)}
     return result
 
 

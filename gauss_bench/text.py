@@ -58,7 +58,7 @@ def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
             m.scenario: {
                 "duration": m.duration,
                 "forces": [f.name for f in m.forces],
-                "driven": m.driver is not None,
+                "driven": bool(m.drivers),
                 "q0": m.q0,
                 "v0": m.v0,
             }

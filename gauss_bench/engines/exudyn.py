@@ -112,7 +112,7 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({exu.exudynCPP.__name__.rpartition('.')[2]})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if mechanism.driver is not None:
+        if mechanism.drivers:
             return "driven linkages are left out: Exudyn's initial accelerations ignore the second derivative of the motion law"
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"

@@ -106,7 +106,7 @@ class Mujoco:
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if mechanism.driver is not None:
+        if mechanism.drivers:
             return "a prescribed motion is not modelled in MuJoCo here"
         if mechanism.knife_edges:
             return "MuJoCo has no constraint on velocities alone (knife edge)"

@@ -49,8 +49,7 @@ class NativeModel:
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
         self.evaluations = 0
-        driven = mechanism.driver is not None
-        self.rank = mechanism.n - mechanism.dof + driven + len(mechanism.knife_edges)
+        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self._solve(t, self.evaluator.terms(t, q, v))

@@ -69,7 +69,7 @@ class Pinocchio:
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if mechanism.driver is not None:
+        if mechanism.drivers:
             return "a prescribed motion is not modelled in Pinocchio here"
         if mechanism.knife_edges:
             return "Pinocchio has no constraint on velocities alone (knife edge)"

@@ -8,12 +8,14 @@ from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.errors import Fault
 from gauss_bench.mechanism.model import (
     GROUND,
+    AngleDriver,
     AxisSpringDamper,
     Driver,
     Force,
     Joint,
     JointDamping,
     KnifeEdge,
+    LengthDriver,
     Link,
     Mechanism,
     Point,
@@ -21,9 +23,11 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     Revolute,
     RotationalSpringDamper,
+    SlideDriver,
     SpringDamper,
     Torque,
 )
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
 
@@ -128,17 +132,29 @@ class Resolver:
                 return RotationalSpringDamper(name, first, second, k, c, radians(table, "rest"))
         return JointDamping(name, tuple(j for j in joints if j.joint == table["joint"]), c)
 
-    def driver(self, table: dict[str, Any]) -> Driver:
-        link, start = self.index[table["link"]], radians(table, "start")
-        match table["law"]:
-            case "constant":
-                law = motion_laws.constant(start, float(table["speed"]))
-            case "table":
-                rows = np.array(table["rows"], dtype=float)
-                law = motion_laws.table(start, rows[:, 0], np.radians(rows[:, 1]))
-            case name:
-                law = motion_laws.rise(name, start, radians(table, "travel"), float(table["time"]))
-        return Driver(link, law)
+    def driver(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Driver:
+        law = motion_law(table)
+        if "joint" in table:
+            slide = next(j for j in joints if isinstance(j, Prismatic) and j.name == table["joint"])
+            return SlideDriver(slide.name, law, slide)
+        if "between" in table:
+            a, b = (self.point(x) for x in table["between"])
+            return LengthDriver(f"{a.name}-{b.name}", law, a, b)
+        return AngleDriver(table["link"], law, self.index[table["link"]])
+
+
+def motion_law(table: dict[str, Any]) -> MotionLaw:
+    """The law of a driver table; values in tables are degrees where a link is driven, metres elsewhere."""
+    start = radians(table, "start")
+    match table["law"]:
+        case "constant":
+            return motion_laws.constant(start, float(table["speed"]))
+        case "table":
+            rows = np.array(table["rows"], dtype=float)
+            values = np.radians(rows[:, 1]) if "link" in table else rows[:, 1]
+            return motion_laws.table(start, rows[:, 0], values)
+        case name:
+            return motion_laws.rise(name, start, radians(table, "travel"), float(table["time"]))
 
 
 def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256: str) -> Mechanism:
@@ -154,6 +170,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
     forces = tuple(names.force(f, document["forces"][f], joints) for f in chosen.get("forces", []))
     observe = document.get("observe", {})
     crank = document.get("crank")
+    driven = [chosen["driver"]] if "driver" in chosen else chosen.get("drivers", [])
     return Mechanism(
         name=document["name"],
         title=document.get("title", ""),
@@ -167,7 +184,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         joints=joints,
         knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), radians(x, "angle")) for k, x in knives),
         forces=forces,
-        driver=names.driver(chosen["driver"]) if "driver" in chosen else None,
+        drivers=tuple(names.driver(x, joints) for x in driven),
         gravity=np.array(document.get("gravity", [0.0, -9.81]), dtype=float),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),

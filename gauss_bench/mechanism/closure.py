@@ -14,7 +14,18 @@ from gauss_bench.mechanism.build import radians
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.errors import Fault
 from gauss_bench.mechanism.forces import add_axis_force, add_force, axis_state, position
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.model import (
+    GROUND,
+    AngleDriver,
+    Driver,
+    LengthDriver,
+    Mechanism,
+    Point,
+    Prismatic,
+    Revolute,
+    SlideDriver,
+    SpringDamper,
+)
 from gauss_bench.terms import Array
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
@@ -48,7 +59,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         AssemblyError: a link is not placed by the sketch, the joints cannot be closed, the start does not determine the
             position or speeds, or the counts differ from `expect`.
     """
-    joints = Constraints(replace(mechanism, driver=None, knife_edges=()))
+    joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     held = held_coordinates(mechanism, document["scenarios"][mechanism.scenario])
     q = close_joints(mechanism, joints, sketch(mechanism, document))
     q = reach(mechanism, joints, held, q)
@@ -72,8 +83,6 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 
 def check_springs(mechanism: Mechanism) -> None:
-    from gauss_bench.mechanism.model import SpringDamper
-
     for f in mechanism.forces:
         if isinstance(f, SpringDamper) and f.rest != 0:
             length = np.linalg.norm(position(mechanism.q0, f.b) - position(mechanism.q0, f.a))
@@ -227,9 +236,12 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 
 def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any]) -> Held:
-    """What the start (or the driver at t = 0) holds: angles, slides, points, with their rates."""
+    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
     n = mechanism.n
     parts: list[tuple[Residual, list[float], list[float]]] = []
+    for driver in mechanism.drivers:
+        value, rate, _ = driver.law(0.0)
+        parts.append((_driven_row(n, driver), [float(value)], [float(rate)]))
     for link, (target, rate) in _held_angles(mechanism, scenario).items():
         parts.append((_angle_row(n, link), [target], [rate]))
     start = scenario.get("start", {})
@@ -252,9 +264,6 @@ def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any]) -> Held:
 
 def _held_angles(mechanism: Mechanism, scenario: dict[str, Any]) -> dict[int, tuple[float, float]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
-    if mechanism.driver is not None:
-        angle, rate, _ = mechanism.driver.law(0.0)
-        return {mechanism.driver.link: (float(angle), float(rate))}
     start = scenario.get("start", {})
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     speeds = {index[name]: float(x) for name, x in start.get("speeds", {}).items()}
@@ -265,6 +274,16 @@ def _held_angles(mechanism: Mechanism, scenario: dict[str, Any]) -> dict[int, tu
     if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
         angles[mechanism.crank] = radians(start, "crank")
     return {i: (x, speeds.get(i, 0.0)) for i, x in angles.items()}
+
+
+def _driven_row(n: int, driver: Driver) -> Residual:
+    match driver:
+        case AngleDriver():
+            return _angle_row(n, driver.link)
+        case SlideDriver():
+            return _slide_row(n, driver.joint)
+        case LengthDriver():
+            return _length_row(n, driver.a, driver.b)
 
 
 def _angle_row(n: int, link: int) -> Residual:
@@ -293,13 +312,25 @@ def _point_rows(n: int, point: Point) -> Residual:
     return of
 
 
+def _length_row(n: int, a: Point, b: Point) -> Residual:
+    def of(q: Array) -> tuple[Array, Array]:
+        gap = position(q, b) - position(q, a)
+        length = np.linalg.norm(gap)
+        row = np.zeros(n)
+        add_force(row, q, b, gap / length)
+        add_force(row, q, a, -gap / length)
+        return np.array([length]), row[None]
+
+    return of
+
+
 def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """From a closed q to the held coordinates, in steps that keep the branch.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
-    path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.driver else 'start'}"
+    path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
     close = joint_residual(joints)
     gap = held.of(q)[0] - held.target
 
@@ -331,7 +362,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     Raises:
         AssemblyError: the rates contradict the constraints or leave the velocity undetermined.
     """
-    rows = Constraints(replace(mechanism, driver=None))(0.0, q, np.zeros_like(q))
+    rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v: Array = np.linalg.lstsq(A, b, rcond=RANK_TOLERANCE)[0]

@@ -162,11 +162,34 @@ Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpring
 
 
 @dataclass(frozen=True, eq=False)
-class Driver:
-    """Prescribed rotation of a link: theta = law(t)."""
+class AngleDriver:
+    """Prescribed rotation of a link: theta = law(t) [rad]."""
 
-    link: int
+    name: str
     law: MotionLaw
+    link: int
+
+
+@dataclass(frozen=True, eq=False)
+class SlideDriver:
+    """Prescribed coordinate along a slide, from its guide point: x = law(t) [m]."""
+
+    name: str
+    law: MotionLaw
+    joint: Prismatic
+
+
+@dataclass(frozen=True, eq=False)
+class LengthDriver:
+    """An active bar without mass, such as a cylinder: the distance of two points is law(t) [m]."""
+
+    name: str
+    law: MotionLaw
+    a: Point
+    b: Point
+
+
+Driver = AngleDriver | SlideDriver | LengthDriver
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +217,7 @@ class Mechanism:
     joints: tuple[Joint, ...]
     knife_edges: tuple[KnifeEdge, ...]
     forces: tuple[Force, ...]
-    driver: Driver | None
+    drivers: tuple[Driver, ...]
     gravity: Array
     crank: int | None
     observed_points: tuple[Point, ...]
@@ -203,6 +226,12 @@ class Mechanism:
     v0: Array = field(default_factory=lambda: np.zeros(0))
     dof: int = -1
     redundant: int = -1
+
+    @property
+    def driver(self) -> AngleDriver | None:
+        """The prescribed rotation, where it is all that is prescribed."""
+        only = self.drivers[0] if len(self.drivers) == 1 else None
+        return only if isinstance(only, AngleDriver) else None
 
     @property
     def n(self) -> int:

@@ -100,6 +100,12 @@ def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
         yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
     for key, entry in items(document, "scenarios"):
         yield from ((f"scenarios.{key}.{part}", table(entry, part)) for part in ("driver", "start"))
+        yield from _driver_list(f"scenarios.{key}", entry)
+
+
+def _driver_list(path: str, scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    drivers = sequence(scenario, "drivers")
+    return ((f"{path}.drivers[{i}]", x) for i, x in enumerate(drivers) if isinstance(x, dict))
 
 
 def _check_points(names: Names) -> None:
@@ -232,19 +238,36 @@ def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
             names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
     if "driver" in scenario and "start" in scenario:
         names.fault(f"{path}.driver", "given together with start")
+    if "driver" in scenario and "drivers" in scenario:
+        names.fault(f"{path}.drivers", "given together with driver")
     driver = table(scenario, "driver")
-    if driver:
-        _check_driver(names, f"{path}.driver", driver)
+    for where, entry in [*([(f"{path}.driver", driver)] if driver else []), *_driver_list(path, scenario)]:
+        _check_driver(names, where, entry)
     _check_start(names, f"{path}.start", table(scenario, "start"))
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    link = driver.get("link")
+    link, joint, between = driver.get("link"), driver.get("joint"), sequence(driver, "between")
+    if len({"link", "joint", "between"} & driver.keys()) != 1:
+        names.fault(path, "give exactly one of link, joint and between")
     names.link(f"{path}.link", link, ground=False)
     if isinstance(link, str) and link in names.links and not _turns_on_ground(names, link):
         names.fault(f"{path}.link", f"link {link!r} has no revolute joint on the ground")
+    if isinstance(joint, str) and joint not in names.joints:
+        names.fault(f"{path}.joint", f"unknown joint {joint!r}")
+    elif isinstance(joint, str) and table(names.joints, joint).get("type") != "prismatic":
+        names.fault(f"{path}.joint", f"joint {joint!r} is not prismatic")
+    for i, reference in enumerate(between):
+        names.point(f"{path}.between[{i}]", reference)
+    names.different_links(f"{path}.between", between)
+    if "link" not in driver:
+        for key in ("start_deg", "travel_deg"):
+            if key in driver:
+                names.fault(f"{path}.{key}", "a length is driven: give metres without _deg")
+    if between and "start" not in driver:
+        names.fault(f"{path}.start", "required: the length at the start")
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
-        names.fault(f"{path}.travel_deg", "required")
+        names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
     times = [row[0] for row in sequence(driver, "rows") if isinstance(row, list) and len(row) == 2]
     if all(isinstance(x, (int, float)) for x in times) and any(b <= a for a, b in pairwise(times)):
         names.fault(f"{path}.rows", "times must increase")

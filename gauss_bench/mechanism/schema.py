@@ -126,29 +126,28 @@ class JointDampingTable(Table):
     c: NotNegative
 
 
-class ConstantLaw(Table):
-    law: Literal["constant"]
-    link: Text
+class DrivenTable(Table):
+    link: Text | None = None
+    joint: Text | None = None
+    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
     start_deg: Number | None = None
     start: Number | None = None
+
+
+class ConstantLaw(DrivenTable):
+    law: Literal["constant"]
     speed: Number
 
 
-class RiseLaw(Table):
+class RiseLaw(DrivenTable):
     law: Literal["sine", "cosine", "poly345"]
-    link: Text
-    start_deg: Number | None = None
-    start: Number | None = None
     travel_deg: Number | None = None
     travel: Number | None = None
     time: Positive
 
 
-class TableLaw(Table):
+class TableLaw(DrivenTable):
     law: Literal["table"]
-    link: Text
-    start_deg: Number | None = None
-    start: Number | None = None
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
@@ -200,6 +199,7 @@ class ScenarioTable(Table):
     forces: list[Text] = []
     override: dict[str, Any] = {}
     driver: DriverTable | None = None
+    drivers: Annotated[list[DriverTable], Field(min_length=1)] = []
     start: StartTable | None = None
 
 

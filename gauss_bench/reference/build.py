@@ -31,8 +31,9 @@ def sample_times(t_end: float) -> Array:
 
 
 def is_minimal(mechanism: Mechanism) -> bool:
-    """Whether the crank angle alone describes the motion."""
-    return mechanism.crank is not None and mechanism.dof == 1 and not mechanism.knife_edges
+    """Whether one angle, of the crank or of the driven link, describes the motion."""
+    angle = mechanism.driver is not None if mechanism.drivers else mechanism.crank is not None
+    return angle and mechanism.dof == 1 and not mechanism.knife_edges
 
 
 def build_reference(mechanism: Mechanism, t_end: float) -> Reference:

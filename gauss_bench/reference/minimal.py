@@ -28,14 +28,18 @@ class LostClosure(ArithmeticError):
 
 
 class MinimalCoordinate:
-    """Equation of motion in the crank angle. Remembers the last closed position as the next first guess."""
+    """Equation of motion in the angle of the crank, or of the link that is driven.
+
+    Remembers the last closed position as the next first guess.
+    """
 
     def __init__(self, mechanism: Mechanism):
-        if mechanism.crank is None:
-            raise ValueError(f"{mechanism.name} has no crank")
+        link = mechanism.driver.link if mechanism.driver else mechanism.crank
+        if link is None:
+            raise ValueError(f"{mechanism.name} has neither crank nor driven link")
         self.mechanism = mechanism
-        self.crank = 3 * mechanism.crank + 2
-        self.constraints = Constraints(replace(mechanism, driver=None, knife_edges=()))
+        self.crank = 3 * link + 2
+        self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
         self.applied = AppliedForces(mechanism)
         self.mass = mechanism.mass
         self.redundant = mechanism.redundant > 0
