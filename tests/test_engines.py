@@ -63,7 +63,7 @@ def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: st
 @pytest.mark.parametrize("engine", sorted(set(names()) - CONTROLS))
 def test_a_linkage_of_others_runs_in_every_engine(engine: str, worker: Worker, store: str) -> None:
     settings, integrator = list(get(engine).settings)[-1], get(engine).integrators[0]  # the last setting is each engine's best
-    found = row(worker, store, Case(str(DATA / "jansen.toml"), "walk", engine, settings, integrator, "none", 1e-3, 0.2))
+    found = row(worker, store, Case("jansen", "walk", engine, settings, integrator, "none", 1e-3, 0.2))
     assert found["status"] == "ok", found["message"]
     assert found["position_error"] < 1e-4  # the native integrator of second order at a millisecond is the coarsest
     assert found["valid"], found["flag"]

@@ -43,7 +43,10 @@ def test_the_solution_meets_the_constraints_and_is_stationary(name: str, seed: i
     assert np.abs(force + terms.J.T @ recover_multipliers(terms, a)).max() < 1e-8 * (1 + np.abs(force).max())
 
 
-@pytest.mark.parametrize("mechanism", [*(load(n) for n in built_in()), everything()], ids=lambda m: m.name)
+INDEPENDENT = [load(name) for name in built_in() if name not in ("parallelogram", "excavator")]  # rows, so that KKT is regular
+
+
+@pytest.mark.parametrize("mechanism", [*INDEPENDENT, everything()], ids=lambda m: m.name)
 def test_all_formulations_agree_on_random_states(mechanism: Mechanism) -> None:
     evaluator = Evaluator(mechanism)
     states = random_states(mechanism, 50)

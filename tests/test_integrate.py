@@ -1,7 +1,5 @@
 """Integrators show their order, stabilisation cures drift, and energy is kept where nothing dissipates."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -124,7 +122,7 @@ def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
 
 
 def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock() -> None:
-    mechanism = load(Path(__file__).parent / "data" / "parallelogram.toml", "torque")
+    mechanism = load("parallelogram", "torque")
     with pytest.raises(RunFailure, match="redundant rows have drifted apart") as caught:
         run(mechanism)
     assert caught.value.status == Status.RANK_LOST

@@ -21,7 +21,7 @@ from gauss_bench.mechanism.model import (
 )
 from tests.conftest import DATA, everything, redundant
 
-MECHANISMS = [*(load(name) for name in built_in()), everything(), redundant(), load("six_bar", "cycloid")]
+MECHANISMS = [*(load(name) for name in built_in() if name != "excavator"), everything(), redundant(), load("six_bar", "cycloid")]
 ROUNDING = 1e-11  # states of size 1 and speeds of size 5 through a dozen operations, relative to entries up to 100
 
 
@@ -103,14 +103,18 @@ def test_rows_and_forces_equal_automatic_differentiation(mechanism: Mechanism, r
     evaluator = Evaluator(mechanism)
     rows = evaluator.constraints
     joints = np.r_[: rows.joint_rows, rows.holonomic : rows.m]
+
+    def worst(found: np.ndarray, expected: np.ndarray) -> float:
+        return float(np.abs(found - expected).max(initial=0.0))
+
     for _ in range(20):
         x, u = rng.normal(size=mechanism.n), rng.normal(0.0, 5.0, mechanism.n)
         expected = [np.array(value) for value in symbolic(x, u)]
         terms = evaluator.terms(0.1, x, u)
-        assert np.abs(terms.phi[: rows.joint_rows] - expected[0][:, 0]).max() < ROUNDING
-        assert np.abs(terms.J[joints] - expected[1]).max() < ROUNDING
-        assert np.abs(terms.gamma[joints] - expected[2][:, 0]).max() < ROUNDING * 25
-        assert np.abs(terms.Q - expected[3][:, 0]).max() < ROUNDING * 25
+        assert worst(terms.phi[: rows.joint_rows], expected[0].reshape(-1)) < ROUNDING
+        assert worst(terms.J[joints], expected[1]) < ROUNDING
+        assert worst(terms.gamma[joints], expected[2][:, 0]) < ROUNDING * 25
+        assert worst(terms.Q, expected[3][:, 0]) < ROUNDING * 25
 
 
 def test_a_driver_is_a_row_with_its_time_terms() -> None:
@@ -153,10 +157,9 @@ def test_a_batch_of_states_is_the_states_one_by_one(any_mechanism: Mechanism, rn
             np.testing.assert_array_equal(batch[k], single)
 
 
-@pytest.mark.parametrize("mechanism", [load(DATA / "excavator.toml"), load(DATA / "pushed.toml")], ids=lambda m: m.name)
-def test_rows_of_active_bars_and_driven_slides_are_consistent_with_their_rates(
-    mechanism: Mechanism, rng: np.random.Generator
-) -> None:
+@pytest.mark.parametrize("linkage", ["excavator", DATA / "pushed.toml"], ids=str)
+def test_rows_of_active_bars_and_driven_slides_have_consistent_rates(linkage: str, rng: np.random.Generator) -> None:
+    mechanism = load(linkage)
     rows = Evaluator(mechanism).constraints
     driven = slice(rows.joint_rows, rows.holonomic)
     t, h = 0.4, 1e-4
@@ -177,7 +180,7 @@ def test_rows_of_active_bars_and_driven_slides_are_consistent_with_their_rates(
 def test_active_bars_keep_their_lengths_and_do_the_work() -> None:
     from gauss_bench.simulation import simulate
 
-    found = simulate(str(DATA / "excavator.toml"), "gauss", stabilization="projection", at=[0.0, 1.0, 2.0])
+    found = simulate("excavator", "gauss", stabilization="projection", at=[0.0, 1.0, 2.0])
     assert found["status"] == "ok"
     assert found["metrics"]["position_drift"] < 1e-14
     # RK4 at a millisecond leaves some 1e-9 J; where a law ends, its jerk jumps and the quadrature's bar is as large

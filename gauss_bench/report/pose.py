@@ -7,7 +7,7 @@ import numpy as np
 from gauss_bench.mechanism.closure import gauss_newton
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import find, load_document, read
+from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -17,8 +17,7 @@ TURN = 120  # states of a full turn
 
 def posed(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
     """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one."""
-    path = find(name_or_path)
-    document, digest = read(path)
+    document, digest, path = document_of(name_or_path)
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
     scenarios = {"turn": {"duration": 1.0, "driver": driver}}

@@ -1,0 +1,1 @@
+"""How a linkage moves, without forces: loops, point coordinates, singular positions."""

@@ -1,0 +1,52 @@
+"""Linkages of any size, written by rule: the N-four-bar of the IFToMM benchmark library (A02).
+
+N windows of equal bars stand side by side: N + 1 verticals on ground pivots (i l, 0) and N horizontals between their tops. On the
+parallelogram branch the whole is a pendulum (`reference/exact.py`); whenever all bars lie on the ground line it is singular.
+Name: n_four_bar_N, wherever a linkage is named.
+"""
+
+import re
+from typing import Any
+
+MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
+SPEED = 1.0  # [m/s] of the first top at the start, to the right
+LARGEST = 400  # windows: beyond, the file would not be a linkage but a bridge
+
+
+def generated(name: str) -> dict[str, Any] | None:
+    """The document of a generated linkage, or None where the name is of no such family."""
+    match = re.fullmatch(r"n_four_bar_([1-9][0-9]{0,2})", name)
+    count = int(match[1]) if match else 0
+    return n_four_bar(count) if 1 <= count <= LARGEST else None
+
+
+def n_four_bar(count: int) -> dict[str, Any]:
+    """The document of the chain of `count` windows, upright at the start."""
+    verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
+    horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
+    joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
+    for i in range(count + 1):
+        neighbours = [f"h{i - 1}.C"] * (i > 0) + [f"h{i}.B"] * (i < count)
+        joints[f"B{i}"] = {"type": "revolute", "at": [f"v{i}.B", *neighbours]}
+    upright = {f"v{i}": 90.0 for i in range(count + 1)} | {f"h{i}": 0.0 for i in range(count)}
+    return {
+        "format": "planar-linkage/1",
+        "name": f"n_four_bar_{count}",
+        "title": f"N-four-bar of {count} windows (IFToMM benchmark A02)",
+        "crank": "v0",
+        "gravity": [0.0, -9.81],
+        "expect": {"dof": 1, "redundant": 0, "loops": count},
+        "ground": {"points": {f"A{i}": [i * LENGTH, 0.0] for i in range(count + 1)}},
+        "links": verticals | horizontals,
+        "joints": joints,
+        "assembly": {"angles_deg": upright},
+        "observe": {"points": ["v0.B"]},
+        "scenarios": {
+            "fall": {"duration": 10.0, "start": {"crank_deg": 90.0, "speed": -SPEED / LENGTH}},
+            "driven": {"duration": 1.0, "driver": {"link": "v0", "law": "constant", "start_deg": 90.0, "speed": -1.0}},
+        },
+    }
+
+
+def _bar(a: str, b: str) -> dict[str, Any]:
+    return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}

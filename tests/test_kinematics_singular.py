@@ -1,0 +1,80 @@
+"""Dead centres and limits of motion against plane trigonometry, far below the promised 1e-8 rad."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.kinematics.singular import ChangePoint, Singular, singular_positions
+from gauss_bench.mechanism.load import load, load_document
+
+EXACT = 1e-11  # [rad] Newton ends near rounding; a fold doubles the digits lost
+
+
+def four_bar(crank: float, coupler: float, rocker: float, frame: float, **start: Any) -> dict[str, Any]:
+    """A four-bar of uniform bars with the crank drawn at 60 degrees."""
+    return {
+        "format": "planar-linkage/1",
+        "name": "bars",
+        "crank": "a",
+        "ground": {"points": {"A": [0.0, 0.0], "D": [frame, 0.0]}},
+        "links": {
+            "a": {"points": {"A": [0.0, 0.0], "B": [crank, 0.0]}, "bars": [["A", "B"]], "mass": 1.0},
+            "b": {"points": {"B": [0.0, 0.0], "C": [coupler, 0.0]}, "bars": [["B", "C"]], "mass": 1.0},
+            "c": {"points": {"D": [0.0, 0.0], "C": [rocker, 0.0]}, "bars": [["D", "C"]], "mass": 1.0},
+        },
+        "joints": {
+            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
+            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
+            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
+            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
+        },
+        "assembly": {"sketch": {"B": [crank / 2, 0.87 * crank], "C": [frame * 0.75, 0.2]}},
+        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0, **start}}},
+    }
+
+
+def of(found: list[Singular], coordinate: str) -> np.ndarray:
+    return np.array([np.mod(s.crank, 2 * np.pi) for s in found if s.coordinate == coordinate])
+
+
+def corner(a: float, b: float, opposite: float) -> float:
+    """Angle between sides a and b of a triangle."""
+    return float(np.arccos((a * a + b * b - opposite * opposite) / (2 * a * b)))
+
+
+def test_the_rocker_reverses_where_crank_and_coupler_are_in_line() -> None:
+    found = of(singular_positions(load("four_bar")), "rocker")
+    expected = [corner(0.36 + 0.12, 0.40, 0.30), np.pi + corner(0.36 - 0.12, 0.40, 0.30)]
+    assert np.abs(np.sort(found) - expected).max() < EXACT
+
+
+def test_the_slider_reverses_at_both_ends_of_its_stroke() -> None:
+    found = singular_positions(load("crank_slider"))
+    assert np.abs(np.sin([s.crank for s in found])).max() < EXACT
+    assert sorted(s.value for s in found) == pytest.approx([0.56 - 0.15, 0.56 + 0.15], abs=1e-14)
+    assert {s.kind for s in found} == {"dead centre"}
+
+
+def test_a_crank_that_cannot_turn_has_its_limits_where_coupler_and_rocker_are_in_line() -> None:
+    found = [s for s in singular_positions(load_document(four_bar(0.3, 0.2, 0.25, 0.4))) if s.kind == "limit"]
+    limit = corner(0.3, 0.4, 0.2 + 0.25)
+    assert sorted(s.crank for s in found) == pytest.approx([-limit, limit], abs=EXACT)
+
+
+def test_the_quick_return_reverses_where_the_crank_is_square_to_the_lever() -> None:
+    found = of(singular_positions(load("shaper")), "lever")
+    half = np.arcsin(0.10 / 0.30)  # swing of the lever: the crank circle seen from the lever's pivot
+    assert np.abs(np.sort(found) - [np.pi + half, 2 * np.pi - half]).max() < EXACT
+
+
+def test_a_fork_of_the_motion_is_refused_by_name() -> None:
+    parallelogram = four_bar(0.2, 0.4, 0.2, 0.4)
+    parallelogram["assembly"] = {"sketch": {"B": [0.1, 0.17], "C": [0.5, 0.17]}}
+    with pytest.raises(ChangePoint, match=r"forks|change point"):
+        singular_positions(load_document(parallelogram))
+
+
+def test_more_freedom_than_one_is_refused() -> None:
+    with pytest.raises(ValueError, match="2 degrees of freedom"):
+        singular_positions(load("five_bar"))
