@@ -68,7 +68,7 @@ def write_table(frame: pd.DataFrame, path: Path, provenance: dict[str, Any] | No
 
     content = pa.Table.from_pandas(frame, preserve_index=False)
     metadata = {**(content.schema.metadata or {}), b"gauss_bench": json.dumps(provenance or {}).encode()}
-    atomically(path, lambda part: pq.write_table(content.replace_schema_metadata(metadata), part))
+    atomically(path, lambda part: pq.write_table(content.replace_schema_metadata(metadata), part, compression="zstd"))
 
 
 def read_table(path: Path) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -150,7 +150,7 @@ def described(
         "step": choice.step,
         "t": chosen.t,
         "links": link_states(mechanism, chosen),
-        "points": point_states(mechanism, chosen),
+        "points": point_states(mechanism.observed_points, chosen),
         "joints": metrics.joint_forces(evaluator, chosen),
         "metrics": measured(evaluator, trajectory) | (cost or {}) if trajectory else {},
     }
@@ -197,10 +197,10 @@ def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, dict[str, Arra
     }
 
 
-def point_states(mechanism: Mechanism, x: Trajectory) -> dict[str, dict[str, Array]]:
-    """Per observed point: position, velocity, acceleration."""
+def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, dict[str, Array]]:
+    """Per point: position, velocity, acceleration."""
     found = {}
-    for p in mechanism.observed_points:
+    for p in points:
         levels = position(x.q, p), velocity(x.q, x.v, p), acceleration(x.q, x.v, x.a, p)
         pairs = zip((("x", "y"), ("vx", "vy"), ("ax", "ay")), levels, strict=True)
         found[p.name] = {key: values[:, j] for keys, values in pairs for j, key in enumerate(keys)}

@@ -90,6 +90,21 @@ def format_simulation(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def format_kinematics(result: dict[str, Any]) -> str:
+    lines = [f"{result['mechanism']} / {result['scenario']}: {result['method']}, {len(result['t'])} positions, {result['status']}"]
+    lines.append("loops: " + "; ".join("-".join(loop) for loop in result["loops"]))
+    lines.append(f"assembly: {result['branch']}")
+    singular = result["singular"]
+    if isinstance(singular, str):
+        lines.append(f"singular positions: {singular}")
+    else:
+        lines += [f"{s['kind']} of {s['coordinate']} at crank angle {s['crank_deg']:.8f} deg" for s in singular]
+    for name, state in result["points"].items():
+        ranges = (f"{key} {min(state[key]):.6g} .. {max(state[key]):.6g}" for key in ("x", "y", "vx", "vy", "ax", "ay"))
+        lines.append(f"  {name:16}" + ", ".join(ranges))
+    return "\n".join(lines)
+
+
 def format_run(rows: pd.DataFrame, folder: Path) -> str:
     counts = rows["status"].value_counts().sort_index()
     said = ", ".join(f"{n} {status}" for status, n in counts.items())

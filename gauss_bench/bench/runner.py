@@ -194,7 +194,8 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     write_table(frame, folder / "results.csv")
     references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
     write_table(pd.DataFrame(references), folder / "references.csv")
-    write_table(pd.DataFrame(curves, columns=[*KEY, *CURVES]), folder / "series.parquet")
+    drawn = pd.DataFrame(curves, columns=[*KEY, *CURVES]).astype(dict.fromkeys(CURVES, "float32"))  # a pen's width is 1e-3
+    write_table(drawn, folder / "series.parquet")
     write_table(pd.DataFrame(samples, columns=["mechanism", *VARIANT, "quantity", "round", "seconds"]), folder / "samples.parquet")
     write_text(folder / "environment.json", json.dumps(where, indent=1) + "\n")
     return frame

@@ -1,0 +1,86 @@
+"""What adapters to foreign engines share: what they refuse, and how what they build and return is held against the linkage."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.model import Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.tree import Tree, spanning_tree
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that in speeds
+PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
+
+
+def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
+    """Why a tree of joints that only pins may close cannot be the mechanism, or None."""
+    if mechanism.drivers:
+        return f"a prescribed motion is not modelled in {library} here"
+    if mechanism.knife_edges:
+        return f"{library} has no constraint on velocities alone (knife edge)"
+    slide = next((j.name for j in spanning_tree(mechanism).closures if isinstance(j, Prismatic)), None)
+    return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
+
+
+def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
+    """The pairs of points that the tree leaves apart."""
+    return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
+
+
+def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
+    """The start and random tree states y, dy (n,) around it, closed or not."""
+    random = np.random.default_rng(0)
+    for size in SPREAD:
+        yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
+
+
+def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:
+    """Compare what a generated model says, what the linkage says, and the size by which to judge their difference.
+
+    Raises:
+        RunFailure: they differ.
+    """
+    for what, (found, expected, scale) in pairs.items():
+        error = np.abs(found - expected).max(initial=0.0)
+        if not error <= tolerance * scale:
+            raise RunFailure(Status.ERROR, f"the generated model differs from the linkage: {what} by {error:.1e} (of {scale:.1e})")
+
+
+def size(x: Array) -> float:
+    """The largest entry, at least 1."""
+    return float(np.abs(x).max(initial=1.0))
+
+
+def require_finite(times: Array, *samples: Array, remark: str = "") -> None:
+    """Samples (k, n) are numbers at all times (k,).
+
+    Raises:
+        RunFailure: they are not; `remark` is added.
+    """
+    finite = np.isfinite(np.hstack(samples)).all(axis=1)
+    if not finite.all():
+        raise RunFailure(Status.NAN, f"not finite at t = {times[finite.argmin()]:.6g} s{remark}; a smaller step may help")
+
+
+def finite_acceleration(t: float, a: Array, library: str) -> Array:
+    """The accelerations (n,).
+
+    Raises:
+        RunFailure: they are no numbers.
+    """
+    if not np.isfinite(a).all():
+        raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
+    return a
+
+
+def unit(theta: float) -> Array:
+    """The direction (2,) at an angle [rad]."""
+    found: Array = np.array([np.cos(theta), np.sin(theta)])
+    return found
+
+
+def spatial(x: Any) -> list[float]:
+    """A vector of the plane (2,) in space."""
+    return [float(x[0]), float(x[1]), 0.0]

@@ -1,0 +1,55 @@
+"""What the tests of single engines share: linkages, runs, and errors against Gauss's principle."""
+
+import tomllib
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice, Engine
+from gauss_bench.engines.native import Native
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import States
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
+from tests.conftest import DATA
+
+LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
+
+
+def document(name: str) -> dict[str, Any]:
+    return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def linkage(name: str, scenario: str | None = None) -> Mechanism:
+    """A linkage of the tests' own, or a built-in one."""
+    own = (DATA / f"{name}.toml").exists()
+    return load_document(document(name), scenario) if own else load(name, scenario or LINKAGES.get(name))
+
+
+def ran(engine: Engine, mechanism: Mechanism, times: Iterable[float], native: bool = True, **choice: Any) -> Trajectory:
+    model = engine.build(mechanism, Choice(**{"integrator": engine.integrators[0], **choice}))
+    model.prepare(np.array([*times], dtype=float), native)
+    model.run()
+    return model.read()
+
+
+def by_gauss(mechanism: Mechanism, times: Iterable[float], **choice: Any) -> Trajectory:
+    return ran(Native("gauss"), mechanism, times, **{"integrator": "dop853", **choice})
+
+
+def relative_error(found: Array, expected: Array) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: States) -> Array:
+    """Largest error relative to the largest true acceleration, at every state."""
+    model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
+    pairs = zip(states.t, states.q, states.v, states.a, strict=True)
+    return np.array([relative_error(model.acceleration(t, q, v), a) for t, q, v, a in pairs])
+
+
+def open_by(mechanism: Mechanism, trajectory: Trajectory) -> float:
+    return float(np.abs(Evaluator(mechanism).constraints(trajectory.t, trajectory.q, trajectory.v).phi).max())
