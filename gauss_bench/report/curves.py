@@ -1,0 +1,66 @@
+"""The motion of points as a textbook draws it: for each point its path, its velocity and its acceleration against time."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
+from gauss_bench.report.plotting import legend, panels, svg, titled
+from gauss_bench.terms import Array
+
+COMPONENTS: Mapping[str, Mapping[str, Any]] = {
+    "x": {"color": BODY_EDGE, "linestyle": "-"},
+    "y": {"color": CRANK_EDGE, "linestyle": "--"},
+}
+ARROW = 0.15  # where the sense of a path is shown: this share of its extent after the start
+
+
+def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
+    """SVG text of a row of three panels for each point, from states q, v, a (k, n) of a mechanism at times t (k,) [s].
+
+    Raises:
+        ValueError: there is no point, or the states are not those of the mechanism.
+    """
+    if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
+        raise ValueError("needs a point, and a state of the mechanism at every time")
+    figure, grid = panels(3, len(points), height=3.0, share=False)
+    figure.subplots_adjust(hspace=0.42)
+    for point, (path, speed, push) in zip(points, grid, strict=True):
+        titled(path, point.name)
+        draw_path(path, position(q, point))
+        draw_components(speed, t, velocity(q, v, point), "velocity [m/s]")
+        draw_components(push, t, acceleration(q, v, a, point), "acceleration [m/s²]")
+    for axes in grid[-1][1:]:
+        axes.set_xlabel("time [s]")
+    figure.align_ylabels()
+    begin = {"color": TRACE, "linestyle": "", "marker": "o"}
+    legend(figure, [("component", list(COMPONENTS.items())), ("path", [("start", begin)])])
+    return svg(figure)
+
+
+def draw_path(axes: Axes, way: Array) -> None:
+    """A path (k, 2) [m] at equal scales, with its start and its sense."""
+    axes.plot(*way.T, color=TRACE)
+    axes.plot(*way[0], color=TRACE, marker="o")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.locator_params(nbins=5)
+    gone = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
+    head = int(np.searchsorted(gone, ARROW * np.hypot(*np.ptp(way, axis=0))))
+    if gone[-1] > 0:  # a point that rests has no sense
+        look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
+        axes.annotate("", way[head], way[head - 1], arrowprops=look)
+
+
+def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:
+    """Both components of a vector (k, 2) against time."""
+    for (_, look), component in zip(COMPONENTS.items(), values.T, strict=True):
+        axes.plot(t, component, **look)
+    axes.set_xlim(t[0], t[-1])
+    axes.set_ylabel(label)
+    axes.locator_params(axis="y", nbins=6)

@@ -1,0 +1,288 @@
+"""Moving pictures and curves of motion, read back from what is written: joints hold, lines are the states they were made from."""
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.report.animation import FRAMES, REST, SLOWEST, animate
+from gauss_bench.report.curves import curves
+from gauss_bench.report.drawing import bar_ends, fit
+from gauss_bench.report.palette import inline
+from gauss_bench.report.pose import posed
+from gauss_bench.terms import Array
+
+SVG = "{http://www.w3.org/2000/svg}"
+LINKAGES = ("crank_slider", "eight_bar", "four_bar", "jansen", "parallelogram", "shaper", "six_bar")
+# [px] a bar's end is written to 0.05 in x and y, its link's place to 0.005 and its angle to 0.005 degrees, over up to 500 px
+WRITTEN = 0.15
+BETWEEN = 0.1  # [px] more, for straight lines between states that are a turn of 4 degrees apart
+
+
+def turn(name: str) -> tuple[Mechanism, Array, Array]:
+    mechanism, _, states = posed(name)
+    assert states is not None
+    return mechanism, np.linspace(0.0, 1.0, len(states)), states
+
+
+def film(svg: str) -> ET.Element:
+    (found,) = (g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("class") == "motion-film")
+    return found
+
+
+def groups(svg: str) -> dict[str, ET.Element]:
+    """Link name -> the group that carries it."""
+    return {title.text or "": g for g in film(svg) if (title := g.find(f"{SVG}title")) is not None}
+
+
+def track(group: ET.Element, kind: str, parts: Array) -> Array:
+    """Values (k, d) of an animation at parts (k,) of its loop, as a browser interpolates them."""
+    (found,) = (x for x in group.findall(f"{SVG}animateTransform") if x.get("type") == kind)
+    values = np.array([[float(x) for x in frame.split()] for frame in found.attrib["values"].split(";")])
+    keys = found.get("keyTimes")
+    at = np.array([float(x) for x in keys.split(";")]) if keys else np.linspace(0, 1, len(values))
+    assert len(at) == len(values)
+    assert (at[0], at[-1]) == (0, 1)
+    assert np.all(np.diff(at) > 0)
+    return np.stack([np.interp(parts, at, column) for column in values.T], axis=-1)
+
+
+def carry(group: ET.Element, local: Array, parts: Array) -> Array:
+    """Pixels (k, 2) of a place in a link's group at parts (k,) of the loop."""
+    angle = np.radians(track(group, "rotate", parts)[:, 0])
+    c, s = np.cos(angle), np.sin(angle)
+    turned = np.stack([c * local[0] - s * local[1], s * local[0] + c * local[1]], axis=-1)
+    return track(group, "translate", parts) + turned
+
+
+def numbers(text: str) -> Array:
+    return np.array([float(x) for x in re.findall(r"-?\d+\.?\d*", text)]).reshape(-1, 2)
+
+
+def ends(mechanism: Mechanism, svg: str) -> dict[str, Array]:
+    """ "link.point" -> pixels in the link's group, of the ends of every bar."""
+    found = {}
+    for link in mechanism.links:
+        bars = [x for x in groups(svg)[link.name].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"]
+        names = [name for pair in bar_ends(link) for name in pair]
+        if bars:
+            found |= {f"{link.name}.{name}": x for name, x in zip(names, numbers(bars[0].attrib["d"]), strict=True)}
+    return found
+
+
+def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array | None:
+    """Pixels (k, 2) of a point of a bar, or None."""
+    local = ends(mechanism, svg).get(point.name)
+    return None if local is None else carry(groups(svg)[point.name.partition(".")[0]], local, parts)
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_bars_are_where_the_states_put_them_and_pins_hold_in_between(name: str) -> None:
+    mechanism, t, q = turn(name)
+    svg = animate(mechanism, t, q, mechanism.observed_points)
+    assert set(groups(svg)) == {link.name for link in mechanism.links}
+    at_states, halfway = np.linspace(0, 1, len(t)), (np.arange(len(t) - 1) + 0.5) / (len(t) - 1)
+    canvas = fit(mechanism, q, mechanism.observed_points)
+    compared = 0
+    for joint in (j for j in mechanism.joints if isinstance(j, Revolute)):
+        for point in (p for p in (joint.a, joint.b) if p.link != GROUND):
+            pixels = where(mechanism, svg, point, at_states)
+            if pixels is not None:
+                np.testing.assert_allclose(pixels, canvas.at(position(q, point)), atol=WRITTEN)
+        a, b = (where(mechanism, svg, p, halfway) for p in (joint.a, joint.b))
+        if a is not None and b is not None:
+            assert np.hypot(*(a - b).T).max() < 2 * (WRITTEN + BETWEEN)
+            compared += 1
+    assert compared >= 1
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_every_link_moves_and_the_loop_closes(name: str) -> None:
+    mechanism, t, q = turn(name)
+    svg = animate(mechanism, t, q)
+    both = np.array([0.0, 1.0])
+    for group in groups(svg).values():
+        place, angle = (track(group, kind, np.linspace(0, 1, 50)) for kind in ("translate", "rotate"))
+        assert np.ptp(place, axis=0).max() + np.ptp(angle) > 1
+        np.testing.assert_allclose(*track(group, "translate", both), atol=0.01)
+        start, stop = track(group, "rotate", both)[:, 0]
+        assert (stop - start) / 360 == pytest.approx(round((stop - start) / 360), abs=1e-4)
+        # an angle that was wrapped would jump by nearly a turn between two states
+        assert np.abs(np.diff(track(group, "rotate", np.linspace(0, 1, len(t)))[:, 0])).max() < 20
+    assert f'dur="{SLOWEST:g}s"' in svg
+    assert "slowed 4 times" in svg
+
+
+def test_wrapped_angles_are_unwrapped() -> None:
+    mechanism, t, q = turn("four_bar")
+    wrapped = q.copy()
+    wrapped[:, 2::3] = (q[:, 2::3] + np.pi) % (2 * np.pi) - np.pi
+    parts = np.linspace(0, 1, 50)
+    for one, other in zip(groups(animate(mechanism, t, q)).values(), groups(animate(mechanism, t, wrapped)).values(), strict=True):
+        gap = track(one, "rotate", parts) - track(other, "rotate", parts)
+        assert np.ptp(gap) < 0.02  # a constant number of turns, and rounding
+
+
+@pytest.mark.parametrize("name", ["shaper", "crank_slider", "six_bar"])
+def test_blocks_stay_on_their_guides(name: str) -> None:
+    mechanism, t, q = turn(name)
+    svg = animate(mechanism, t, q)
+    parts = (np.arange(len(t) - 1) + 0.5) / (len(t) - 1)
+    lines, blocks = [], []
+    for group in (film(svg), *groups(svg).values()):
+        carried = group is not film(svg) and group.find(f"{SVG}animateTransform") is not None
+        for path in (x for x in group.findall(f"{SVG}path") if x.get("stroke-dasharray") == "9 3 2 3"):
+            line = numbers(path.attrib["d"])
+            lines.append([carry(group, x, parts) if carried else np.tile(x, (len(parts), 1)) for x in line])
+        for rect in group.findall(f"{SVG}rect"):
+            blocks.append(carry(group, numbers(rect.attrib["transform"].split(")")[0])[0], parts))
+    assert len(lines) == len(blocks) == len(mechanism.joints) - sum(isinstance(j, Revolute) for j in mechanism.joints)
+    for block in blocks:
+        off = []
+        for a, b in lines:
+            along = (b - a) / np.hypot(*(b - a).T)[:, None]
+            gap = block - a
+            assert along.shape == gap.shape
+            off.append(np.abs(along[:, 0] * gap[:, 1] - along[:, 1] * gap[:, 0]).max())
+        assert min(off) < 2 * (WRITTEN + BETWEEN)
+
+
+def test_a_block_lies_along_its_guide_however_its_own_frame_is_turned() -> None:
+    mechanism, t, q = turn("crank_slider")
+    (slide,) = (j for j in mechanism.joints if isinstance(j, Prismatic))
+    other = replace(slide, turn=slide.turn + 0.4)
+    q = q.copy()
+    q[:, 3 * slide.block.link + 2] += 0.4
+    mechanism = replace(mechanism, joints=tuple(other if j is slide else j for j in mechanism.joints))
+    group = groups(animate(mechanism, t, q))[mechanism.links[slide.block.link].name]
+    (block,) = group.findall(f"{SVG}rect")
+    own = float(block.attrib["transform"].split("rotate(")[1].strip(")"))
+    angles = track(group, "rotate", np.linspace(0, 1, len(t))) + own
+    np.testing.assert_allclose(angles, -np.degrees(slide.angle), atol=0.02)  # both are written to 0.01 degrees
+
+
+def test_points_ride_on_their_dotted_paths() -> None:
+    mechanism, t, q = turn("eight_bar")
+    point = mechanism.observed_points[0]
+    root = ET.fromstring(animate(mechanism, t, q, [point]))
+    (dotted,) = (x for x in root.iter(f"{SVG}path") if x.get("stroke-dasharray") == "1.5 4")
+    (dot,) = (g for g in film(ET.tostring(root, "unicode")) if g.findtext(f"{SVG}text") == point.name.partition(".")[2])
+    np.testing.assert_allclose(track(dot, "translate", np.linspace(0, 1, len(t))), numbers(dotted.attrib["d"]), atol=0.06)  # 0.1 px
+
+
+def test_an_animation_is_one_small_file_that_asks_for_nothing() -> None:
+    mechanism, t, q = turn("eight_bar")
+    svg = animate(mechanism, t, q, mechanism.observed_points)
+    assert len(svg.encode()) < 100_000
+    assert svg == animate(mechanism, t, q, mechanism.observed_points)
+    assert set(re.findall(r"\w+://[^\"' )<]+", svg)) == {"http://www.w3.org/2000/svg"}
+    assert not re.search(r"<script|href|url\(|@import|\son\w+=", svg)
+    assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
+
+
+def test_less_motion_shows_a_named_state_that_rests() -> None:
+    mechanism, t, q = turn("eight_bar")
+    root = ET.fromstring(animate(mechanism, t, q))
+    (still,) = (g for g in root.iter(f"{SVG}g") if g.get("class") == "motion-still")
+    assert still.get("display") == "none"
+    assert not list(still.iter(f"{SVG}animateTransform"))
+    assert {link.name for link in mechanism.links} <= {x.text for x in still.iter(f"{SVG}text")}
+    style = root.findtext(f"{SVG}style") or ""
+    (rules,) = re.findall(r"prefers-reduced-motion:reduce\)\{(.*)\}$", style)
+    assert set(rules.split("}")) == {".motion-film{display:none", ".motion-still{display:inline", ""}
+
+
+def test_a_motion_that_does_not_return_rests_at_its_end_and_keeps_time() -> None:
+    mechanism, t, q = turn("four_bar")
+    half = len(t) // 2
+    svg = animate(mechanism, 10 * t[:half], q[:half])
+    length = 10 * float(t[half - 1])
+    assert f'dur="{length + REST:.6g}s"' in svg
+    assert "slowed" not in svg
+    for group in groups(svg).values():
+        end = track(group, "rotate", np.array([length, length + REST]) / (length + REST))
+        assert end[0] == pytest.approx(end[1], abs=1e-3)
+        assert abs(track(group, "rotate", np.zeros(1))[0] - end[1]) > 1
+
+
+def test_many_states_are_thinned_by_how_far_they_turn() -> None:
+    mechanism = load("four_bar", "driven")
+    angles = np.linspace(0, 2 * np.pi, 3001)
+    still = np.zeros_like(angles)
+    q, _, _ = MinimalCoordinate(mechanism).state(angles, still, still)
+    svg = animate(mechanism, angles, q)
+    assert FRAMES <= svg.count(";") / svg.count("<animateTransform") < 200
+    middle = np.linspace(0, 1, 777)
+    for joint in (j for j in mechanism.joints if isinstance(j, Revolute)):
+        a, b = (where(mechanism, svg, p, middle) for p in (joint.a, joint.b))
+        if a is not None and b is not None:
+            assert np.hypot(*(a - b).T).max() < 2 * (WRITTEN + BETWEEN)
+
+
+def test_no_motion_is_refused() -> None:
+    mechanism, t, q = turn("four_bar")
+    for times, states in ((t[:1], q[:1]), (t[:5], q[:4]), (t[::-1], q)):
+        with pytest.raises(ValueError, match="two or more states"):
+            animate(mechanism, times, states)
+
+
+def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Point]]:
+    mechanism = load("eight_bar", "driven")
+    t = np.linspace(0, 1, 121)
+    w = np.full_like(t, 2 * np.pi)
+    q, v, a = MinimalCoordinate(mechanism).state(2 * np.pi * t, w, 0 * w)
+    return mechanism, t, q, v, a, [mechanism.point(0, "2"), *mechanism.observed_points][:points]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_curves_have_a_row_for_each_point_and_come_out_the_same(count: int) -> None:
+    given = driven(count)
+    svg = curves(*given)
+    ET.fromstring(svg)
+    assert len(re.findall(r'id="axes_\d+"', svg)) == 3 * count
+    assert all(f">{point.name}</text>" in svg for point in given[-1])
+    assert svg == curves(*given)
+    assert not re.search(r"<script|<image|href=\"(?!#)", svg)
+    assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
+
+
+def drawn(svg: str, axes: int) -> list[Array]:
+    """Pixels (k, 2) of the lines of a panel, axes and ticks left out."""
+    (panel,) = (g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("id") == f"axes_{axes}")
+    lines = [g for g in panel if (g.get("id") or "").startswith("line2d_")]
+    return [numbers(path.attrib["d"]) for g in lines for path in g.findall(f"{SVG}path")]
+
+
+def test_a_path_has_equal_scales() -> None:
+    circle = np.ptp(drawn(curves(*driven(1)), 1)[0], axis=0)
+    assert circle[0] == pytest.approx(circle[1], rel=1e-3)  # 120 sides: their corners hit the extremes
+
+
+@pytest.mark.parametrize("row", [0, 1, 2, 3])
+def test_curves_are_the_velocity_and_acceleration_of_the_point(row: int) -> None:
+    given = driven(4)
+    _, t, q, v, a, points = given
+    svg, point = curves(*given), points[row]
+    for panel, values in ((2, velocity(q, v, point)), (3, acceleration(q, v, a, point))):
+        lines = drawn(svg, 3 * row + panel)
+        assert len(lines) == 2
+        seconds = [(line[:, 0] - line[0, 0]) / (line[-1, 0] - line[0, 0]) for line in lines]
+        wanted = np.concatenate([np.interp(s, t, x) for s, x in zip(seconds, values.T, strict=True)])
+        pixels = np.concatenate([line[:, 1] for line in lines])
+        slope, shift = np.polyfit(wanted, pixels, 1)  # one scale for both components, upwards
+        assert slope < 0
+        assert np.abs(slope * wanted + shift - pixels).max() < 0.2  # [px]: what simplified lines may leave out
+
+
+def test_curves_refuse_nothing_to_draw() -> None:
+    mechanism, t, q, v, a, points = driven(1)
+    with pytest.raises(ValueError, match="a point"):
+        curves(mechanism, t, q, v, a, [])
+    with pytest.raises(ValueError, match="at every time"):
+        curves(mechanism, t, q[:-1], v, a, points)
