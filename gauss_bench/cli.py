@@ -78,6 +78,21 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--at", type=times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
     one.add_argument("--json", action="store_true")
 
+    one = verb("kinematics", kinematics, "move one linkage through a law, without forces")
+    one.add_argument("linkage", metavar="FILE-OR-NAME")
+    one.add_argument("--scenario", help="a driven one (default: the first)")
+    one.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
+    one.add_argument("--steps", type=int, default=360, metavar="N", help="equal parts of the duration (default 360)")
+    one.add_argument(
+        "--points", type=lambda text: text.split(","), metavar="LINK.POINT,...", help="default: those the file observes"
+    )
+    one.add_argument("--method", choices=("loop", "basic"), default="loop", help="link units, or point coordinates")
+    one.add_argument("--plot", type=Path, metavar="SVG", help="paths, velocities and accelerations of the points")
+    one.add_argument("--animate", type=Path, metavar="SVG", help="the linkage moving")
+    form = one.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true")
+    form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
+
     one = verb("run", run, "run a suite and write its tables; finished cases are not repeated")
     suite_options(one)
     one.add_argument("--suite", choices=("quick", "full", "gate"), default="quick")
@@ -179,6 +194,46 @@ def simulate(options: argparse.Namespace) -> int:
     return 0 if result["status"] in ("ok", "skip") else 1
 
 
+def kinematics(options: argparse.Namespace) -> int:
+    from gauss_bench import motion, text
+
+    asked = (options.scenario, options.driver, options.steps, options.points, options.method)
+    result = motion.kinematics(options.linkage, *asked)
+    pictures(options, result)
+    if options.json:
+        print_json(result)
+    elif options.out:
+        csv = motion.table(result).to_csv(index=False, lineterminator="\n")
+        if options.out == "csv":
+            print(csv, end="")
+        else:
+            from gauss_bench.results import write_text
+
+            write_text(Path(options.out), csv)
+    else:
+        print(text.format_kinematics(plain(result)))
+    if result["status"] != "ok":
+        print(result["message"], file=sys.stderr)
+    return 0 if result["status"] == "ok" else 1
+
+
+def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
+    """Write the plot and the animation that were asked for."""
+    from gauss_bench import motion
+    from gauss_bench.report.animation import animate
+    from gauss_bench.report.curves import curves
+    from gauss_bench.results import write_text
+
+    if not (options.plot or options.animate):
+        return
+    mechanism = motion.driven(options.linkage, options.scenario, options.driver)
+    points, states = motion.observed(mechanism, options.points), motion.states(result)
+    if options.plot:
+        write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
+    if options.animate:
+        write_text(options.animate, animate(mechanism, states.t, states.q, points))
+
+
 def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
     """The cases of a suite, for the linkages and engines asked for.
 
@@ -201,7 +256,7 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.runner import run as run_suite
 
     cases = chosen_cases(options, options.suite)
-    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs)
+    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, driven=not options.linkages)
     if options.json:
         print_json(rows.to_dict("records"))
     else:

@@ -6,17 +6,20 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.engines.native import Native
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import States
+from gauss_bench.reference.build import States, build_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 from tests.conftest import DATA
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
+DRIVEN = [(name, law) for name in ("four_bar", "six_bar", "eight_bar", "shaper") for law in ("driven", "cycloid")]
+DRIVEN += [("crank_slider", "driven")]
 
 
 def document(name: str) -> dict[str, Any]:
@@ -49,6 +52,15 @@ def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, sta
     model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
     pairs = zip(states.t, states.q, states.v, states.a, strict=True)
     return np.array([relative_error(model.acceleration(t, q, v), a) for t, q, v, a in pairs])
+
+
+def torque_error(engine: Engine, mechanism: Mechanism, settled: float = 0.0, **choice: Any) -> float:
+    """Largest error of the driving torque over one turn, from the time `settled` [s] on, relative to the largest torque."""
+    exact = build_reference(mechanism, mechanism.duration)
+    found, evaluator = ran(engine, mechanism, exact.t, **choice), Evaluator(mechanism)
+    true = metrics.driving_forces(evaluator, Trajectory(exact.t, exact.q, exact.v, exact.a, 0))
+    error = np.abs(metrics.driving_forces(evaluator, found) - true)[exact.t >= settled]
+    return float(error.max() / np.abs(true).max())
 
 
 def open_by(mechanism: Mechanism, trajectory: Trajectory) -> float:

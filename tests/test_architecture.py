@@ -20,7 +20,7 @@ ALLOWED = {
     "kinematics": {"mechanism", *LIGHT},
     "reference": {"mechanism", *LIGHT},
     "metrics": {"mechanism", *LIGHT},
-    "bench": {"mechanism", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
+    "bench": {"mechanism", "kinematics", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
     "report": {"mechanism", "results", *LIGHT},
     "simulation": {"mechanism", "engines", "integrate", "metrics", "bench", *LIGHT},
     "motion": {"kinematics", "mechanism", "simulation", *LIGHT},

@@ -11,11 +11,11 @@ from gauss_bench.engines.exudyn import SETTINGS, Exudyn, ExudynModel, library, s
 from gauss_bench.engines.exudyn_accelerations import Readout, verify
 from gauss_bench.engines.exudyn_items import System
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import random_states
+from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, document, linkage, ran
+from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, document, linkage, ran, relative_error, torque_error
 
 exu = pytest.importorskip("exudyn")
 
@@ -63,6 +63,57 @@ def test_default_acceleration_has_the_error_of_its_own_differencing(name, linkag
     resting = acceleration_errors(ENGINE, mechanism, "default", random_states(mechanism, 50, speed=0.0))
     assert resting.max() < 1e-10, "at rest there is nothing to differentiate"
     assert np.median(moving) > 100 * np.median(resting)
+
+
+@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+def test_accelerations_under_a_driver(name, scenario):
+    mechanism = load(name, scenario)
+    states = random_states(mechanism, 50)
+    errors = acceleration_errors(ENGINE, mechanism, "tuned", states)
+    assert np.median(errors) < 1e-11, "as without a driver"
+    assert errors.max() < 1e-9
+    if scenario == "driven":  # at constant speed there is nothing to ignore
+        return np.testing.assert_array_less(acceleration_errors(ENGINE, mechanism, "default", states), 1e-4)
+    with pytest.raises(RunFailure, match="second rate") as caught:
+        acceleration_errors(ENGINE, mechanism, "default", states)
+    assert caught.value.status is Status.SKIP
+
+
+@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+def test_driving_torques_over_a_turn(name, scenario):
+    mechanism = load(name, scenario)
+    coarse, fine = (
+        torque_error(ENGINE, mechanism, integrator="trapezoidal_index2", settings="tuned", step=h) for h in (1e-3, 5e-4)
+    )
+    assert coarse < 1e-4, "order two at a millisecond: 6e-5 at most was measured"
+    assert coarse / fine > 3
+    alpha = {"integrator": "generalized_alpha", "settings": "tuned"}
+    assert torque_error(ENGINE, mechanism, **alpha) < 2e-2, (
+        "its algorithmic accelerations start half a step off, and this is damped"
+    )
+    assert torque_error(ENGINE, mechanism, settled=0.1, **alpha) < 1e-3
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_law_that_begins_with_a_jump_is_met_from_the_first_sample_on(integrator, settings):
+    content = document_of("four_bar")[0]
+    content["scenarios"]["cycloid"]["driver"]["law"] = "cosine"  # with its largest acceleration at the start
+    mechanism = load_document(content, "cycloid")
+    exact = build_reference(mechanism, 0.3)
+    found = run(mechanism, exact.t, integrator, settings=settings)
+    assert np.abs(exact.a[0, 2]) > 10, "or there is nothing to ignore"
+    assert relative_error(found.a[0], exact.a[0]) < 1e-11, "given, not found by Exudyn"
+    assert relative_error(found.q, exact.q) < 1e-4
+    assert relative_error(found.a[10:], exact.a[10:]) < 1e-3, "an offset in the start would stay in the trapezoidal rule"
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_two_driven_links_and_samples_off_the_grid(integrator):
+    mechanism, times = load("five_bar", "driven"), [0.0, 0.0707, 0.1, 0.10012, 0.2]
+    found = run(mechanism, times, integrator)
+    true = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
+    assert np.abs(found.q - true.q).max() < 1e-5, "1e-6 of both integrators at a millisecond"
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -187,7 +238,9 @@ def test_a_missing_joint_or_a_wrong_mass_is_noticed(linkages):
 def test_what_cannot_be_modelled_is_skipped_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "exudyn", None)  # importing it now fails
     choice = Choice("default", INTEGRATORS[0])
-    assert "motion law" in ENGINE.skip(load("four_bar", "driven"), choice)
+    assert "angles" in ENGINE.skip(load("excavator", "dig"), choice)
+    assert "friction" in ENGINE.skip(linkage("friction"), choice)
+    assert ENGINE.skip(load("four_bar", "driven"), choice) is None
     assert "across" in ENGINE.skip(with_forces("across"), choice)
     content = document("all_kinds")
     content["forces"]["anchor"] |= {"c": 0.5, "between": ["ground.O", "arm.O"]}

@@ -9,7 +9,7 @@ import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio import SETTINGS, Pinocchio, PinocchioModel
-from gauss_bench.engines.pinocchio_forces import TreeForces
+from gauss_bench.engines.pinocchio_forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio_tree import Multibody, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.stabilization import baumgarte
@@ -21,7 +21,7 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
-from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, linkage, open_by, relative_error
+from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = pytest.importorskip("pinocchio")
@@ -53,6 +53,52 @@ def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: 
     mechanism = made(name)
     errors = acceleration_errors(ENGINE, mechanism, settings, random_states(mechanism, 25))
     assert errors.max() < 1e-10  # rounding, amplified by transmission angles, is 3e-13
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+def test_accelerations_under_a_driver_are_those_of_geometry(name: str, scenario: str, settings: str) -> None:
+    mechanism = load(name, scenario)
+    errors = acceleration_errors(ENGINE, mechanism, settings, random_states(mechanism, 25))
+    assert np.median(errors) < 1e-12  # rounding of two solutions; 3e-14 at most was measured
+    assert errors.max() < 1e-10  # at the ends of the sine law the true acceleration is small
+
+
+@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+def test_driving_torques_over_a_turn(name: str, scenario: str) -> None:
+    mechanism = load(name, scenario)
+    assert torque_error(ENGINE, mechanism, stabilization="projection") < 1e-11  # the driver's row included, only geometry is left
+    assert torque_error(ENGINE, mechanism, stabilization="baumgarte") < 1e-7  # RK4 at 1 ms against 20 rad/s: 7e-9 at most
+    assert torque_error(ENGINE, mechanism, stabilization="none") < 1e-8  # 8e-10 at most
+    assert torque_error(ENGINE, mechanism, integrator="dop853") < 1e-8  # rtol 1e-10 over one second
+
+
+def test_two_driven_links_that_hang_on_other_links() -> None:
+    mechanism, times = load("five_bar", "driven"), np.linspace(0.0, 0.5, 6)
+    found = ran(mechanism, times, stabilization="projection")
+    expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
+    assert np.abs(found.q - expected.q).max() < 1e-12  # projection leaves no freedom at all
+    assert relative_error(found.a, expected.a) < 1e-11
+
+
+@pytest.mark.parametrize(("name", "scenario"), [("six_bar", "cycloid"), ("shaper", "driven"), ("five_bar", "driven")])
+def test_a_driven_link_off_its_law_is_drawn_back_as_the_suite_does_it(name: str, scenario: str, rng: np.random.Generator) -> None:
+    mechanism = load(name, scenario)
+    tree, evaluator, model = spanning_tree(mechanism), Evaluator(mechanism), build(mechanism, stabilization="baumgarte")
+    y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
+    for t in (0.0, 0.2, 0.3):
+        y, dy = y0 + 1e-2 * rng.standard_normal(tree.n), dy0 + rng.standard_normal(tree.n)
+        q, v, a = tree.absolute(y, dy, model.stabilized(t, y, dy))
+        assert relative_error(a, gauss(baumgarte(evaluator.terms(t, q, v))).a) < 1e-10  # both are exact
+
+
+def test_torques_that_move_nothing_are_told() -> None:
+    mechanism = load("four_bar", "driven")
+    tree = spanning_tree(mechanism)
+    drive = DrivingTorques(TreeForces(mechanism, tree, Multibody(pinocchio, mechanism, tree)), (0.0, 0.0))
+    with pytest.raises(RunFailure, match="no driving torque") as failure:
+        drive(lambda t, y, dy, tau: np.ones(tree.n), 0.0, np.zeros(tree.n), np.zeros(tree.n), np.zeros(tree.n))
+    assert failure.value.status is Status.RANK_LOST
 
 
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte"])
@@ -195,10 +241,12 @@ def test_independent_rows_far_off_are_not_mistaken_for_it() -> None:
 def test_what_is_skipped_and_why_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     choice = Choice(integrator="rk4")
-    assert "prescribed" in (ENGINE.skip(load("four_bar", "driven"), choice) or "")
+    assert "angles" in (ENGINE.skip(load("excavator", "dig"), choice) or "")
+    assert "friction" in (ENGINE.skip(linkage("friction"), choice) or "")
     assert "knife edge" in (ENGINE.skip(everything(), choice) or "")
     assert "loop of slides" in (ENGINE.skip(made("wedge"), choice) or "")
     assert "fixed-step" in (ENGINE.skip(load("four_bar"), Choice(integrator="dop853", stabilization="projection")) or "")
+    assert ENGINE.skip(load("four_bar", "driven"), choice) is None
     for name in (*LINKAGES, "swinging_block", "redundant", "parallelogram"):
         assert ENGINE.skip(made(name), choice) is None
 

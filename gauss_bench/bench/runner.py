@@ -14,6 +14,10 @@ import pandas as pd
 from tqdm import tqdm
 
 from gauss_bench.bench.cases import Case
+from gauss_bench.bench.driving import LINKAGES as driving_linkages
+from gauss_bench.bench.driving import driving
+from gauss_bench.bench.geometry import LINKAGES as geometry_linkages
+from gauss_bench.bench.geometry import geometry
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, Alteration, measure, mechanism_of, reference_of, unaltered
 from gauss_bench.bench.timing import compare_costs, ratio
@@ -38,8 +42,10 @@ class Task(NamedTuple):
     stamp: str
 
 
-def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True) -> pd.DataFrame:
+def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True, driven: bool = False) -> pd.DataFrame:
     """Run what is not finished yet, write every table into `folder`, and return the rows.
+
+    `driven` adds the kinematics of the built-in linkages and their driving torques.
 
     Raises:
         Busy: another run writes into the same folder.
@@ -50,6 +56,8 @@ def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool 
     with Journal(folder / ".run" / f"{suite}.jsonl") as journal:
         found = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references", journal)
         found |= finish(accuracy_tasks(cases, store, stamps), jobs, CASE_LIMIT, "accuracy", journal)
+        if driven:
+            found |= finish(driven_tasks(stamp), jobs, CASE_LIMIT, "driven", journal)
         if costs:
             found |= finish(cost_tasks(cases, stamps), 1, COST_LIMIT, "costs", journal)
     return _write(cases, found, folder, suite)
@@ -74,6 +82,12 @@ def reference_tasks(cases: list[Case], store: str, stamps: dict[Case, str]) -> l
 
 def accuracy_tasks(cases: list[Case], store: str, stamps: dict[Case, str], alter: Alteration = unaltered) -> list[Task]:
     return [Task(case.key(), measure, (case, store, alter), stamps[case]) for case in cases]
+
+
+def driven_tasks(stamp: str) -> list[Task]:
+    """Kinematics three ways, and driving torques by every engine, of the built-in linkages."""
+    wanted = [("geometry", geometry, x) for x in geometry_linkages] + [("driving", driving, x) for x in driving_linkages]
+    return [Task(f"{name}|{x}", function, (x,), f"{stamp}.{mechanism_of(x, 'driven').sha256[:16]}") for name, function, x in wanted]
 
 
 def cost_tasks(cases: list[Case], stamps: dict[Case, str]) -> list[Task]:
@@ -192,6 +206,9 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     }
     write_table(frame, folder / "results.parquet", where)
     write_table(frame, folder / "results.csv")
+    turned = [entry for key, entry in sorted(found.items()) if key.startswith(("geometry|", "driving|"))]
+    for name in ("agreement", "singular", "driving"):
+        write_table(pd.DataFrame([row for entry in turned for row in entry.get(name, [])]), folder / f"{name}.csv")
     references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
     write_table(pd.DataFrame(references), folder / "references.csv")
     drawn = pd.DataFrame(curves, columns=[*KEY, *CURVES]).astype(dict.fromkeys(CURVES, "float32"))  # a pen's width is 1e-3

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.model import Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -14,10 +14,29 @@ SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that i
 PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
 
 
+def refused(mechanism: Mechanism, library: str) -> str | None:
+    """Why no adapter takes the mechanism, or None."""
+    if mechanism.has_friction:
+        return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
+    other = next((d.name for d in mechanism.drivers if not isinstance(d, AngleDriver)), None)
+    return other and f"{library} is given prescribed angles of links only here, not the slide or length {other}"
+
+
+def driven_links(mechanism: Mechanism) -> list[AngleDriver]:
+    """The prescribed rotations, in order; there are no other drivers once `refused` has been asked."""
+    return [d for d in mechanism.drivers if isinstance(d, AngleDriver)]
+
+
+def driven_hinges(mechanism: Mechanism, tree: Tree) -> list[int | None]:
+    """For each driver the tree coordinate that is the angle of its link, or None where that is a sum or no coordinate."""
+    hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
+    return [hinges.get(d.link) for d in driven_links(mechanism)]
+
+
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
     """Why a tree of joints that only pins may close cannot be the mechanism, or None."""
-    if mechanism.drivers:
-        return f"a prescribed motion is not modelled in {library} here"
+    if reason := refused(mechanism, library):
+        return reason
     if mechanism.knife_edges:
         return f"{library} has no constraint on velocities alone (knife edge)"
     slide = next((j.name for j in spanning_tree(mechanism).closures if isinstance(j, Prismatic)), None)

@@ -8,6 +8,10 @@ Every model is compared with the terms of the linkage before it is handed out. A
 lie on one grid of steps. Elsewhere it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations
 of generalized-alpha, within its order. Adaptive steps are off everywhere: they halve the step without a word, and a benchmark
 compares at equal steps.
+
+Exudyn's initial accelerations ignore the second rate of a motion law, and what they lack stays in the accelerations of the
+trapezoidal rule for the whole run. Driven linkages therefore start from accelerations that are computed as under "tuned", whatever
+the settings, and where the law's rate varies there is no answer of Exudyn's own to report as an acceleration at a given state.
 """
 
 import os
@@ -18,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import finite_acceleration, require_finite
+from gauss_bench.engines.adapter import finite_acceleration, refused, require_finite
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn_accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn_items import System, inexpressible
@@ -80,8 +84,8 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({exu.exudynCPP.__name__.rpartition('.')[2]})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if mechanism.drivers:
-            return "driven linkages are left out: Exudyn's initial accelerations ignore the second derivative of the motion law"
+        if reason := refused(mechanism, "Exudyn"):
+            return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
         return next((reason for f in mechanism.forces if (reason := inexpressible(mechanism, f))), None)
@@ -96,7 +100,7 @@ def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
     options = SETTINGS[choice.settings]
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    unknowns, limits = mechanism.n + 2 * len(mechanism.joints), options["linear_solver_up_to_unknowns"]
+    unknowns, limits = mechanism.n + rows(mechanism), options["linear_solver_up_to_unknowns"]
     name = next(name for name, most in limits.items() if most is None or unknowns <= most)
     if mechanism.redundant:
         name = "EigenDense"
@@ -112,6 +116,11 @@ def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
     run.newton.relativeTolerance = options["relative_tolerance"]
     run.newton.absoluteTolerance = options["absolute_tolerance"]
     return settings
+
+
+def rows(mechanism: Mechanism) -> int:
+    """Algebraic equations of the joints and drivers."""
+    return 2 * len(mechanism.joints) + len(mechanism.drivers)
 
 
 class Log:
@@ -159,12 +168,20 @@ class ExudynModel:
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
             if self.choice.settings == "tuned":
-                a = kkt_acceleration(self.readout(q, v), self.mechanism.redundant > 0)
+                a = self._kkt(t, q, v)
             else:
+                self._require_even_laws(t)
                 a = self.built_in(q, v)
         except (np.linalg.LinAlgError, self.exu.SolverError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
+
+    def _kkt(self, t: float, q: Array, v: Array) -> Array:
+        return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
+
+    def _require_even_laws(self, t: float) -> None:
+        if any(law(t)[2] != 0 for law in self.readout.laws):
+            raise RunFailure(Status.SKIP, "Exudyn's initial accelerations ignore the second rate of the motion law")
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only Exudyn's own loop, whatever `native` says."""
@@ -183,17 +200,20 @@ class ExudynModel:
         self._record()
 
     def _reset(self) -> None:
-        """Back to the start, with the accelerations Exudyn begins with as the first sample."""
+        """Back to the start, with the accelerations Exudyn begins with as the first sample; those of a driven linkage are given."""
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
-        alpha.computeInitialAccelerations, alpha.resetAccelerations = True, False
+        alpha.computeInitialAccelerations, alpha.resetAccelerations = not self.mechanism.drivers, False
         data.SetTime(float(self.times[0]), initial)
         data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
-        data.SetAECoordinates(np.zeros(2 * len(self.mechanism.joints)), initial)
+        data.SetAECoordinates(np.zeros(rows(self.mechanism)), initial)
         self.q[0], self.v[0] = 0.0, self.mechanism.v0
         try:
             self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
-        except self.exu.ExudynError as error:
+            if self.mechanism.drivers:
+                self.a[0] = self._kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
+                data.SetODE2Coordinates_tt(self.a[0], initial)
+        except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _record(self) -> None:
@@ -252,7 +272,8 @@ class ExudynModel:
         self._check_closed(q)
         if warning:
             raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}")
-        return Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]))
+        note = "the motion law is evaluated in Python in every Newton iteration" if self.mechanism.drivers else ""
+        return Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]), note=note)
 
     def _check_closed(self, q: Array) -> None:
         """SolveDynamic returning True does not mean solved.
@@ -262,7 +283,7 @@ class ExudynModel:
         """
         size = extent(self.mechanism)
         turns = [isinstance(joint, Prismatic) for joint in self.mechanism.joints]  # the second row of a slide is an angle
-        scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)])
+        scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)] + [1.0] * len(self.mechanism.drivers))
         gap = (np.abs(self.evaluator.constraints(self.times, q, self.v).phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
             k = int(np.argmax(gap > FAR))

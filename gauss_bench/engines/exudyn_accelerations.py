@@ -3,16 +3,16 @@
 What is Exudyn's and what is not:
 
     BuiltIn    all Exudyn, its initial accelerations. They differentiate C_q v by one-sided differences; that, not the formulation,
-               limits them to about 1e-7.
-    Readout    M, f and C_q are Exudyn's; the rate of C_q, by fourth-order differences of Exudyn's C_q along v, and the solution of
-               [M C_q^T; C_q 0] are done here.
+               limits them to about 1e-7. They leave out the second rate of motion laws.
+    Readout    M, f and C_q are Exudyn's; the rate of C_q, by fourth-order differences of Exudyn's C_q along v, the second rate of
+               motion laws, and the solution of [M C_q^T; C_q 0] are done here.
 """
 
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import require_agreement, size
+from gauss_bench.engines.adapter import driven_links, require_agreement, size
 from gauss_bench.engines.exudyn_items import System
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -37,7 +37,10 @@ class BuiltIn:
         data = self.system.mbs.systemData
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)
         data.SetODE2Coordinates_t(v, self.initial)
+        alpha = self.settings.timeIntegration.generalizedAlpha
+        during_runs, alpha.computeInitialAccelerations = alpha.computeInitialAccelerations, True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
+        alpha.computeInitialAccelerations = during_runs
         return np.array(data.GetODE2Coordinates_tt())
 
 
@@ -51,6 +54,7 @@ class Readout:
         settings.solution.file.write = False
         self.solver.InitializeSolver(system.mbs, settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
+        self.laws = [driver.law for driver in driven_links(system.mechanism)]  # of the last rows
 
     def jacobian(self, q: Array) -> Array:
         """C_q (m, n)."""
@@ -70,9 +74,11 @@ class Readout:
         rate: Array = (8 * near - far) / (12 * h)
         return -(rate @ v)
 
-    def __call__(self, q: Array, v: Array) -> Terms:
+    def __call__(self, q: Array, v: Array, t: float) -> Terms:
         mbs, solver = self.system.mbs, self.solver
         bias, J = self.bias(q, v), self.jacobian(q)
+        bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]
+        mbs.systemData.SetTime(t, self.current)
         mbs.systemData.SetODE2Coordinates_t(v, self.current)
         solver.ComputeMassMatrix(mbs, 1.0)
         M = np.array(solver.GetSystemMassMatrix())
@@ -101,14 +107,15 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     mechanism = evaluator.mechanism
     counted = system.mbs.ComputeSystemDegreeOfFreedom()
     found = (int(counted["degreeOfFreedom"]), int(counted["redundantConstraints"]))
-    if found != (mechanism.dof, mechanism.redundant):
+    expected_counts = (mechanism.dof - len(mechanism.drivers), mechanism.redundant)
+    if found != expected_counts:
         raise RunFailure(
             Status.ERROR,
             f"Exudyn counts {found[0]} degrees of freedom and {found[1]} redundant rows, "
-            f"the linkage has {mechanism.dof} and {mechanism.redundant}",
+            f"the linkage has {expected_counts[0]} and {expected_counts[1]}",
         )
     for q, v in states_near_the_start(evaluator):
-        own, expected = readout(q, v), evaluator.terms(0.0, q, v)
+        own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
         same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))
         sign = np.where(same <= opposite, 1.0, -1.0)
         pairs = {

@@ -9,16 +9,19 @@ first and the guide second, and both rows are those of the linkage with the oppo
 Forces along an axis need care on moving links. Exudyn applies the opposite force at the origin's marker, which leaves out a torque
 unless origin and point lie on one line along the axis. Where a slide between the two links keeps their distance from that line,
 the marker is moved there and the law is exact; anywhere else the mechanism is skipped.
+
+A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0.
 """
 
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import PARALLEL, spatial, unit
+from gauss_bench.engines.adapter import PARALLEL, driven_links, spatial, unit
 from gauss_bench.mechanism.forces import angle, axis_state, position
 from gauss_bench.mechanism.model import (
     GROUND,
+    AngleDriver,
     AxisSpringDamper,
     Force,
     Joint,
@@ -75,6 +78,8 @@ class System:
             self._link(i)
         for joint in mechanism.joints:
             self._joint(joint)
+        for driver in driven_links(mechanism):
+            self._driver(driver)
         for force in mechanism.forces:
             self._force(force)
         self.mbs.Assemble()
@@ -115,6 +120,15 @@ class System:
             constrainRotation=True,
         )
         self.mbs.AddObject(slide)
+
+    def _driver(self, driver: AngleDriver) -> None:
+        law, start = driver.law, float(angle(self.mechanism.q0, driver.link))
+        drive = self.items.ObjectConnectorCoordinate(
+            markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
+            offsetUserFunction=lambda mbs, t, item, offset: float(law(t)[0]) - start,
+            offsetUserFunction_t=lambda mbs, t, item, offset: float(law(t)[1]),
+        )
+        self.mbs.AddObject(drive)
 
     def _force(self, f: Force) -> None:
         match f:

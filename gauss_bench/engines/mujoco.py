@@ -3,6 +3,11 @@
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
 of the open joints, at the start and at random tree states. Only the softness of the closures is left unchecked: it is what the
 settings vary.
+
+MuJoCo has no prescribed motion of a joint. A hinge on the ground with an armature (rotor inertia) A far beyond all masses, under
+the torque A law''(t), moves so up to the share of the linkage's load in that torque:
+
+    (A + m) theta'' = A law''(t) + load
 """
 
 import copy
@@ -15,6 +20,8 @@ import numpy as np
 from gauss_bench.engines.adapter import (
     beyond_a_tree,
     closing_pins,
+    driven_hinges,
+    driven_links,
     finite_acceleration,
     require_agreement,
     require_finite,
@@ -27,12 +34,14 @@ from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import position
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
 AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or factor about 1
+ARMATURE = 1e9  # of a driven hinge, in inertias of the tree at rest; at 6e10 the shipped tolerance, relative to it, ends too early
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,9 @@ class Mujoco:
     name = "mujoco"
     integrators = tuple(INTEGRATORS)
     stabilizations = ("none",)
-    settings: Mapping[str, Mapping[str, object]] = {label: asdict(x) for label, x in SOFTNESS.items()}
+    settings: Mapping[str, Mapping[str, object]] = {
+        label: asdict(x) | {"armature_of_a_driven_hinge_over_inertia": ARMATURE} for label, x in SOFTNESS.items()
+    }
     native_loop = True
     python_loop = True
 
@@ -92,8 +103,11 @@ class Mujoco:
         reason = beyond_a_tree(mechanism, "MuJoCo")
         if reason:
             return reason
+        tree = spanning_tree(mechanism)
+        if None in driven_hinges(mechanism, tree):
+            return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
         try:
-            native_forces(mechanism, spanning_tree(mechanism))
+            native_forces(mechanism, tree)
         except RunFailure as failure:
             return str(failure)
         return None
@@ -134,18 +148,39 @@ class MujocoModel:
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
+        self.drives: list[tuple[int, float, MotionLaw]] = []
         verify(self)
+        self._drive()
 
-    def forward(self, y: Array, dy: Array) -> Any:
+    def _drive(self) -> None:
+        """Give driven hinges their armatures, as if they had been compiled into the model."""
+        laws = [d.law for d in driven_links(self.mechanism)]
+        at = [k for k in driven_hinges(self.mechanism, self.tree) if k is not None]
+        if not laws:
+            return
+        self.drives = [(k, ARMATURE * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
+        for model in (self.model, self.still):
+            for k, armature, _ in self.drives:
+                model.dof_armature[k] = armature
+            self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
+            SOFTNESS[self.choice.settings].apply(model, self.choice.step)  # scales the inverse weights just computed anew
+
+    def _push(self, data: Any, t: float) -> None:
+        """The driving torques at time t [s]."""
+        for k, armature, law in self.drives:
+            data.qfrc_applied[k] = self.torque[k] + armature * float(law(t)[2])
+
+    def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """MuJoCo's data at tree state y, dy (n,)."""
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
+        self._push(data, t)
         self.mujoco.mj_forward(self.still, data)
         return data
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Accelerations (3 links,) in absolute coordinates at tree state y, dy (n,)."""
-        return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy).qacc)[2], "MuJoCo")
+        return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy, t).qacc)[2], "MuJoCo")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.tree_acceleration(t, *self.tree.relative(q, v))
@@ -156,16 +191,20 @@ class MujocoModel:
         self.y, self.dy = np.tile(self.y0, (len(times), 1)), np.tile(self.dy0, (len(times), 1))
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
+        self.data.time = times[0]
         self.data.qpos[:], self.data.qvel[:] = self.y0, self.dy0
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
-        usual = self.mujoco.get_mju_user_warning()
+        usual, control = self.mujoco.get_mju_user_warning(), self.mujoco.get_mjcb_control()
         self.mujoco.set_mju_user_warning(self.complaints.append)  # MuJoCo would write them to a file
+        if self.drives:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, data.time))
         try:
             self._run()
         finally:
             self.mujoco.set_mju_user_warning(usual)
+            self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
         step, model, data = self.mujoco.mj_step, self.model, self.data
@@ -187,7 +226,8 @@ class MujocoModel:
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         states = zip(self.times, self.y, self.dy, strict=True)
         a = np.array([self.tree_acceleration(float(t), y, dy) for t, y, dy in states])
-        return Trajectory(self.times, q, v, a, sum(count for count, _ in self.plan))
+        note = "the motion law is evaluated in Python at every stage, which takes longer than MuJoCo does" if self.drives else ""
+        return Trajectory(self.times, q, v, a, sum(count for count, _ in self.plan), note=note)
 
 
 def verify(built: MujocoModel) -> None:

@@ -5,7 +5,7 @@ Its proximal iterations solve
     M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
 so that mu times the last change of the forces f is what the constraints are still missed by. f itself is never read: its sign and
-frame do not matter here.
+frame do not matter here. A prescribed rotation is the torque that makes it so, found by one further solution for each driver.
 
 Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
 steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
@@ -20,7 +20,7 @@ import numpy as np
 
 from gauss_bench.engines.adapter import beyond_a_tree, finite_acceleration, require_finite
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio_forces import TreeForces
+from gauss_bench.engines.pinocchio_forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio_tree import Multibody, verify
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
@@ -86,11 +86,16 @@ class ConstrainedDynamics:
         accuracies = settings["absolute_accuracy"], settings["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, settings["mu"], int(settings["max_iter"]))
         self.limit = SOLVED / settings["mu"]
+        self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         self.evaluations += 1
-        a: Array = self.solve(self.model, self.data, y, dy, self.forces(y, dy), self.rows, self.row_data, self.prox)
+        tau = self.forces(y, dy)
+        return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
+
+    def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
+        a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
         if not self.prox.relative_residual <= self.limit:
             self._doubt(t, a)
         return a

@@ -1,14 +1,17 @@
-"""Applied forces of a linkage as generalised forces of Pinocchio's tree, which has no springs and dampers of its own."""
+"""Forces of a linkage as generalised forces of Pinocchio's tree, which has no springs, dampers and drives of its own."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from gauss_bench.engines.adapter import driven_links
 from gauss_bench.engines.pinocchio_tree import Multibody
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Force, Mechanism
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
 
 AFFINE = 1e-10  # relative: rounding leaves about 1e-14; a force that is affine only this far may as well be affine
 
@@ -39,6 +42,9 @@ class TreeForces:
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
         self.motion = Motion(tree, body)
+        self.drivers = driven_links(mechanism)
+        y = tree.relative(mechanism.q0, mechanism.v0)[0]
+        self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
     def _tabulated(self, f: Force) -> tuple[Array, Array] | None:
         """Constant (n,) and slope (n, 2n) of one force, read off unit states; None if random states contradict them."""
@@ -60,6 +66,43 @@ class TreeForces:
             q, T = self.motion(y)
             tau = tau + self.applied.generalised(q, T.dot(dy)).dot(T)
         return tau
+
+
+class DrivingTorques:
+    """Torques on driven links under which they have their prescribed accelerations.
+
+    Accelerations are affine in torques. With R the rows of theta = theta0 + R y that are driven, a0 the accelerations without any
+    driving torque and a_j those with a probe torque on driver j alone,
+
+        y'' = a0 + sum s_j (a_j - a0),    R y'' = law''(t) - Kd (theta' - law'(t)) - Kp (theta - law(t))
+
+    where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels.
+    """
+
+    def __init__(self, forces: TreeForces, gains: tuple[float, float]):
+        self.laws, links = [d.law for d in forces.drivers], [d.link for d in forces.drivers]
+        self.rows, self.theta0 = forces.motion.turns[links], forces.motion.theta0[links]
+        self.gains = gains
+        self.inertias = np.einsum("ij,jk,ik->i", self.rows, forces.inertia, self.rows)  # that the opened tree has at the start
+
+    def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
+        """The accelerations (n,) that `solve` finds at t, y, dy under tau (n,) and the driving torques.
+
+        Raises:
+            RunFailure: the torques cannot move the driven links, such as at a dead point.
+        """
+        value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
+        kp, kd = self.gains
+        wanted = second - kd * (self.rows @ dy - rate) - kp * (self.theta0 + self.rows @ y - value)
+        free = solve(t, y, dy, tau)
+        missing = wanted - self.rows @ free
+        probes = self.inertias * np.maximum(1.0, np.abs(missing))
+        effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * self.rows])
+        try:
+            found: Array = free + np.linalg.solve(self.rows @ effects.T, missing) @ effects
+        except np.linalg.LinAlgError as error:
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no driving torque gives the prescribed acceleration") from error
+        return found
 
 
 class Motion:

@@ -20,6 +20,7 @@ from gauss_bench.report.sections import (
     environment,
     failures,
     findings,
+    kinematics,
     limitations,
     references,
     settings,
@@ -31,9 +32,10 @@ from gauss_bench.results import write_text
 
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
-LAST = (failures.section, limitations.section, settings.section, references.section, environment.section)
+LAST = (kinematics.section, failures.section, limitations.section, settings.section, references.section, environment.section)
 
-TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), "status", "message", "note", "flag", "link_errors", "method", "quantity")
+OUTCOMES = ("status", "message", "note", "flag", "link_errors", "method", "quantity", "first", "second", "coordinate", "kind")
+TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), *OUTCOMES)
 FLAGS = ("valid", "control")
 
 
@@ -41,7 +43,10 @@ def read_run(folder: Path) -> Run:
     """The rows and the environment the runner left in a folder; a missing table is an empty one."""
     path = folder / "environment.json"
     environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    tables = {name: _read_table(folder, name) for name in ("results", "references", "series", "samples")}
+    tables = {
+        name: _read_table(folder, name)
+        for name in ("results", "references", "series", "samples", "agreement", "singular", "driving")
+    }
     return Run(**tables, environment=environment)
 
 

@@ -28,6 +28,9 @@ class Run:
         references: one row per mechanism and scenario.
         series: one row per case and time.
         samples: one row per cost sample.
+        agreement: one row per linkage and pair of kinematic methods.
+        singular: one row per limit of motion or dead centre.
+        driving: one row per linkage and way to run a driven turn.
         environment: where, when and with what the run was made.
     """
 
@@ -35,6 +38,9 @@ class Run:
     references: tuple[Row, ...]
     series: tuple[Row, ...]
     samples: tuple[Row, ...]
+    agreement: tuple[Row, ...]
+    singular: tuple[Row, ...]
+    driving: tuple[Row, ...]
     environment: Mapping[str, Any]
 
     @property

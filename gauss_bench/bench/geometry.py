@@ -1,0 +1,60 @@
+"""Kinematics three independent ways: link units, point coordinates, and the dynamics' own constraints differentiated.
+
+They share the linkage file and nothing else, so their agreement vouches for the velocities and accelerations that every engine
+starts from.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.kinematics.basic_coordinates import basic_motion
+from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+
+LINKAGES = ("crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar", "jansen")
+POSITIONS = 361
+Levels = tuple[Array, Array, Array]
+
+
+def geometry(linkage: str) -> dict[str, Any]:
+    """Rows of agreement over one driven turn, and the singular positions: {"agreement": [...], "singular": [...]}."""
+    mechanism = load(linkage, "driven")
+    times = np.linspace(0.0, 1.0, POSITIONS)
+    loop, basic = (solve(mechanism, inputs_of(mechanism), times) for solve in (loop_motion, basic_motion))
+    assert mechanism.driver is not None
+    exact = MinimalCoordinate(mechanism)
+    parts = [exact.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))) for t in times]
+    ways: dict[str, Levels] = {
+        "link units": (loop.q, loop.v, loop.a),
+        "point coordinates": (basic.q, basic.v, basic.a),
+        "constraints": tuple(np.concatenate([p[k] for p in parts]) for k in range(3)),  # type: ignore[dict-item]
+    }
+    names = list(ways)
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    agreement = [{"mechanism": mechanism.name, "first": a, "second": b, **differences(ways[a], ways[b])} for a, b in pairs]
+    iterations = {"link units": float(np.mean(loop.iterations)), "point coordinates": float(np.mean(basic.iterations))}
+    return {"agreement": agreement, "iterations": iterations, "singular": singular(linkage)}
+
+
+def differences(one: Levels, other: Levels) -> dict[str, float]:
+    """Largest difference of positions, velocities and accelerations over the turn, relative to the largest value of each."""
+    named = zip(("position", "velocity", "acceleration"), one, other, strict=True)
+    return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in named}
+
+
+def singular(linkage: str) -> list[dict[str, Any]]:
+    """Limits and dead centres with their crank angles [deg]; empty where the curve of positions forks."""
+    mechanism = load(linkage)
+    try:
+        found = singular_positions(mechanism)
+    except ChangePoint:
+        return []
+    return [
+        {"mechanism": mechanism.name, "coordinate": s.coordinate, "kind": s.kind, "crank_deg": float(np.degrees(s.crank)) % 360.0}
+        for s in found
+    ]

@@ -1,0 +1,246 @@
+"""Motion of a linkage in basic coordinates: positions from the equations between its points, velocities and accelerations exactly.
+
+With the unknown points p, the equations phi(p, t) = 0 of `point_equations` and J = dphi/dp, in least squares where redundant:
+
+    positions      phi(p) = 0, by a root search from the previous state and J dp = -(dphi/dx) dx for the turn dx of the inputs
+    velocities     J p' = -phi_t
+    accelerations  J p'' = gamma = -(known points' part of phi'') - (products of speeds)
+
+The state of a link follows from two of its points, E = (B - A) / (b - a): theta = arg E, nearest to where its rate takes it,
+omega = Im(E' conj E), alpha = Im(E'' conj E). A step is taken again in halves where the search fails, ends far from the prediction
+or on the other side of a singular position; so an input is followed to its limit, and an assembly is never left unnoticed.
+Source: Men, Feng, He (see `point_equations`), section 2, for the search from the previous state; differentiated constraints after
+Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.point_equations import PointModel
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, RootFinder, largest, levenberg_marquardt
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: predictions then miss by a small part of their length
+LARGEST_SLIDE = 0.1  # of the size of a link, for the same reason
+SHORTEST = 2.0**-20  # of these: a limit of motion is found to 2e-7 rad
+STRAY = 0.5  # [parts, rad] correction against prediction, and of angles: both fall with the step, unless another assembly was found
+TOLERANCE = 1e-14  # of the largest coordinate: some 50 units of rounding
+RANK_TOLERANCE = 1e-4  # positions are good to 1e-14 / r where the singular values span r, rates to 1e-14 / r^2: 1e-6 here
+PROBE = 1e-3  # of a largest step beyond a failure: far above its 1e-6, near enough to tell what lies there
+
+Branch = Mapping[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class BasicMotion:
+    """States of a linkage at given times, by its points.
+
+    Attributes:
+        q, v, a: (k, n) absolute coordinates [m, rad], velocities and accelerations as in Mechanism; angles continuous from q0.
+        iterations: (k,) corrections since the previous time, all sub-steps counted.
+        flags: (k,) how the last search of each time ended; anything but CONVERGED is raised instead.
+        residual: (k,) largest equation left open [m].
+        branch: (k,) assembly, as from `branch_of`.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    iterations: Array
+    flags: tuple[ExitFlag, ...]
+    residual: Array
+    branch: tuple[Branch, ...]
+
+
+@dataclass(frozen=True)
+class BranchChange:
+    """A group of points on another side than in the state before; `index` counts states."""
+
+    index: int
+    group: str
+    before: int
+    after: int
+
+
+def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> BasicMotion:
+    """The motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
+
+    Between two times the inputs are followed along the straight line of their values. `method` is a key of ROOT_FINDERS.
+
+    Raises:
+        ValueError: knife edges, or inputs that do not fit the linkage.
+        LimitOfMotion: a limit of motion lies between two times.
+        SingularPosition: the rates are not determined at a time, or assemblies meet on the way.
+    """
+    model = PointModel(mechanism, inputs)
+    walk = _Walk(model, ROOT_FINDERS[method])
+    samples: list[_Sample] = []
+    try:
+        for t in np.asarray(times, dtype=float):
+            laws = np.array([given.law(t) for given in inputs], dtype=float).reshape(-1, 3)
+            root = walk.to(laws[:, 0])
+            samples.append(_Sample(walk.state(laws[:, 1], laws[:, 2]), root, walk.corrections, _named(model, walk.signs)))
+    except MotionError as error:
+        error.reached = _motion(mechanism, samples)
+        raise
+    return _motion(mechanism, samples)
+
+
+class _Sample(NamedTuple):
+    """One time: q, v, a (3, n), the last search, corrections since the time before, and the assembly."""
+
+    state: Array
+    root: Root
+    corrections: int
+    branch: Branch
+
+
+def _motion(mechanism: Mechanism, samples: list[_Sample]) -> BasicMotion:
+    q, v, a = np.array([x.state for x in samples]).reshape(-1, 3, mechanism.n).transpose(1, 0, 2)
+    return BasicMotion(
+        q,
+        v,
+        a,
+        np.array([x.corrections for x in samples], dtype=int),
+        tuple(x.root.flag for x in samples),
+        np.array([x.root.residual for x in samples]),
+        tuple(x.branch for x in samples),
+    )
+
+
+def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
+    """Group of points -> +1 or -1, its side in the state q (n,): which assembly it is.
+
+    The side is the sign of the determinant of the group's own equations, for a dyad the side of its middle point on the line of its
+    ends. It changes at singular positions only. Assemblies with different sides differ; a group beyond dyads may have several with
+    the same. Groups without a choice (a third point of a link, or more equations than unknowns) do not appear.
+    """
+    model = PointModel(mechanism, inputs)
+    _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
+    return _named(model, model.signs(J))
+
+
+def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
+    """What changes from each state to the next, for the `branch` of a motion or any states of one linkage."""
+    steps = enumerate(pairwise(branches), 1)
+    return tuple(BranchChange(k, g, x[g], y[g]) for k, (x, y) in steps for g in x if x[g] != y[g])
+
+
+def _named(model: PointModel, signs: Array) -> Branch:
+    return {group.name: int(sign) for group, sign in zip(model.groups, signs, strict=True)}
+
+
+class _Walk:
+    """Follows the inputs from the assembled start, one prediction and one search at a time."""
+
+    def __init__(self, model: PointModel, search: RootFinder):
+        self.model, self.search = model, search
+        q0 = model.points.mechanism.q0
+        self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), q0[2::3].copy()
+        slide = LARGEST_SLIDE * model.size
+        self.largest = np.array([slide if given.link is None else LARGEST_TURN for given in model.points.inputs])
+        self.signs = model.signs(model.residual(self.x)(self.p)[1])
+        self.tolerance = TOLERANCE * max(model.size, largest(model.at(self.x, self.p)[model.points.first :]))
+        self.corrections = 0
+
+    def to(self, goal: Array) -> Root:
+        """Solve at the inputs `goal` (i,), in as many steps as it takes."""
+        if not np.isfinite(goal).all():
+            raise ValueError(f"inputs are not finite: {goal}")
+        start, gap = self.x, goal - self.x
+        longest = 1 / max(1, int(np.ceil(largest(gap / self.largest) - 1e-9)))
+        done, part, self.corrections = 0.0, longest, 0
+        while True:
+            ahead = done + part if done + part < 1 - SHORTEST * longest else 1.0
+            root = self._step(goal if ahead == 1 else start + ahead * gap)
+            if root and ahead == 1:
+                return root
+            if root:
+                done, part = ahead, min(2 * part, longest)
+            elif part > SHORTEST * longest:
+                part /= 2
+            else:
+                raise self._failure(longest * gap)
+
+    def _step(self, x: Array) -> Root | None:
+        """Predict and correct; the walk moves on only where the result can be trusted."""
+        model = self.model
+        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
+        Z[0] = model.filled(Z[0], self.p)
+        r = model.rows(Z[0])
+        inverse = self._inverse(model.jacobian(r))
+        if inverse is None:
+            return None
+        dp = -inverse @ (r @ Z[1]).real
+        Z[1] = model.filled(Z[1], dp)
+        root = self.search(model.residual(x), self.p + dp, self.tolerance)
+        self.corrections += root.iterations
+        leap = largest(Z[1, model.points.first :])
+        if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > STRAY * leap + np.sqrt(self.tolerance):
+            return None
+        signs = model.signs(model.residual(x)(root.x)[1])
+        if np.any(signs != self.signs):
+            return None
+        E, dE = model.directions @ Z[0], model.directions @ Z[1]
+        near = self.theta + (dE * E.conj()).imag
+        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
+        if largest(turn) > STRAY:
+            return None
+        self.x, self.p, self.theta = x, root.x, near + turn
+        return root
+
+    def _inverse(self, J: Array) -> Array | None:
+        """Pseudo-inverse of J, or None where its columns are dependent."""
+        if not J.shape[1]:
+            return np.zeros(J.T.shape)
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        if len(s) < J.shape[1] or s[-1] < RANK_TOLERANCE * s[0]:
+            return None
+        return np.asarray(Vt.T / s @ U.T)
+
+    def state(self, rate: Array, second: Array) -> Array:
+        """q, v, a (3, n) at the present position, for rates and second rates (i,) of the inputs."""
+        model = self.model
+        Z = model.points.known(self.x, rate, second)
+        Z[0] = model.filled(Z[0], self.p)
+        r = model.rows(Z[0])
+        J = model.jacobian(r)
+        inverse = self._inverse(J)
+        if inverse is None:
+            raise SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x)
+        Z[1] = model.filled(Z[1], -inverse @ (r @ Z[1]).real)
+        Z[2] = model.filled(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
+        E, centre = Z @ model.directions.T, Z @ model.centres.T
+        turns = (self.theta, *(E[1:] * E[0].conj()).imag)
+        return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
+
+    def _failure(self, step: Array) -> MotionError:
+        """Why no step leads on: no solution lies ahead, or one does, behind a position where assemblies meet."""
+        ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
+        near = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
+        if ahead.flag == ExitFlag.CONVERGED and near:
+            J = self.model.residual(self.x)(self.p)[1]
+            return SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x)
+        text = (
+            f"no solution beyond {self._inputs()}: a limit of motion; just ahead the equations stay open by {ahead.residual:.2g} m"
+        )
+        return LimitOfMotion(text, self.x)
+
+    def _inputs(self) -> str:
+        mechanism = self.model.points.mechanism
+        named = zip(self.model.points.inputs, self.x, strict=True)
+        return ", ".join(
+            f"{g.joint} = {x:.9g} m" if g.link is None else f"{mechanism.link_name(g.link)} = {x:.9g} rad" for g, x in named
+        )
+
+    def _rank(self, J: Array) -> str:
+        s = np.linalg.svd(J, compute_uv=False)
+        rank = int((s >= RANK_TOLERANCE * s.max(initial=0.0)).sum())
+        return f"rank {rank} of {J.shape[1]}, smallest singular value {s.min(initial=np.inf):.2g}"

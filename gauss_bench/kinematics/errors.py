@@ -1,0 +1,25 @@
+"""Why a motion cannot go on, whichever way it is computed."""
+
+from typing import Any
+
+
+class MotionError(ArithmeticError):
+    """The inputs cannot be followed any further.
+
+    Attributes:
+        inputs: the last ones that were reached [rad, m], by name or in order.
+        time: of the sample that was not reached [s], NaN where it is not known.
+        reached: the motion up to the sample before.
+    """
+
+    def __init__(self, message: str, inputs: Any, time: float = float("nan"), reached: Any = None):
+        self.inputs, self.time, self.reached = inputs, time, reached
+        super().__init__(message)
+
+
+class LimitOfMotion(MotionError):
+    """The linkage cannot be closed beyond these inputs."""
+
+
+class SingularPosition(MotionError):
+    """The Jacobian loses rank: the inputs do not determine how the motion goes on."""

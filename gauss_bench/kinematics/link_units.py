@@ -1,0 +1,138 @@
+"""Link units: what one link contributes to the loop equations, from nothing but its own shape.
+
+A loop passes a link from the element where it enters to the one where it leaves. An element lies at r in the frame of the link; one
+that can be moved along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the plane are
+complex numbers, with E = exp(i phi) of the link and w the way in its frame:
+
+    w = (r + s u)_leave - (r + s u)_enter
+    vector unit         A = E w
+    Jacobian unit       J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
+    Jacobian-rate unit  J' = [i E (w' + i phi' w), +-i phi' E u, ...]
+
+The sign is + for the element where the loop leaves. This covers every link of the paper: RR, RRR, 4R, RP1 (the slide's element is a
+block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. The column of phi is missing where the link
+cannot turn. In the paper's table 1 the first column of J' of RP2 ends in -phi' sin phi, phi' cos phi; it must end in -s' sin phi,
+s' cos phi, as the rule above has it.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
+eqs. (6)-(10) and table 1.
+"""
+
+import cmath
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gauss_bench.terms import Array
+
+PIN, GUIDE, BLOCK, ROD_END = "pin", "guide", "block", "rod end"
+MOVING = (GUIDE, ROD_END)  # elements with a coordinate s of their own
+
+
+@dataclass(frozen=True)
+class Element:
+    """The half of a pair that belongs to one link.
+
+    Attributes:
+        pair: name of the pair; node: that of its joint, which a multiple joint shares among its pairs.
+        kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
+        at: position r in the frame of the link [m]; along: unit vector u of the coordinate s, for GUIDE and ROD_END.
+        slide: name of the coordinate s, for GUIDE and ROD_END.
+    """
+
+    pair: str
+    node: str
+    kind: str
+    at: complex
+    along: complex = 0j
+    slide: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkUnit:
+    """The three units of a way through a link: vector (2,) [m], J (2, C) [m/rad, -] and J_rate (2, C), its derivative in time."""
+
+    vector: Array
+    J: Array
+    J_rate: Array
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way through a link; the opposite one has the negative units.
+
+    Attributes:
+        link: index of the link.
+        enter, leave: its elements.
+        turns: whether the link has a variable angle, r of C = r + p1 in the paper.
+    """
+
+    link: int
+    enter: Element
+    leave: Element
+    turns: bool = True
+
+    @cached_property
+    def moving(self) -> list[tuple[float, Element]]:
+        """The elements with a coordinate of their own and their signs, in an order that does not depend on the sense."""
+        ends = [(-1.0, self.enter), (1.0, self.leave)]
+        return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda one: one[1].slide)
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the coordinates s of the columns that follow that of the angle."""
+        return tuple(element.slide for _, element in self.moving)
+
+    def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
+        """The units at the link's angle [rad], angular speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
+        E = cmath.exp(1j * angle)
+        w = self.leave.at - self.enter.at
+        w_rate = 0j
+        columns: list[complex] = []
+        rates: list[complex] = []
+        for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
+            w += sign * s * element.along
+            w_rate += sign * s_rate * element.along
+            columns.append(sign * E * element.along)
+            rates.append(1j * speed * sign * E * element.along)
+        if self.turns:
+            columns.insert(0, 1j * E * w)
+            rates.insert(0, 1j * E * (w_rate + 1j * speed * w))
+        return LinkUnit(planar([E * w])[:, 0], planar(columns), planar(rates))
+
+
+def planar(vectors: Sequence[complex]) -> Array:
+    """Complex numbers as columns (2, C)."""
+    z = np.array(vectors, dtype=complex)
+    return np.array([z.real, z.imag])
+
+
+def effect_factors(columns: Sequence[object], unknown: Sequence[object], known: Sequence[object]) -> tuple[Array, Array]:
+    """U (C, TU) and K (C, TK) of eqs. (9)-(10): 1 where a column of a unit belongs to an unknown or known variable of the linkage.
+
+    Every row has exactly one 1 in U and K together.
+    """
+
+    def chosen(variables: Sequence[object]) -> Array:
+        return np.array([[float(c == x) for x in variables] for c in columns]).reshape(len(columns), len(variables))
+
+    return chosen(unknown), chosen(known)
+
+
+def link_type(elements: Iterable[Element], frame: bool = False) -> str:
+    """The paper's name of a link: R for pins, P for slides, a count from four on, 1 or 2 for one slide's block or guide.
+
+    The frame ends in 0. Pins at one multiple joint count once. An end link with one pin is R, an active bar S.
+    """
+    nodes = {element.node: element.kind for element in elements}
+    kinds = list(nodes.values())
+    if ROD_END in kinds:
+        return "S"
+    slides = [kind for kind in kinds if kind != PIN]
+    shape = {BLOCK: "1", GUIDE: "2"}[slides[0]] if len(slides) == 1 and not frame else ""
+    return _letters("R", len(kinds) - len(slides)) + _letters("P", len(slides)) + shape + ("0" if frame else "")
+
+
+def _letters(letter: str, count: int) -> str:
+    return f"{count}{letter}" if count > 3 else letter * count

@@ -1,0 +1,187 @@
+"""Motion of a linkage that follows its inputs, by closing its loops.
+
+From one sample to the next the inputs go straight. The way is halved until the assembly cannot change unnoticed: every angle turns
+little, Newton ends near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its determinant keeps its sign).
+Where halving ends, the motion ends: at a limit, beyond which the loops cannot be closed, or at a singular position, where they can
+in more than one way.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
+fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
+from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+LARGEST_TURN = 0.3  # [rad] of any link in one part: far less than lies between two assemblies away from a singular position
+LARGEST_MISS = 0.05  # [rad] of the prediction, whose error is of the order of the cube of the turn
+SMALLEST_PART = 1e-10  # [rad, m] of the inputs: where halving ends, and so how sharply a limit is found
+BEYOND = 1e-3  # [rad, m] past the end: if the loops close there, it was no limit
+
+
+@dataclass(frozen=True, eq=False)
+class LoopMotion:
+    """States of a linkage that follows its inputs, at k times.
+
+    Attributes:
+        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles unwrapped, continuous from q0.
+        iterations: (k,) Newton steps taken to reach each sample from the one before.
+        loops: names of the joints of each loop.
+        variables: loop variables, the inputs last: theta(link) [rad], s(slide or active bar) [m].
+        values, rates, second_rates: (k, variables) of the loop variables.
+        branch: the assembly, one sign per group of loops that is solved in turn; it is the same all along.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    iterations: Array
+    loops: tuple[tuple[str, ...], ...]
+    variables: tuple[str, ...]
+    values: Array
+    rates: Array
+    second_rates: Array
+    branch: str
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A closed state x with its J, and the Newton steps spent on it."""
+
+    x: Array
+    J: Array
+    steps: int
+
+
+class _End(ArithmeticError):
+    """Halving has ended after the state x."""
+
+    def __init__(self, text: str, singular: bool, x: Array):
+        self.singular, self.x = singular, x
+        super().__init__(text)
+
+
+def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> LoopMotion:
+    """Positions, velocities and accelerations at the times (k,) [s] of a linkage with as many inputs as degrees of freedom.
+
+    The first sample is reached from q0, so that angles are continuous from there. Open chains have no loops: everything is input.
+    Source: Wang et al. (2010), eqs. (1)-(15).
+
+    Raises:
+        ValueError: the inputs do not fit the linkage, see LoopEquations.
+        LimitOfMotion: an input goes further than the linkage can.
+        SingularPosition: the Jacobian loses rank on the way.
+    """
+    equations = LoopEquations(mechanism, inputs)
+    times = np.asarray(times, dtype=float)
+    levels = equations.input_levels(times)
+    states: list[_State] = []
+    branch = ""
+    try:
+        state = _first(equations)
+        branch = equations.branch(state.J)
+        for goal in levels[0]:
+            state = _follow(equations, state, goal)
+            _check_regular(equations, state)
+            states.append(state)
+    except _End as end:
+        reached = _motion(equations, states, levels[1], levels[2], branch)
+        kind = SingularPosition if end.singular else LimitOfMotion
+        values = equations.input_values(end.x)
+        where = ", ".join(f"{name} = {value:.10g}" for name, value in values.items())
+        time = float(times[len(states)])
+        raise kind(f"{mechanism.name} stops at {where} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
+    return _motion(equations, states, levels[1], levels[2], branch)
+
+
+def _first(equations: LoopEquations) -> _State:
+    x = equations.start()
+    try:
+        return _State(*equations.close(x))
+    except Stopped as error:
+        raise _End(f"singular position, {error}", True, x) from error
+
+
+def _check_regular(equations: LoopEquations, state: _State) -> None:
+    """Rates are wanted here, so the position must be further from a singular one than it need be in passing."""
+    try:
+        equations.check_rank(state.J, REGULAR)
+    except Stopped as error:
+        raise _End(f"singular position, {error}", True, state.x) from error
+
+
+def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
+    """The state with the inputs at `goal` (TK,), in as many parts as it takes."""
+    TU, first = len(equations.unknown), state.x
+    change = goal - first[TU:]
+    size = float(np.abs(change).max(initial=0.0))
+    done, part, steps = 0.0, 1.0, 0
+    while done < 1.0 and size > 0.0:
+        part = min(part, 1.0 - done)
+        target = goal if part == 1.0 - done else first[TU:] + (done + part) * change
+        try:
+            state = _advance(equations, state, target)
+        except Stopped as error:
+            if part * size < SMALLEST_PART:
+                raise _ended(equations, first, state, change / size, error) from error
+            part /= 2
+            continue
+        steps += state.steps
+        done = 1.0 if target is goal else done + part
+        part *= 2
+    return _State(state.x, state.J, steps)
+
+
+def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
+    """The next state, if it surely belongs to the same assembly.
+
+    Raises:
+        Stopped: the part is too long, or leads to no regular position.
+    """
+    TU, x = len(equations.unknown), state.x
+    slope, bend = equations.rates(x, target - x[TU:], np.zeros_like(target))
+    guess = x + slope + bend / 2
+    guess[TU:] = target
+    angles = equations.is_angle
+    if not np.abs(guess - x)[angles].max(initial=0.0) < LARGEST_TURN:
+        raise Stopped("the angles turn too fast", False)
+    found, J, steps = equations.close(guess)
+    if not np.abs(found - guess)[angles].max(initial=0.0) < LARGEST_MISS:
+        raise Stopped("the position is far from the prediction", False)
+    if TU and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
+        raise Stopped("the Jacobian changes its orientation", True)
+    return _State(found, J, steps)
+
+
+def _ended(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
+    """Why the way ends after the last state: at a limit if the loops close nowhere near beyond it."""
+    TU, x = len(equations.unknown), last.x
+    gone = float(np.abs(x - first)[TU:].max())
+    guess = x + (x - first) * (BEYOND / gone if gone else 0.0)
+    guess[TU:] = x[TU:] + BEYOND * direction
+    try:
+        found, _, _ = equations.close(guess)
+        singular = bool(np.abs(found - x)[equations.is_angle].max(initial=0.0) < LARGEST_TURN)
+    except Stopped as error:
+        singular = error.singular
+    if singular:
+        return _End(f"singular position, the motion can go on in more than one way ({why})", True, x)
+    return _End("limit of motion, the linkage cannot be closed beyond", False, x)
+
+
+def _motion(equations: LoopEquations, states: list[_State], speeds: Array, seconds: Array, branch: str) -> LoopMotion:
+    """The samples reached, with their rates, in absolute coordinates too."""
+    shape = (len(states), len(equations.variables))
+    rates = [equations.rates(s.x, speed, second) for s, speed, second in zip(states, speeds, seconds, strict=False)]
+    x = np.array([s.x for s in states]).reshape(shape)
+    x_rate, x_second = (np.array([r[level] for r in rates]).reshape(shape) for level in (0, 1))
+    q, v, a = equations.absolute(x, x_rate, x_second)
+    steps = np.array([s.steps for s in states], dtype=int)
+    loops = tuple(loop.joints for loop in equations.graph.loops)
+    return LoopMotion(q, v, a, steps, loops, tuple(str(x) for x in equations.variables), x, x_rate, x_second, branch)

@@ -1,0 +1,240 @@
+"""The links and pairs of a linkage as a graph, and its independent loops.
+
+Links are nodes and pairs are edges; a joint of m links is m - 1 pairs J, J.001, ... at distance zero, so that every pair joins two
+links, and two links may share several pairs. Of p pairs and n links (frame included) a tree takes n - 1, and each of the other
+
+    L = p - n + 1
+
+pairs closes one loop: the way back through the tree. The tree is the breadth-first one from the frame, which keeps the loops short
+and next to the frame.
+Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, incidence matrix, offset multiple joints). How the loops are
+chosen is not printed there; those of the breadth-first tree are the printed ones.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
+from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Prismatic
+from gauss_bench.terms import Array
+
+Levels = tuple[Array, Array, Array]  # a quantity, its rate and its second rate
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two links and the element of each; of a slide the guide comes first. `turn` is the constant angle between them, or None."""
+
+    links: tuple[int, int]
+    elements: tuple[Element, Element]
+    turn: float | None = None
+
+    @property
+    def name(self) -> str:
+        return self.elements[0].pair
+
+    @property
+    def node(self) -> str:
+        return self.elements[0].node
+
+    def element(self, link: int) -> Element:
+        """The element that belongs to a link."""
+        return self.elements[self.links.index(link)]
+
+    def other(self, link: int) -> int:
+        """The link at the other side."""
+        return self.links[1 - self.links.index(link)]
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A loop on its way through a link: it comes in by one pair and goes on by the next."""
+
+    link: int
+    enter: Pair
+    leave: Pair
+
+    def way(self, turns: bool) -> Way:
+        return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Passages in cyclic order, from the link nearest to the frame, which it leaves by the earlier of its two pairs."""
+
+    passages: tuple[Passage, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints in order, the pairs of one multiple joint merged into one."""
+        nodes = [passage.leave.node for passage in self.passages]
+        merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
+        return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
+
+    def __str__(self) -> str:
+        return "-".join(self.joints)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """How the tree reaches a link: from its parent through a pair."""
+
+    link: int
+    parent: int
+    pair: Pair
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """The pairs, the breadth-first tree from the frame (parents first) and the loops; `links` counts links without the frame."""
+
+    links: int
+    pairs: tuple[Pair, ...]
+    tree: tuple[Branch, ...]
+    loops: tuple[Loop, ...]
+
+    def elements(self, link: int) -> tuple[Element, ...]:
+        """All elements of a link."""
+        return tuple(pair.element(link) for pair in self.pairs if link in pair.links)
+
+    def incidence(self) -> NDArray[np.int_]:
+        """Complete incidence matrix (n, p): 1 where the first loop through a pair enters a link by it, -1 where it leaves.
+
+        The frame is the last row. A pair in no loop counts as passed from the frame outwards.
+        """
+        M = np.zeros((self.links + 1, len(self.pairs)), dtype=int)
+        column = {pair.name: k for k, pair in enumerate(self.pairs)}
+        for loop in self.loops:
+            for passage in loop.passages:
+                k, after = column[passage.leave.name], passage.leave.other(passage.link)
+                if not M[:, k].any():
+                    M[passage.link, k], M[after, k] = -1, 1  # the frame, index -1, is the last row by itself
+        for branch in self.tree:
+            k = column[branch.pair.name]
+            if not M[:, k].any():
+                M[branch.parent, k], M[branch.link, k] = -1, 1
+        return M
+
+
+def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
+    """The pairs of the joints in file order, then two pins for each active bar, which is one more link after the others."""
+    found = [_pair(joint) for joint in mechanism.joints]
+    for k, bar in enumerate(bars, start=len(mechanism.links)):
+        (near, a), (far, b) = ((f"{bar.name} at {p.name}", p) for p in (bar.a, bar.b))
+        outside = [Element(name, p.name, PIN, complex(*p.local)) for name, p in ((near, a), (far, b))]
+        found.append(Pair((a.link, k), (outside[0], Element(near, a.name, PIN, 0j))))
+        found.append(Pair((k, b.link), (Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name), outside[1])))
+    return tuple(found)
+
+
+def _pair(joint: Joint) -> Pair:
+    if not isinstance(joint, Prismatic):
+        a, b = (Element(joint.name, joint.joint, PIN, complex(*p.local)) for p in (joint.a, joint.b))
+        return Pair((joint.a.link, joint.b.link), (a, b))
+    along = complex(np.cos(joint.angle), np.sin(joint.angle))
+    start = complex(*joint.guide.local) + 1j * along * joint.offset
+    guide = Element(joint.name, joint.name, GUIDE, start, along, joint.name)
+    block = Element(joint.name, joint.name, BLOCK, complex(*joint.block.local))
+    return Pair((joint.guide.link, joint.block.link), (guide, block), joint.turn)
+
+
+def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Graph:
+    """The graph of a linkage, with the given active bars as further links.
+
+    Raises:
+        ValueError: links that no chain of joints holds to the frame, by name.
+    """
+    pairs = pairs_of(mechanism, bars)
+    links = len(mechanism.links) + len(bars)
+    net = nx.MultiGraph()
+    net.add_nodes_from(range(GROUND, links))
+    for pair in pairs:
+        net.add_edge(*pair.links, key=pair.name, pair=pair)
+    parents = dict(nx.bfs_predecessors(net, GROUND))
+    loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
+    if loose:
+        raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops cannot tell where they are")
+    tree = {i: Branch(i, parent, next(iter(net[parent][i].values()))["pair"]) for i, parent in parents.items()}
+    taken = {branch.pair.name for branch in tree.values()}
+    loops = tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in taken)
+    return Graph(links, pairs, tuple(tree.values()), loops)
+
+
+def _path(tree: dict[int, Branch], link: int) -> list[int]:
+    """The links from one to the frame, both included."""
+    path = [link]
+    while path[-1] != GROUND:
+        path.append(tree[path[-1]].parent)
+    return path
+
+
+def _loop(tree: dict[int, Branch], chord: Pair, pairs: Sequence[Pair]) -> Loop:
+    """The loop that a pair outside the tree closes."""
+    first, second = (_path(tree, link) for link in chord.links)
+    while len(first) > 1 and len(second) > 1 and first[-2] == second[-2]:
+        first.pop()
+        second.pop()
+    down, up = first[-2::-1], second[:-1]  # from the common link to the chord, and back
+    links = [first[-1], *down, *up]
+    crossed = [tree[i].pair for i in down] + [chord] + [tree[i].pair for i in up]
+    if pairs.index(crossed[0]) > pairs.index(crossed[-1]):
+        links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
+    return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
+
+
+def shared_angles(graph: Graph) -> tuple[list[int], Array]:
+    """Per link, the frame last: the link whose angle it shares because slides join them, and its angle minus that one [rad].
+
+    The frame gives its angle to whatever slides along it; else the first link that is nobody's block does.
+    """
+    links = [*range(graph.links), GROUND]
+    slides = [pair for pair in graph.pairs if pair.turn is not None]
+    blocks = {pair.links[1] for pair in slides}
+    parent = {i: i for i in links}
+    phase = np.zeros(len(links))
+    for root in sorted(links, key=lambda i: (i != GROUND, i in blocks, i)):
+        todo = [root] if parent[root] == root else []
+        while todo:
+            i = todo.pop()
+            for pair in slides:
+                if i in pair.links and parent[other := pair.other(i)] == other and other != root:
+                    parent[other] = root
+                    phase[other] = phase[i] + (pair.turn or 0.0) * (1.0 if i == pair.links[0] else -1.0)
+                    todo.append(other)
+    return [parent[i] for i in links], phase
+
+
+def absolute_states(graph: Graph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:
+    """q, v, a (k, 3 links) of the first links, by walking the tree from the frame: exact rates, no differences.
+
+    Args:
+        graph: tree and pairs.
+        links: how many links to give back.
+        angles: of all links, their speeds and accelerations (k, n), the frame last.
+        slides: name -> coordinate along a slide or active bar, its speed and acceleration (k,).
+    """
+    theta, omega, alpha = angles
+    E = np.exp(1j * theta)
+    turning = 1j * alpha - omega**2
+
+    def arm(i: int, element: Element) -> tuple[Array, Array, Array]:
+        still = np.zeros(len(theta))
+        s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (still, still, still)))
+        w = element.at + s
+        e, o = E[:, i], omega[:, i]
+        return e * w, e * (s_rate + 1j * o * w), e * (s_second + 2j * o * s_rate + turning[:, i] * w)
+
+    at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
+    for branch in graph.tree:
+        near = arm(branch.parent, branch.pair.element(branch.parent))
+        far = arm(branch.link, branch.pair.element(branch.link))
+        at[branch.link] = tuple(z + x - y for z, x, y in zip(at[branch.parent], near, far, strict=True))
+    q, v, a = (
+        np.stack([x for i in range(links) for x in (at[i][level].real, at[i][level].imag, angle[:, i])], axis=-1)
+        for level, angle in enumerate(angles)
+    )
+    return q, v, a

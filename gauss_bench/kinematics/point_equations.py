@@ -1,0 +1,232 @@
+"""The equations between the points of a linkage, their exact Jacobian and bias, and the groups they fall into.
+
+With z as in `points`, every equation is at most quadratic and made of three constant rows a, b, c:
+
+    phi = Re(conj(a z) (b z) + c z),    dphi = Re(r dz)  with  r = conj(b z) a + conj(a z) b + c
+    phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
+
+so that Jacobian and acceleration bias are exact, and the same few lines for every kind. u is the unit vector of a line through G:
+
+    length                              (|B - A|^2 - L^2) / 2 L
+    rigid                               C - A - (c - a) (B - A) / (b - a), two rows: every further point of a link
+    fixed angle                         the same against a partner in a slide, which has the same angle but for a constant
+    fixed x, fixed y                    a link of known direction: two rows; a slide along an axis: one
+    collinear, perpendicular, fixed angle, offset    u x (P - G) - offset: the block point of a slide
+    fixed distance                      u . (P - G) - s: a driven slide
+    driven length                       (|B - A|^2 - L(t)^2) / 2 size: an active bar
+
+All are in metres. A third point by lengths would admit the mirror image of the link, and two bars by the cross product of their
+directions a turn by 180 degrees; the linear rows admit neither. A line is a cross product and not the printed quotient of
+differences, which is 0/0 where it is parallel to the x axis.
+Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
+33(4), 2009, section 1: eq. (2) and the kinds named after it.
+"""
+
+from cmath import exp
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+
+from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.points import SAME, Points, place
+from gauss_bench.kinematics.root_finding import Residual
+from gauss_bench.mechanism.constraints import Vectors
+from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
+from gauss_bench.terms import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Equation:
+    """One equation: its kind, the points or the slide it is about, and its rows a, b, c (N,)."""
+
+    kind: str
+    about: str
+    a: Vectors
+    b: Vectors
+    c: Vectors
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Points that only their equations together determine (an Assur group): its name, rows and columns of the Jacobian.
+
+    The sign of its determinant tells assemblies apart: that of a dyad is the side on which its middle point lies. It can change
+    only where the determinant vanishes, which is a singular position.
+    """
+
+    name: str
+    rows: Array
+    columns: Array
+
+
+class _Writer:
+    """Writes the equations of given points."""
+
+    def __init__(self, points: Points):
+        self.points = points
+        self.none = np.zeros(points.N, dtype=complex)
+        self.one = points.unit(0)
+
+    def name(self, *entries: int) -> str:
+        return "-".join(self.points.points[k - self.points.first].name for k in entries)
+
+    def length(self, link: int, A: int, B: int) -> Equation:
+        p = self.points
+        L = abs(p.local(link, B) - p.local(link, A))
+        bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)
+        return Equation("length", self.name(A, B), bar, bar, -L / 2 * self.one)
+
+    def vanishing(self, kinds: tuple[str, str], about: str, row: Vectors) -> list[Equation]:
+        """Both components of a vector that is linear in z."""
+        return [Equation(kind, about, self.none, self.none, c) for kind, c in zip(kinds, (row, -1j * row), strict=True)]
+
+    def link(self, link: int) -> Iterator[Equation]:
+        """What keeps the points of one link together."""
+        p = self.points
+        root, anchor = p.frames[link][0], p.anchor[link]
+        owner, A, B = p.base.get(root, (None, -1, -1))
+        if link == owner:
+            yield self.length(link, A, B)
+        if root in p.turned:
+            kinds = ("fixed x", "fixed y")
+        else:
+            kinds = ("rigid", "rigid") if link == owner else ("fixed angle", "fixed angle")
+        for k in p.of[link]:
+            if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
+                row = p.unit(k) - p.unit(anchor) - (p.local(link, k) - p.local(link, anchor)) * p.direction(link)
+                yield from self.vanishing(kinds, self.name(anchor, k), row)
+
+    def slide(self, slide: Prismatic) -> Iterator[Equation]:
+        """The line of a slide, and its driven coordinate; neither where that places the block point."""
+        p = self.points
+        block = p.block(slide)
+        if p.placed_by.get(block) == slide.name:
+            return
+        u = exp(1j * slide.angle) * p.direction(slide.guide.link)
+        gap = p.unit(block) - p.point(slide.guide.link, place(slide.guide))
+        yield Equation(self.line_kind(slide), slide.name, u, -1j * gap, -slide.offset * self.one)
+        if slide.name in p.pushed:
+            yield Equation("fixed distance", slide.name, u, gap, -p.unit(p.pushed[slide.name]))
+
+    def bar(self, name: str) -> Equation:
+        """The length of an active bar."""
+        p = self.points
+        bar, size = p.bars[name], np.sqrt(2 * p.size)
+        gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
+        return Equation("driven length", name, gap, gap, -p.unit(p.stretched[name]) / size**2)
+
+    def line_kind(self, slide: Prismatic) -> str:
+        """What the line is to the link that carries it, or to the world's axes."""
+        p, link = self.points, slide.guide.link
+        u = exp(1j * (slide.angle + (p.frames[link][1] if p.frames[link][0] == GROUND else 0.0)))
+        if p.frames[link][0] == GROUND:
+            return "fixed y" if abs(u.imag) < SAME else "fixed x" if abs(u.real) < SAME else "offset"
+        owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
+        if owner != link:
+            return "offset"
+        a, b = p.local(link, A), p.local(link, B)
+        if all(abs((np.conj(u) * (end - place(slide.guide))).imag - slide.offset) > SAME for end in (a, b)):
+            return "offset"
+        towards = np.conj(u) * (b - a) / abs(b - a)
+        return "collinear" if abs(towards.imag) < SAME else "perpendicular" if abs(towards.real) < SAME else "fixed angle"
+
+
+class PointModel:
+    """Points and equations of a mechanism with given inputs.
+
+    Unknowns are p (2 u,), x before y of each unknown point [m]; there are m >= 2 u equations, more where the linkage is redundant.
+    """
+
+    def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
+        """Raises ValueError for knife edges, or inputs that are not as many as degrees of freedom or contradict each other."""
+        if mechanism.knife_edges:
+            raise ValueError(f"{mechanism.name}: knife edges leave no trace in positions, so that points cannot obey them")
+        if len(inputs) != mechanism.dof:
+            raise ValueError(f"{mechanism.name}: {len(inputs)} inputs for {mechanism.dof} degrees of freedom")
+        self.points = Points(mechanism, inputs)
+        write = _Writer(self.points)
+        links = [e for i in range(len(mechanism.links)) for e in write.link(i)]
+        slides = [e for j in mechanism.joints if isinstance(j, Prismatic) for e in write.slide(j)]
+        self.equations = (*links, *slides, *(write.bar(name) for name in self.points.stretched))
+        shape = (-1, self.points.N)
+        self.a, self.b, self.c = (np.array([getattr(e, x) for e in self.equations], complex).reshape(shape) for x in "abc")
+        self.size, self.unknown = self.points.size, self.points.unknown
+        self.names = tuple(self.points.points[k - self.points.first].name for k in self.unknown)
+        self.directions = np.array([self.points.direction(i) for i in range(len(mechanism.links))])
+        self.centres = np.array([self.points.point(i, 0j) for i in range(len(mechanism.links))])
+        self.groups = groups(self)
+
+    def filled(self, z: Vectors, p: Array) -> Vectors:
+        """z (N,) with the unknown points p (2 u,) put in."""
+        z = z.copy()
+        z[self.unknown] = p.reshape(-1, 2) @ [1.0, 1.0j]
+        return z
+
+    def at(self, x: Array, p: Array) -> Vectors:
+        """z (N,) at inputs x (i,) [rad, m] and unknown points p (2 u,)."""
+        still = np.zeros_like(x)
+        return self.filled(self.points.known(x, still, still)[0], p)
+
+    def phi(self, z: Vectors) -> Array:
+        """Residual (m,) [m]."""
+        return np.asarray(((self.a @ z).conj() * (self.b @ z) + self.c @ z).real)
+
+    def rows(self, z: Vectors) -> Vectors:
+        """r (m, N) of dphi = Re(r dz)."""
+        return np.asarray((self.b @ z).conj()[:, None] * self.a + (self.a @ z).conj()[:, None] * self.b + self.c)
+
+    def jacobian(self, r: Vectors) -> Array:
+        """dphi/dp (m, 2 u) of rows r."""
+        part = r[:, self.unknown]
+        return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
+
+    def residual(self, x: Array) -> Residual:
+        """p -> phi (m,), J (m, 2 u) at the inputs x (i,) [rad, m]."""
+        known = self.at(x, np.zeros(2 * len(self.unknown)))
+
+        def of(p: Array) -> tuple[Array, Array]:
+            z = self.filled(known, p)
+            return self.phi(z), self.jacobian(self.rows(z))
+
+        return of
+
+    def bias(self, dz: Vectors) -> Array:
+        """2 Re(conj(a z') (b z')) (m,): what the speeds dz (N,) leave in phi''."""
+        return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
+
+    def signs(self, J: Array) -> Array:
+        """Sign (g,) of the determinant of each group."""
+        found = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
+        return np.array(found, dtype=int)
+
+
+def groups(model: PointModel) -> tuple[Group, ...]:
+    """The groups that have more than one assembly, in an order in which they can be solved.
+
+    Equations and unknowns are matched; an equation points from its unknown to the others in it, and unknowns that reach each
+    other form a group. Left out are groups whose rows do not change with the points (no choice), and what redundant equations
+    reach: it has more equations than unknowns and no determinant.
+    """
+    z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
+    z[0] = 1.0
+    J = model.jacobian(model.rows(z))
+    m, n = J.shape
+    pattern = np.abs(J) > SAME * np.abs(J).max(initial=0.0)
+    graph = nx.Graph((("row", i), ("column", k)) for i, k in np.argwhere(pattern).tolist())
+    tops = [node for node in graph if node[0] == "row"]
+    matched = nx.bipartite.hopcroft_karp_matching(graph, sorted(tops))
+    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
+    free = {i for i in range(m) if pattern[i].any() and ("row", i) not in matched}
+    needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in np.flatnonzero(pattern[i]).tolist())
+    spoiled = {k for i in free for start in np.flatnonzero(pattern[i]).tolist() for k in {start} | nx.descendants(needs, start)}
+    curved = np.any(model.a[:, 1:] != 0, axis=1) & np.any(model.b[:, 1:] != 0, axis=1)
+    found = []
+    for part in nx.strongly_connected_components(needs):
+        columns = sorted(part)
+        rows = sorted(row_of[k] for k in columns)
+        if curved[rows].any() and not part & spoiled:
+            name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
+            found.append(Group(name, np.array(rows), np.array(columns)))
+    return tuple(found)

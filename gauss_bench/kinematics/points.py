@@ -1,0 +1,280 @@
+"""The points that carry a linkage, those of them that pivots and inputs place, and everything else of a link by its points.
+
+Points and directions of the plane are complex numbers. All that a position needs stands in one vector
+
+    z = [1, inputs, points]        an input: exp(i theta) of a link, s along a slide, or L^2 of an active bar
+
+A vector s fixed in a link with the points A and B is s (B - A) / (b - a), small letters being places in the link: linear in z. So
+is every point of a link of known direction, once one of its points is known.
+"""
+
+from cmath import exp
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from gauss_bench.kinematics.inputs import Input
+from gauss_bench.mechanism.constraints import Vectors
+from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.terms import Array
+
+SAME = 1e-12  # [m] places given in a file agree to rounding, or differ by what can be made
+
+
+@dataclass(frozen=True, eq=False)
+class BasicPoint:
+    """A point of one or more links: its place in the frame of each of them (complex, from the centre of mass) [m]."""
+
+    name: str
+    at: Mapping[int, complex]
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A known point: z[entry] = along z, plus z[slide] (direction z) where a driven slide places it."""
+
+    entry: int
+    along: Vectors
+    direction: Vectors
+    slide: int | None = None
+
+
+def place(point: Point) -> complex:
+    return complex(*point.local)
+
+
+def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
+    """Link -> (root, phase) with theta = theta_root + phase: partners in a slide keep their angles alike. GROUND is a root."""
+    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
+    found: dict[int, tuple[int, float]] = {}
+    for root in range(GROUND, len(mechanism.links)):
+        todo = [(root, 0.0)]
+        while todo:
+            link, phase = todo.pop()
+            if link not in found:
+                found[link] = (root, phase)
+                todo += [(j.block.link, phase + j.turn) for j in slides if j.guide.link == link]
+                todo += [(j.guide.link, phase - j.turn) for j in slides if j.block.link == link]
+    return found
+
+
+def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
+    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
+
+
+def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], turned: set[int]) -> list[BasicPoint]:
+    """Pins, merged where they coincide in a link, and blocks of slides; then what a link needs to show its direction.
+
+    `frames` as from `shared_angles`; the roots in `turned` have a known direction and need no second point.
+    """
+    found: list[BasicPoint] = []
+
+    def add(name: str, *ends: Point) -> None:
+        at = {end.link: place(end) for end in ends}
+        met = [x for x in found if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
+        merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
+        found[:] = [x for x in found if all(x is not y for y in met)] + [merged]
+
+    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
+    for joint in mechanism.joints:
+        if isinstance(joint, Revolute):
+            add(joint.joint, joint.a, joint.b)
+    for slide in slides:
+        add(slide.block.name, slide.block)
+    for bar in active_bars(mechanism).values():
+        for end in (bar.a, bar.b):
+            if end.link != GROUND and sum(end.link in x.at for x in found) < 2:
+                add(end.name, end)
+    for slide in slides:
+        if not any(slide.guide.link in x.at for x in found):
+            add(slide.guide.name, slide.guide)
+    size = link_size(found)
+    for root in sorted({root for root, _ in frames.values()} - turned):
+        members = [link for link, (r, _) in frames.items() if r == root]
+        if all(sum(link in x.at for x in found) < 2 for link in members):
+            guide = next((j for j in slides if j.guide.link in members), None)
+            link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
+            start = next((x.at[link] for x in found if link in x.at), 0j)
+            far = start + size * exp(1j * angle)
+            add(f"{mechanism.links[link].name}.+", Point(link, np.array([far.real, far.imag]), ""))
+    return found
+
+
+def link_size(points: list[BasicPoint]) -> float:
+    """Largest distance of two points of a link [m]; 1 m where no link has two."""
+    spans = (abs(p.at[k] - q.at[k]) for p in points for q in points for k in p.at.keys() & q.at.keys() if k != GROUND)
+    return max(spans, default=0.0) or 1.0
+
+
+class Points:
+    """The vector z of a mechanism with given inputs, and rows (N,) of what is linear in it.
+
+    Attributes:
+        points: all of them; those that nothing places have the entries `unknown` (u,) in z.
+        of: link -> entries of its points; anchor: link -> the one from which its others are reached.
+        turned, pushed, stretched: root, slide, active bar -> entry of its known direction, coordinate, squared length.
+        base: root of unknown direction -> link and entries A, B that show it.
+        placements: how the known points follow from the inputs, in order; placed_by: entry -> link or slide that places it.
+        size: largest distance of two points of a link [m].
+    """
+
+    def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
+        self.mechanism, self.inputs = mechanism, inputs
+        self.frames = shared_angles(mechanism)
+        self.slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
+        self.bars = active_bars(mechanism)
+        self.turned, self.pushed, self.stretched = self._driven()
+        self.points = joint_points(mechanism, self.frames, set(self.turned))
+        self.size = link_size(self.points)
+        self.first = 1 + len(inputs)
+        self.N = self.first + len(self.points)
+        self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
+        for link, entries in self.of.items():
+            if not entries and link != GROUND:
+                raise ValueError(f"{mechanism.name}: {mechanism.link_name(link)} has no joint, so that nothing places it")
+        self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
+        self.placements: list[Placement] = []
+        self.placed_by: dict[int, int | str] = {}
+        self._place()
+        self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
+        self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
+        self.anchor |= {link: A for link, A, _ in self.base.values()}
+
+    def _driven(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
+        """Root, slide and active bar -> entry of its known direction, coordinate or squared length."""
+        turned: dict[int, int] = {GROUND: 0}
+        pushed: dict[str, int] = {}
+        stretched: dict[str, int] = {}
+        for entry, given in enumerate(self.inputs, 1):
+            if (given.link is None) == (given.joint is None):
+                raise ValueError(f"input {entry}: give either a link, or a slide or active bar")
+            if given.link is not None:
+                root = self.frames[given.link][0]
+                if root in turned:
+                    raise ValueError(f"input {entry}: the angle of {self.mechanism.link_name(given.link)} is known already")
+                turned[root] = entry
+            elif given.joint in self.slides and given.joint not in pushed:
+                pushed[given.joint] = entry
+            elif given.joint in self.bars and given.joint not in stretched:
+                stretched[given.joint] = entry
+            else:
+                raise ValueError(f"input {entry}: {given.joint} is neither slide nor active bar, or is driven already")
+        return turned, pushed, stretched
+
+    def unit(self, entry: int) -> Vectors:
+        row = np.zeros(self.N, dtype=complex)
+        row[entry] = 1.0
+        return row
+
+    def local(self, link: int, entry: int) -> complex:
+        return self.points[entry - self.first].at[link]
+
+    def direction(self, link: int) -> Vectors:
+        """Row of exp(i theta) of a link: its known direction, or the line of two points."""
+        root, phase = self.frames[link]
+        if root in self.turned:
+            return self.unit(self.turned[root]) * exp(1j * phase)
+        owner, A, B = self.base[root]
+        turn = exp(1j * (phase - self.frames[owner][1]))
+        return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
+
+    def point(self, link: int, s: complex) -> Vectors:
+        """Row of the point at the place s [m] of a link."""
+        if link == GROUND:
+            return self.unit(0) * s
+        anchor = self.anchor[link]
+        rest = s - self.local(link, anchor)
+        return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
+
+    def block(self, slide: Prismatic) -> int:
+        """Entry of the block point of a slide."""
+        link = slide.block.link
+        return min(self.of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
+
+    def _carry(self, link: int) -> None:
+        """Place the points of a link whose direction and one point are known."""
+        for entry in self.of[link]:
+            if entry not in self.placed_by:
+                self.placements.append(Placement(entry, self.point(link, self.local(link, entry)), self.unit(0)))
+                self.placed_by[entry] = link
+
+    def _place(self) -> None:
+        """Place points until nothing more follows from pivots and inputs."""
+        self._carry(GROUND)
+        posed, count = {GROUND}, -1
+        while count != len(posed) + len(self.placements):
+            count = len(posed) + len(self.placements)
+            for link in range(len(self.mechanism.links)):
+                known = [k for k in self.of[link] if k in self.placed_by]
+                if link not in posed and self.frames[link][0] in self.turned and known:
+                    self.anchor[link] = known[0]
+                    self._carry(link)
+                    posed.add(link)
+            for name, entry in self.pushed.items():
+                slide = self.slides[name]
+                guide, block = slide.guide.link, self.block(slide)
+                if guide in posed and block not in self.placed_by:
+                    u = exp(1j * slide.angle) * self.direction(guide)
+                    self.placements.append(
+                        Placement(block, self.point(guide, place(slide.guide)) + 1j * slide.offset * u, u, entry)
+                    )
+                    self.placed_by[block] = name
+
+    def _base(self, root: int) -> tuple[int, int, int]:
+        """Link and two points that show the direction of a root: placed points first, then the longest distance."""
+        members = [link for link, (r, _) in self.frames.items() if r == root]
+        pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
+
+        def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
+            link, A, B = pair
+            return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
+
+        return max(pairs, key=rank)
+
+    def known(self, x: Array, rate: Array, second: Array) -> Vectors:
+        """z, z', z'' (3, N) with the unknown points left at zero, for inputs, rates and second rates (i,) [rad, m; s]."""
+        Z = np.zeros((3, self.N), dtype=complex)
+        Z[0, 0] = 1.0
+        for k, given in enumerate(self.inputs):
+            Z[:, 1 + k] = x[k], rate[k], second[k]
+            if given.link is not None:
+                E = exp(1j * (x[k] - self.frames[given.link][1]))
+                Z[:, 1 + k] = E, 1j * rate[k] * E, (1j * second[k] - rate[k] ** 2) * E
+            elif given.joint in self.bars:
+                Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
+        for step in self.placements:
+            Z[:, step.entry] = Z @ step.along
+            if step.slide is not None:
+                s, u = Z[:, step.slide], Z @ step.direction
+                Z[:, step.entry] += s[0] * u[0], s[1] * u[0] + s[0] * u[1], s[2] * u[0] + 2 * s[1] * u[1] + s[0] * u[2]
+        return Z
+
+    def inputs_at(self, q: Array) -> Array:
+        """Inputs (i,) [rad, m] of a state q (n,)."""
+        return np.array([self._input_at(given, q) for given in self.inputs])
+
+    def _input_at(self, given: Input, q: Array) -> float:
+        if given.joint is None:
+            return float(q[3 * (given.link or 0) + 2])
+        if given.joint in self.bars:
+            bar = self.bars[given.joint]
+            return abs(world(q, bar.b.link, place(bar.b)) - world(q, bar.a.link, place(bar.a)))
+        slide = self.slides[given.joint]
+        theta = 0.0 if slide.guide.link == GROUND else q[3 * slide.guide.link + 2]
+        gap = world(q, slide.block.link, place(slide.block)) - world(q, slide.guide.link, place(slide.guide))
+        return float((exp(-1j * (theta + slide.angle)) * gap).real)
+
+    def unknown_at(self, q: Array) -> Array:
+        """Unknown points (2 u,) of a state q (n,), x before y of each [m]."""
+        found = [world(q, *next(iter(self.points[k - self.first].at.items()))) for k in self.unknown]
+        return np.array([[p.real, p.imag] for p in found]).reshape(-1)
+
+
+def world(q: Array, link: int, s: complex) -> complex:
+    """World position of the place s of a link at state q (n,)."""
+    if link == GROUND:
+        return s
+    x, y, theta = q[3 * link : 3 * link + 3]
+    return complex(x, y) + s * complex(np.cos(theta), np.sin(theta))

@@ -1,0 +1,159 @@
+"""Three searches for a root of F(x) = 0 with one signature: what they were given, how they ended, what it took.
+
+With the Jacobian J at x, the step h of each is
+
+    Newton-Raphson        J h = -F, taken in full
+    Gauss-Newton          the same h, halved until |F|^2 falls enough (backtracking, condition of Armijo)
+    Levenberg-Marquardt   (J^T J + mu I) h = -J^T F, mu after Nielsen: smaller where the linear model predicts well, else larger
+
+Over-determined systems (redundant, but consistent equations) are allowed: J h = -F is then meant in least squares.
+Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
+Non-Linear Least Squares Problems (2004), algorithm 3.16.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.terms import Array
+
+Residual = Callable[[Array], tuple[Array, Array]]
+
+RANK_TOLERANCE = 1e-9  # of the largest singular value, as in the first assembly
+SUFFICIENT = 1e-4  # part of the promised decrease that a step must bring; the usual choice of Armijo's constant
+HALVINGS = 30  # a step shorter by 1e-9 is none
+DAMPING = 1e-3  # first mu, of the largest entry of J^T J: the start is taken for a fair guess
+FLAT = 1e-8  # |J^T F| of |J| |F|: a minimum of |F|; a double root comes here only once F itself is near 1e-16
+
+
+class ExitFlag(StrEnum):
+    """How a search ended."""
+
+    CONVERGED = "converged"
+    STALLED = "stalled"  # no step makes |F| smaller, or it is not finite: a minimum that is no root
+    SINGULAR = "singular"  # J lost rank on the way, so that the step is not determined
+    TOO_MANY = "too many iterations"
+
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """Where a search ended.
+
+    Attributes:
+        x: (n,) the last iterate.
+        flag: whether it is a root, or why not.
+        iterations: steps tried.
+        residual: max |F| at x, in the unit of F.
+    """
+
+    x: Array
+    flag: ExitFlag
+    iterations: int
+    residual: float
+
+
+RootFinder = Callable[..., Root]
+
+
+def largest(x: NDArray[np.inexact[Any]]) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+def at_rest(x: Array, h: Array) -> bool:
+    """Whether a step is lost in the rounding of x."""
+    eps = np.finfo(float).eps
+    return bool(largest(h) <= eps * (largest(x) + eps))
+
+
+def ended(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
+    """The result where x is a root, or F is not finite there."""
+    if largest(F) <= tolerance:
+        return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
+    return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
+
+
+def full_step(F: Array, J: Array) -> Array | None:
+    """h (n,) of J h = -F in least squares, or None where the columns of J are dependent."""
+    if not J.size:
+        return None if J.shape[1] else np.zeros(0)
+    h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)
+    return None if rank < J.shape[1] else h
+
+
+def newton_raphson(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
+    """Full steps from x (n,) until max |F| <= `tolerance`, at most `limit` of them.
+
+    `residual` maps x to F (m,) and J (m, n), m >= n. Fastest near a root; may leap anywhere from afar.
+    """
+    for iteration in range(limit + 1):
+        F, J = residual(x)
+        if end := ended(x, F, tolerance, iteration):
+            return end
+        h = full_step(F, J)
+        if h is None:
+            return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
+        if at_rest(x, h):
+            return Root(x, ExitFlag.STALLED, iteration, largest(F))
+        if iteration < limit:
+            x = x + h
+    return Root(x, ExitFlag.TOO_MANY, limit, largest(F))
+
+
+def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
+    """As `newton_raphson`, with each step halved until |F|^2 falls by a share of what its length promises."""
+    F, J = residual(x)
+    for iteration in range(limit):
+        if end := ended(x, F, tolerance, iteration):
+            return end
+        h = full_step(F, J)
+        if h is None:
+            return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
+        size, part, promised = float(F @ F), 1.0, 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
+        for _ in range(HALVINGS):
+            G, K = residual(x + part * h)
+            if size - part * promised >= G @ G:
+                break
+            part /= 2
+        else:
+            return Root(x, ExitFlag.STALLED, iteration, largest(F))
+        if at_rest(x, part * h):
+            return Root(x, ExitFlag.STALLED, iteration, largest(F))
+        x, F, J = x + part * h, G, K
+    flag = ExitFlag.CONVERGED if largest(F) <= tolerance else ExitFlag.TOO_MANY
+    return Root(x, flag, limit, largest(F))
+
+
+def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
+    """As `newton_raphson`, with damped steps that need no rank: the most patient of the three, and never SINGULAR."""
+    F, J = residual(x)
+    mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
+    for iteration in range(limit):
+        if end := ended(x, F, tolerance, iteration):
+            return end
+        gradient = J.T @ F
+        if largest(gradient) <= FLAT * float(np.linalg.norm(J)) * float(np.linalg.norm(F)):
+            return Root(x, ExitFlag.STALLED, iteration, largest(F))
+        damped = np.vstack([J, np.sqrt(mu) * np.eye(len(x))])  # the same h as from J^T J + mu I, without squaring the condition
+        h = np.linalg.lstsq(damped, -np.concatenate([F, np.zeros(len(x))]), rcond=None)[0]
+        if at_rest(x, h):
+            return Root(x, ExitFlag.STALLED, iteration, largest(F))
+        G, K = residual(x + h)
+        gain = float(F @ F - G @ G) / float(h @ (mu * h - gradient))
+        if gain > 0:
+            x, F, J = x + h, G, K
+            mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
+        else:
+            mu, growth = mu * growth, 2 * growth
+    flag = ExitFlag.CONVERGED if largest(F) <= tolerance else ExitFlag.TOO_MANY
+    return Root(x, flag, limit, largest(F))
+
+
+ROOT_FINDERS: dict[str, RootFinder] = {
+    "newton_raphson": newton_raphson,
+    "gauss_newton": gauss_newton,
+    "levenberg_marquardt": levenberg_marquardt,
+}

@@ -1,0 +1,52 @@
+"""Kinematics three independent ways, and the positions at which a linkage reverses."""
+
+from gauss_bench.report.rows import Row, Run, number
+from gauss_bench.report.tables import Block, Cell, Section, Table, Text, columns, error_cell, text_cell
+
+WORDS = (
+    "Over one driven turn the positions, velocities and accelerations of all links are found three ways that share the linkage "
+    "file and nothing else: loop equations from link units, point coordinates with link constraints, and the constraints of the "
+    "dynamics differentiated. What is printed is their largest difference, relative to the largest value."
+)
+REVERSALS = (
+    "A coordinate that reverses cannot drive the linkage there: for the crank this is a limit of its motion, for another link or a "
+    "slide a dead centre. Each is solved as a fold, not searched; a linkage whose positions fork has none listed."
+)
+TORQUES = (
+    "The torque that drives a turn at constant speed, worked out from each engine's own accelerations, against virtual work on "
+    "pure geometry; steps of 0.001 s, errors relative to the largest torque. Where nothing is lost the mean torque over a turn is "
+    "zero; the crank-slider's is what its damper takes."
+)
+
+
+def section(run: Run) -> Section:
+    if not run.agreement:
+        return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))
+    head, numeric = columns(("linkage", "one", "other", "position", "velocity", "acceleration"), 3)
+    lines = tuple(_agreement(row) for row in run.agreement)
+    blocks: list[Block] = [Text(WORDS), Table("Three ways, one motion", head, lines, numeric)]
+    if run.singular:
+        head, numeric = columns(("linkage", "coordinate", "kind", "crank angle [deg]"), 3)
+        blocks += [Text(REVERSALS), Table("Limits and dead centres", head, tuple(_singular(row) for row in run.singular), numeric)]
+    if run.driving:
+        names = ("linkage", "engine", "settings", "integrator", "stabilization", "torque error", "mean torque", "status")
+        head, numeric = columns(names, 5, last_text=1)
+        blocks += [Text(TORQUES), Table("Driving torque over a turn", head, tuple(_driving(row) for row in run.driving), numeric)]
+    return Section("Kinematics", "kinematics", tuple(blocks))
+
+
+def _driving(row: Row) -> tuple[Cell, ...]:
+    names = tuple(text_cell(row[key]) for key in ("mechanism", "engine", "settings", "integrator", "stabilization"))
+    reached = (error_cell(row, "torque_error"), error_cell(row, "mean_torque"))
+    told = text_cell(row["status"]) if row["status"] == "ok" else text_cell(f"{row['status']}: {row['message']}", "bad")
+    return (*names, *reached, told)
+
+
+def _agreement(row: Row) -> tuple[Cell, ...]:
+    names = tuple(text_cell(row[key]) for key in ("mechanism", "first", "second"))
+    return (*names, *(error_cell(row, key) for key in ("position", "velocity", "acceleration")))
+
+
+def _singular(row: Row) -> tuple[Cell, ...]:
+    angle = number(row, "crank_deg")
+    return (*(text_cell(row[key]) for key in ("mechanism", "coordinate", "kind")), Cell(f"{angle:.8f}", angle))

@@ -1,0 +1,608 @@
+"""Linkages by their points: the motion is that of the closed forms, and no assembly is left without being told."""
+
+import copy
+import csv
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.kinematics.basic_coordinates import (
+    BasicMotion,
+    basic_motion,
+    branch_changes,
+    branch_of,
+)
+from gauss_bench.kinematics.basins import Basin, basins, point_form
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.point_equations import PointModel
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, levenberg_marquardt
+from gauss_bench.mechanism import motion_laws
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.mechanism.model import AngleDriver, Driver, Mechanism, SlideDriver
+from gauss_bench.reference.minimal import MinimalCoordinate
+from tests.conftest import DATA, everything
+
+LINKAGES = ["crank_slider", "four_bar", "six_bar", "eight_bar", "shaper", "parallelogram"]
+METHODS = list(ROOT_FINDERS)
+
+
+def document_of(name: str) -> dict[str, Any]:
+    path = built_in().get(name, DATA / f"{name}.toml")
+    return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+
+
+def turning(mechanism: Mechanism, **travels: float) -> tuple[Input, ...]:
+    """Links (or slides) moved over `travels` [rad, m] in a second from where they are, by the sine law."""
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
+    given = []
+    for name, travel in travels.items():
+        unmoved = Input(motion_laws.constant(0.0, 0.0), **({"link": index[name]} if name in index else {"joint": name}))  # type: ignore[arg-type]
+        others = tuple(Input(motion_laws.constant(0.0, 0.0), link=i) for i in range(mechanism.dof - 1) if name not in index)
+        start = mechanism.q0[3 * index[name] + 2] if name in index else start_of_slide(mechanism, unmoved, others)
+        given.append(replace(unmoved, law=motion_laws.rise("sine", float(start), travel, 1.0)))
+    return tuple(given)
+
+
+def start_of_slide(mechanism: Mechanism, slide: Input, others: tuple[Input, ...]) -> float:
+    return float(PointModel(mechanism, (slide, *others)).points.inputs_at(mechanism.q0)[0])
+
+
+def violations(mechanism: Mechanism, inputs: tuple[Input, ...], times: np.ndarray, motion: BasicMotion) -> np.ndarray:
+    """Largest |phi|, |J v + phi_t|, |J a - gamma| of the joints and inputs in absolute coordinates: the judge of any linkage."""
+    slides = {j.name: j for j in mechanism.joints}
+    drivers: list[Driver] = [
+        SlideDriver(str(x.joint), x.law, slides[x.joint]) if x.joint else AngleDriver("", x.law, x.link)  # type: ignore[arg-type]
+        for x in inputs
+    ]
+    rows = Constraints(replace(mechanism, drivers=tuple(drivers)))(times, motion.q, motion.v)
+    rates = (rows.J @ motion.v[..., None])[..., 0] + rows.phi_t
+    seconds = (rows.J @ motion.a[..., None])[..., 0] - rows.gamma
+    return np.array([np.abs(x).max() for x in (rows.phi, rates, seconds)])
+
+
+ROUNDING = np.array([1e-12, 1e-11, 1e-10])  # promised of positions, velocities, accelerations of order 1 to 100
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", LINKAGES)
+def test_points_agree_with_closed_forms_in_forty_digits(name: str, method: str) -> None:
+    mechanism = load(name, "driven")
+    points = {p.name: p for p in mechanism.observed_points}
+    with (DATA / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    degrees = sorted({float(row["crank_deg_from_start"]) for row in table})
+    motion = basic_motion(mechanism, inputs_of(mechanism), np.array(degrees) / 360, method)
+    assert set(motion.flags) == {ExitFlag.CONVERGED}
+    assert motion.residual.max() < 1e-14
+    for row in table:
+        k, p = degrees.index(float(row["crank_deg_from_start"])), points[row["point"]]
+        q, v, a = motion.q[k], motion.v[k], motion.a[k]
+        found = (position(q, p), velocity(q, v, p), acceleration(q, v, a, p))
+        expected = np.array([float(row[key]) for key in ("x", "y", "vx", "vy", "ax", "ay")]).reshape(3, 2)
+        for value, true, tolerance in zip(found, expected, (1e-12, 1e-11, 1e-10), strict=True):  # what is promised, relative
+            assert value == pytest.approx(true, rel=tolerance, abs=tolerance)
+
+
+@pytest.mark.parametrize("scenario", ["driven", "cycloid"])
+@pytest.mark.parametrize("name", LINKAGES)
+def test_the_motion_is_that_of_the_minimal_coordinate(name: str, scenario: str) -> None:
+    if name == "crank_slider" and scenario == "cycloid":
+        scenario = "driven"
+    mechanism = load(name, scenario)
+    times = np.linspace(0.0, 1.0, 25)
+    motion = basic_motion(mechanism, inputs_of(mechanism), times)
+    assert mechanism.driver is not None
+    expected = MinimalCoordinate(mechanism).state(*(x + 0 * times for x in mechanism.driver.law(times)))
+    for found, true, tolerance in zip((motion.q, motion.v, motion.a), expected, ROUNDING, strict=True):
+        assert np.abs(found - true).max() < tolerance * max(1.0, np.abs(true).max())
+
+
+def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
+    mechanism = load("eight_bar", "driven")
+    motion = basic_motion(mechanism, inputs_of(mechanism), np.array([3.4, 3.65, 1.0]))
+    assert mechanism.driver is not None
+    crank = 3 * mechanism.driver.link + 2
+    assert motion.q[:, crank] == pytest.approx(2 * np.pi * np.array([3.4, 3.65, 1.0]), abs=1e-12)
+    others = [k for k in range(2, mechanism.n, 3) if k != crank]
+    assert np.abs(motion.q[2, others] - mechanism.q0[others]).max() < 1e-12  # rockers return: whole turns end where they began
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_the_jacobian_is_the_derivative(name: str, rng: np.random.Generator) -> None:
+    mechanism = load(name, "driven")
+    model = PointModel(mechanism, inputs_of(mechanism))
+    residual = model.residual(rng.normal(size=1))
+    p = rng.normal(size=2 * len(model.unknown))
+    J = residual(p)[1]
+    h = 0.1  # central differences of quadratics are exact: the step is large, so that only rounding is left
+    differences = np.stack([(residual(p + h * e)[0] - residual(p - h * e)[0]) / (2 * h) for e in np.eye(len(p))], axis=1)
+    assert np.abs(J - differences).max() < 1e-13 * max(1.0, np.abs(residual(p)[0]).max()) / h
+
+
+# Equations ------------------------------------------------------------------------------------------------------------
+
+
+def kinds(mechanism: Mechanism, inputs: tuple[Input, ...]) -> list[tuple[str, str]]:
+    return [(e.kind, e.about) for e in PointModel(mechanism, inputs).equations]
+
+
+def test_the_shaper_has_the_equations_of_the_paper() -> None:
+    mechanism = load("shaper", "driven")
+    model = PointModel(mechanism, inputs_of(mechanism))
+    assert model.names == ("B", "C")
+    assert kinds(mechanism, inputs_of(mechanism)) == [
+        ("length", "O1-B"),
+        ("length", "C-B"),
+        ("collinear", "slot"),
+        ("fixed y", "ram"),
+    ]
+    A, B, C = 0.07 + 0.31j, 0.2 + 0.5j, 0.4 + 0.6j  # any points, also open ones: the formulas of eq. (2), with O1 at the origin
+    z = np.array([1.0, 0.0, *({"A": A, "B": B, "C": C}.get(p.name, 0.0) for p in model.points.points)])
+    expected = [
+        (abs(B) ** 2 - 0.6**2) / (2 * 0.6),
+        (abs(C - B) ** 2 - 0.2**2) / (2 * 0.2),
+        (B.real * A.imag - B.imag * A.real) / 0.6,
+        C.imag - 0.58,
+    ]
+    assert model.phi(z) == pytest.approx(expected, abs=1e-15)
+
+
+def test_the_quotient_form_fails_where_the_lever_is_level_and_the_cross_product_does_not() -> None:
+    """The shaper turned by a quarter: its lever lies along the x axis twice a turn."""
+    document = document_of("shaper")
+    quarter = lambda x: [-x[1], x[0]]  # noqa: E731
+    document["ground"]["points"] = {k: quarter(x) for k, x in document["ground"]["points"].items()}
+    document["assembly"]["sketch"] = {k: quarter(x) for k, x in document["assembly"]["sketch"].items()}
+    document["assembly"]["angles_deg"]["block"] += 90.0
+    document["joints"]["ram"]["angle_deg"] = 90.0
+    document["scenarios"]["driven"]["driver"]["start_deg"] = 90.0
+    mechanism = load_document(document, "driven")
+    model = PointModel(mechanism, inputs_of(mechanism))
+    assert ("fixed x", "ram") in [(e.kind, e.about) for e in model.equations]
+    motion = basic_motion(mechanism, inputs_of(mechanism), np.array([0.2, 0.25, 0.3]))
+    points = {name: position(motion.q[1], mechanism.point(i, name)) for i, name in ((0, "A"), (2, "B"), (2, "O1"))}
+    (xa, ya), (xb, yb), (xo, yo) = points["A"], points["B"], points["O1"]
+    assert abs(yb) < 1e-15
+    with np.errstate(all="ignore"):
+        quotient = (xa - xb) / np.float64(round(ya - yb, 14)) - (xo - xb) / np.float64(round(yo - yb, 14))
+    assert not np.isfinite(quotient)
+    x = model.points.inputs_at(motion.q[1])
+    residual, J = model.residual(x)(model.points.unknown_at(motion.q[1]))
+    assert np.abs(residual).max() < 1e-14
+    assert np.linalg.cond(J) < 10
+
+
+def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
+    """A crank whose block slides in the slot of a lever, with or without a link pinned to the lever's end."""
+    document = document_of("shaper")
+    for gone in ("rod", "ram"):
+        del document["links"][gone]
+    for gone in ("B", "C", "ram"):
+        del document["joints"][gone]
+    document |= {"expect": {}, "assembly": {"sketch": {"A": [0.1, 0.3]}, "angles_deg": {"lever": 71.6 - slot_deg, "crank": 0.0}}}
+    document["observe"]["points"] = ["lever.B"]
+    document["joints"]["slot"] |= {"angle_deg": slot_deg, "offset": offset}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"crank": 0.0}}}}
+    if flag:
+        document["links"]["flag"] = {"points": {"B": [0.0, 0.0]}, "mass": 1.0, "inertia": 1.0}
+        document["joints"]["B"] = {"type": "revolute", "at": ["lever.B", "flag.B"]}
+        document["assembly"]["angles_deg"]["flag"] = 20.0
+        document["scenarios"]["rest"]["start"]["angles_deg"]["flag"] = 20.0
+    return load_document(document)
+
+
+@pytest.mark.parametrize(
+    ("slot_deg", "offset", "kind"),
+    [(0.0, 0.0, "collinear"), (90.0, 0.0, "perpendicular"), (30.0, 0.0, "fixed angle"), (30.0, 0.05, "offset")],
+)
+def test_every_kind_of_slot_moves_as_in_absolute_coordinates(slot_deg: float, offset: float, kind: str) -> None:
+    mechanism = slotted(slot_deg, offset, flag=True)
+    inputs = turning(mechanism, crank=6.0, flag=-2.0)
+    assert kinds(mechanism, inputs) == [("length", "O1-B"), (kind, "slot")]
+    times = np.linspace(0.0, 1.0, 13)
+    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
+
+
+def test_a_link_with_one_joint_point_gets_a_second() -> None:
+    mechanism = slotted(30.0, 0.05, flag=False)
+    inputs = turning(mechanism, crank=6.0)
+    assert PointModel(mechanism, inputs).names == ("lever.+",)
+    assert kinds(mechanism, inputs) == [("length", "O1-lever.+"), ("offset", "slot")]
+    times = np.linspace(0.0, 1.0, 13)
+    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
+
+
+def cylinder(flag: bool = False) -> Mechanism:
+    """A boom held by a cylinder whose piston has two points, its pin and the one that slides; a flag may hang on the barrel."""
+    bar = {"mass": 1.0, "inertia": 0.01}
+    document: dict[str, Any] = {
+        "format": "planar-linkage/1",
+        "name": "cylinder",
+        "crank": "boom",
+        "ground": {"points": {"O": [0.0, 0.0], "P": [0.5, -0.1]}},
+        "links": {
+            "boom": {"points": {"O": [0.0, 0.0], "A": [0.6, 0.1]}, **bar},
+            "barrel": {"points": {"P": [0.0, 0.0], "G": [0.1, 0.02], "Q": [0.2, 0.05]}, **bar, "com": [0.1, 0.0]},
+            "piston": {"points": {"A": [0.0, 0.0], "R": [-0.2, 0.01]}, **bar},
+        },
+        "joints": {
+            "O": {"type": "revolute", "at": ["ground.O", "boom.O"]},
+            "P": {"type": "revolute", "at": ["ground.P", "barrel.P"]},
+            "A": {"type": "revolute", "at": ["boom.A", "piston.A"]},
+            "bore": {"type": "prismatic", "guide": "barrel.G", "angle_deg": 5.0, "block": "piston.R", "block_angle_deg": 3.0},
+        },
+        "assembly": {"sketch": {"A": [0.5, 0.35]}, "angles_deg": {"barrel": 85.0, "boom": 25.0}},
+        "scenarios": {"rest": {"duration": 1.0, "start": {"angles_deg": {"boom": 25.0}}}},
+    }
+    if flag:
+        document["links"]["flag"] = {"points": {"Q": [0.0, 0.0]}, **bar}
+        document["joints"]["Q"] = {"type": "revolute", "at": ["barrel.Q", "flag.Q"]}
+        for angles in (document["assembly"]["angles_deg"], document["scenarios"]["rest"]["start"]["angles_deg"]):
+            angles["flag"] = 10.0
+    return load_document(document)
+
+
+@pytest.mark.parametrize("travel", [{"boom": 0.8}, {"bore": 0.1}, {"barrel": -0.2}, {"piston": -0.2}])
+def test_a_cylinder_moves_by_any_of_its_parts(travel: dict[str, float]) -> None:
+    mechanism = cylinder()
+    inputs = turning(mechanism, **travel)
+    times = np.linspace(0.0, 1.0, 9)
+    motion = basic_motion(mechanism, inputs, times)
+    assert np.abs(motion.q[-1] - motion.q[0]).max() > 0.05
+    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
+
+
+def test_links_that_slide_on_each_other_are_held_as_their_points_allow() -> None:
+    mechanism = cylinder()
+    boom = kinds(mechanism, turning(mechanism, boom=0.5))
+    assert boom == [("length", "A-piston.R"), ("offset", "bore")]  # the barrel has one point: the piston shows its direction
+    barrel = kinds(mechanism, turning(mechanism, barrel=0.1))
+    assert [kind for kind, _ in barrel] == ["length", "fixed x", "fixed y", "offset"]
+    bore = kinds(mechanism, turning(mechanism, bore=0.1))
+    assert ("fixed distance", "bore") in bore
+
+
+def test_partners_with_two_points_each_are_held_by_a_fixed_angle() -> None:
+    mechanism = cylinder(flag=True)
+    inputs = turning(mechanism, boom=0.8, flag=1.0)
+    assert [kind for kind, _ in kinds(mechanism, inputs)] == ["length", "fixed angle", "fixed angle", "offset"]
+    times = np.linspace(0.0, 1.0, 9)
+    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
+
+
+def test_a_slide_on_the_ground_drives_by_its_place() -> None:
+    document = document_of("pushed")
+    mechanism = load_document(document)
+    (driver,) = mechanism.drivers
+    inputs = (Input(driver.law, joint=driver.name),)
+    times = np.linspace(0.0, 1.0, 9)
+    motion = basic_motion(mechanism, inputs, times)
+    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
+
+
+def test_a_coupler_drives_by_its_angle() -> None:
+    mechanism = load("four_bar", "driven")
+    inputs = turning(mechanism, coupler=0.1)
+    times = np.linspace(0.0, 1.0, 9)
+    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
+
+
+def test_two_cranks_drive_a_five_bar_as_far_as_its_arms_reach() -> None:
+    mechanism = load("five_bar")
+    times = np.linspace(0.0, 1.0, 11)
+    inputs = turning(mechanism, left=0.5, right=0.6)
+    motion = basic_motion(mechanism, inputs, times)
+    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
+    apart = turning(mechanism, left=np.radians(60.0), right=np.radians(-40.0))
+    with pytest.raises(LimitOfMotion, match=r"left = .* rad, right = .* rad") as caught:
+        basic_motion(mechanism, apart, times)
+    left, right = caught.value.inputs
+    gap = 0.5 + 0.2 * np.exp(1j * right) - 0.2 * np.exp(1j * left)
+    assert 0 < 0.8 - abs(gap) < 1e-6  # both arms stretched, to the shortest step
+
+
+def test_pins_through_three_links_are_one_point() -> None:
+    mechanism = load("jansen")
+    inputs = turning(mechanism, crank=2 * np.pi)
+    model = PointModel(mechanism, inputs)
+    assert sorted(model.names) == ["C", "D", "E", "F"]
+    times = np.linspace(0.0, 1.0, 25)
+    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < 10 * ROUNDING).all()  # peaks near 400
+
+
+@pytest.mark.parametrize(("scale", "away"), [(1e-3, 0.0), (1.0, 100.0)])
+def test_small_linkages_and_far_ones_move_as_well(scale: float, away: float) -> None:
+    document = document_of("four_bar")
+    world = (document["ground"]["points"], document["assembly"]["sketch"])
+    for table in (*world, *(link["points"] for link in document["links"].values())):
+        for key, (x, y) in table.items():
+            table[key] = [x * scale + away * (table in world), y * scale]
+    mechanism = load_document(document, "driven")
+    times = np.linspace(0.0, 1.0, 13)
+    motion = basic_motion(mechanism, inputs_of(mechanism), times)
+    near = basic_motion(load("four_bar", "driven"), inputs_of(mechanism), times)
+    for found, true, tolerance in zip((motion.q, motion.v, motion.a), (near.q, near.v, near.a), ROUNDING, strict=True):
+        assert np.abs(found - true)[:, 2::3].max() < tolerance * max(1.0, np.abs(true).max(), away)
+
+
+def test_a_slide_driven_on_a_driven_arm() -> None:
+    document = document_of("shaper")
+    document["links"] = {k: document["links"][k] for k in ("lever", "block")}
+    document["joints"] = {k: document["joints"][k] for k in ("slot", "O1")}
+    document["joints"]["slot"] |= {"angle_deg": 20.0, "offset": 0.05}
+    document |= {"crank": "lever", "expect": {"dof": 2}, "forces": {}, "observe": {}}
+    document["assembly"] = {"sketch": {"slot": [0.2, 0.3]}, "angles_deg": {"lever": 30.0}}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"lever": 30.0}, "slides": {"slot": 0.3}}}}
+    mechanism = load_document(document)
+    arm, slide = motion_laws.rise("sine", np.radians(30.0), 3.0, 1.0), motion_laws.rise("poly345", 0.3, 0.2, 1.0)
+    inputs = (Input(slide, joint="slot"), Input(arm, link=0))
+    assert PointModel(mechanism, inputs).equations == ()
+    times = np.linspace(0.0, 1.0, 9)
+    motion = basic_motion(mechanism, inputs, times)
+    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
+
+
+def test_active_bars_drive_by_their_length() -> None:
+    mechanism = load("excavator")
+    inputs = inputs_of(mechanism)
+    assert [kind for kind, _ in kinds(mechanism, inputs)].count("driven length") == 2
+    times = np.linspace(0.0, mechanism.duration, 11)
+    motion = basic_motion(mechanism, inputs, times)
+    assert np.abs(motion.q[-1] - motion.q[0])[2::3].min() > 0.1
+    rows = Constraints(mechanism)(times, motion.q, motion.v)
+    assert np.abs(rows.phi).max() < ROUNDING[0]
+    assert np.abs((rows.J @ motion.v[..., None])[..., 0] + rows.phi_t).max() < ROUNDING[1]
+    assert np.abs((rows.J @ motion.a[..., None])[..., 0] - rows.gamma).max() < ROUNDING[2]
+
+
+def test_an_open_chain_needs_no_equation() -> None:
+    mechanism = load("four_bar", "driven")
+    chain = replace(mechanism, joints=mechanism.joints[:2], links=mechanism.links[:2], q0=mechanism.q0[:6], drivers=(), dof=2)
+    inputs = turning(chain, **{chain.links[0].name: 3.0, chain.links[1].name: -2.0})
+    assert PointModel(chain, inputs).equations == ()
+    times = np.linspace(0.0, 1.0, 5)
+    motion = basic_motion(chain, inputs, times)
+    assert (violations(chain, inputs, times, motion) < ROUNDING).all()
+
+
+# Assemblies -----------------------------------------------------------------------------------------------------------
+
+
+def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
+    document = document_of("four_bar")
+    mirrored = copy.deepcopy(document)
+    B, C = (np.array(document["assembly"]["sketch"][k]) for k in "BC")
+    line = (B - np.array(document["ground"]["points"]["D"])) @ [1.0, 1.0j]
+    across = (C - np.array(document["ground"]["points"]["D"])) @ [1.0, 1.0j]
+    other = line * (across / line).conjugate()
+    mirrored["assembly"]["sketch"]["C"] = [other.real + document["ground"]["points"]["D"][0], other.imag]
+    one, two = load_document(document, "driven"), load_document(mirrored, "driven")
+    branches = [branch_of(one, inputs_of(one), x.q0) for x in (one, two)]
+    assert sorted(b["C"] for b in branches) == [-1, 1]
+    (change,) = branch_changes(branches)
+    assert (change.index, change.group, change.before, change.after) == (1, "C", branches[0]["C"], branches[1]["C"])
+    for x in (one, two):
+        motion = basic_motion(x, inputs_of(x), np.linspace(0.0, 1.0, 37))
+        assert branch_changes(motion.branch) == ()
+        B, C, D = (position(motion.q, p) for p in (one.joints[1].a, one.joints[2].a, one.joints[3].a))
+        b, d = C - B, C - D
+        side = np.sign(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0])
+        np.testing.assert_array_equal(side, [b["C"] for b in motion.branch])
+
+
+@pytest.mark.parametrize(("rod", "count"), [(0.2, 2), (1.3, 4)])
+def test_the_collinear_shaper_has_two_by_two_assemblies_where_its_rod_reaches(rod: float, count: int) -> None:
+    """The lever on either side of its pivot, the ram on either side of the lever; a short rod reaches from one of the first."""
+    document = document_of("shaper")
+    document["links"]["rod"]["points"]["C"] = [rod, 0.0]
+    document["assembly"]["sketch"]["C"] = [0.19 + rod, 0.58]
+    mechanism = load_document(document, "driven")
+    inputs = inputs_of(mechanism)
+    residual, solution = point_form(mechanism, inputs)
+    model = PointModel(mechanism, inputs)
+    assert [group.name for group in model.groups] == ["B", "C"]
+    rng = np.random.default_rng(3)
+    found: dict[tuple[int, ...], np.ndarray] = {}
+    for _ in range(100):
+        root = levenberg_marquardt(residual, rng.uniform(-1.5, 1.5, size=len(solution)))
+        if root.flag == ExitFlag.CONVERGED:
+            name = tuple(model.signs(residual(root.x)[1]))
+            assert np.abs(found.setdefault(name, root.x) - root.x).max() < 1e-9  # one root to a name
+    assert len(found) == count
+    assert any(np.abs(x - solution).max() < 1e-9 for x in found.values())
+
+
+@pytest.mark.parametrize("degrees", [1, 10])
+@pytest.mark.parametrize("name", ["shaper", "eight_bar", "six_bar"])
+def test_the_warm_start_keeps_the_branch_over_a_turn(name: str, degrees: int) -> None:
+    mechanism = load(name, "driven")
+    inputs = inputs_of(mechanism)
+    motion = basic_motion(mechanism, inputs, np.arange(0, 361, degrees) / 360)
+    assert branch_changes(motion.branch) == ()
+    assert [branch_of(mechanism, inputs, q) for q in motion.q[:: 90 // degrees]] == [motion.branch[0]] * 5
+    assert np.abs(np.sin((motion.q[-1] - motion.q[0])[2::3] / 2)).max() < 1e-12  # the turn ends where it began
+    assert motion.iterations.max() <= 4  # one step a time, not a path of halves
+
+
+def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism = load("parallelogram", "driven")  # no group names its assembly
+    inputs, times = inputs_of(mechanism), np.array([0.0, 5 / 360])
+    lies = iter([None, Root(PointModel(mechanism, inputs).points.unknown_at(mechanism.q0) + 0.03, ExitFlag.CONVERGED, 1, 0.0)])
+    monkeypatch.setitem(ROOT_FINDERS, "lying", lambda *given: next(lies, None) or ROOT_FINDERS["gauss_newton"](*given))
+    found, true = basic_motion(mechanism, inputs, times, "lying"), basic_motion(mechanism, inputs, times)
+    assert next(lies, "told") == "told"
+    assert np.abs(found.q - true.q).max() < 1e-13  # found in two halves instead
+
+
+def test_a_redundant_linkage_has_no_choice_to_name() -> None:
+    mechanism = load("parallelogram", "driven")
+    assert branch_of(mechanism, inputs_of(mechanism), mechanism.q0) == {}
+
+
+# Ends of motion -------------------------------------------------------------------------------------------------------
+
+
+def short_four_bar() -> Mechanism:
+    """A crank of 0.3 that cannot turn fully: the limit is where coupler and rocker lie in line."""
+    document = document_of("four_bar")
+    bars = {"crank": ("A", "B", 0.3), "coupler": ("B", "C", 0.2), "rocker": ("D", "C", 0.25)}
+    document["ground"]["points"] = {"A": [0.0, 0.0], "D": [0.4, 0.0]}
+    document["links"] = {k: {"points": {p: [0.0, 0.0], r: [x, 0.0]}, "mass": 1.0, "inertia": 1.0} for k, (p, r, x) in bars.items()}
+    document |= {"assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}}, "observe": {}, "forces": {}}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0}}}
+    return load_document(document)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_limit_of_motion_is_named_with_the_input_it_lies_at(method: str) -> None:
+    mechanism = short_four_bar()
+    limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
+    inputs = (Input(motion_laws.constant(np.radians(60.0), 1.0), link=0),)
+    with pytest.raises(LimitOfMotion, match=r"no solution beyond crank = 1\.37") as caught:
+        basic_motion(mechanism, inputs, np.linspace(0.0, 1.0, 11), method)
+    assert 0 < limit - caught.value.inputs[0] < 1e-6  # a step of 10 degrees halved twenty times is 2e-7 rad
+    reached = caught.value.reached
+    assert len(reached.q) == int((limit - np.radians(60.0)) / 0.1) + 1
+    assert (
+        violations(mechanism, inputs, np.linspace(0.0, 1.0, 11)[: len(reached.q)], reached) < ROUNDING * 10
+    ).all()  # near the fold
+
+
+@pytest.mark.parametrize("short", [-1e-9, 0.0, 1e-9, 1e-8])
+def test_rates_at_the_very_limit_are_refused(short: float) -> None:
+    limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
+    inputs = (Input(motion_laws.constant(limit - short, 1.0), link=0),)
+    with pytest.raises(MotionError, match=r"crank = 1\.37"):  # no solution or singular: here the step and rounding decide
+        basic_motion(short_four_bar(), inputs, np.array([0.0]))
+
+
+def test_a_change_point_is_a_singular_position_and_not_passed_in_silence() -> None:
+    document = document_of("parallelogram")
+    del document["links"]["crank3"], document["joints"]["G"], document["joints"]["H"], document["expect"]
+    del document["assembly"]["sketch"]["H"]
+    mechanism = load_document(document, "driven")
+    before = (np.radians(150.0) - 1e-6) / (2 * np.pi)  # closed, but rates would be good to 1e-2 only
+    for times in (np.linspace(0.0, 1.0, 12), np.linspace(0.0, 1.0, 13), np.array([before])):
+        with pytest.raises(SingularPosition, match="rank 1 of 2") as caught:
+            basic_motion(mechanism, inputs_of(mechanism), times)
+        assert caught.value.inputs[0] == pytest.approx(np.pi, abs=1e-3)  # singular values span 1e-4 at 2e-4 rad from it
+
+
+def test_a_slider_cannot_start_its_crank_from_the_dead_centre() -> None:
+    mechanism = load("crank_slider", "driven")  # stretched out at the start
+    inputs = (Input(motion_laws.constant(0.71, 0.0), joint="guide"),)
+    with pytest.raises(SingularPosition, match=r"guide = 0\.71 m"):
+        basic_motion(mechanism, inputs, np.array([0.0]))
+
+
+def test_what_points_cannot_express_is_refused() -> None:
+    four_bar, crank_slider = load("four_bar", "driven"), load("crank_slider", "driven")
+    law = motion_laws.constant(0.0, 1.0)
+    with pytest.raises(ValueError, match="knife edges"):
+        PointModel(everything(), ())
+    with pytest.raises(ValueError, match="0 inputs for 1 degrees of freedom"):
+        PointModel(four_bar, ())
+    with pytest.raises(ValueError, match="either a link, or a slide"):
+        PointModel(four_bar, (Input(law),))
+    with pytest.raises(ValueError, match="neither slide nor active bar"):
+        PointModel(four_bar, (Input(law, joint="A"),))
+    with pytest.raises(ValueError, match="angle of slider is known already"):
+        PointModel(crank_slider, (Input(law, link=2),))
+
+
+# Searches -------------------------------------------------------------------------------------------------------------
+
+
+def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+
+
+def circles(apart: float) -> Any:
+    """Two unit circles whose centres are `apart`: they meet in 2, 1 or 0 points."""
+
+    def residual(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        to = np.array([x, x - [apart, 0.0]])
+        return (np.sum(to**2, axis=1) - 1) / 2, to
+
+    return residual
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_search_converges_and_says_so(method: str) -> None:
+    root = ROOT_FINDERS[method](rosenbrock, np.array([-1.2, 1.0]))
+    assert root.flag == ExitFlag.CONVERGED
+    assert root.x == pytest.approx([1.0, 1.0], abs=1e-12)
+    assert root.residual <= 1e-13
+    assert ROOT_FINDERS[method](rosenbrock, root.x).iterations == 0
+    again = ROOT_FINDERS[method](rosenbrock, np.array([-1.2, 1.0]), limit=1)
+    assert (again.flag, again.iterations) == (ExitFlag.TOO_MANY, 1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_circles_that_do_not_meet_have_no_root(method: str) -> None:
+    root = ROOT_FINDERS[method](circles(2.2), np.array([0.8, 0.5]))
+    assert root.flag != ExitFlag.CONVERGED
+    assert root.residual > 0.1  # at the middle, the smallest of the largest: (1.1^2 - 1) / 2 = 0.105
+    assert ROOT_FINDERS[method](circles(1.8), np.array([0.8, 0.5])).x == pytest.approx([0.9, np.sqrt(1 - 0.81)], abs=1e-12)
+
+
+def test_only_levenberg_marquardt_finds_the_nearest_miss() -> None:
+    root = levenberg_marquardt(circles(2.2), np.array([0.8, 0.5]))
+    assert root.flag == ExitFlag.STALLED
+    assert root.x == pytest.approx([1.1, 0.0], abs=1e-3)  # flat there: the stopping gradient allows as much
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_a_lost_rank_is_named(method: str) -> None:
+    assert ROOT_FINDERS[method](circles(1.8), np.array([0.3, 0.0])).flag == ExitFlag.SINGULAR  # on the line of centres
+
+
+def test_backtracking_saves_what_full_steps_lose() -> None:
+    def residual(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.arctan(x), np.diag(1 / (1 + x**2))
+
+    start = np.array([3.0])  # beyond 1.39 full steps overshoot more each time
+    with np.errstate(all="ignore"):
+        assert ROOT_FINDERS["newton_raphson"](residual, start).flag != ExitFlag.CONVERGED
+    for method in METHODS[1:]:
+        root = ROOT_FINDERS[method](residual, start)
+        assert (root.flag, float(root.x[0])) == (ExitFlag.CONVERGED, pytest.approx(0.0, abs=1e-13))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_not_finite_stalls(method: str) -> None:
+    assert ROOT_FINDERS[method](lambda x: (x, np.eye(1)), np.array([np.nan])).flag == ExitFlag.STALLED
+
+
+def test_near_starts_find_the_assembly_and_far_ones_any() -> None:
+    mechanism = load("shaper", "driven")
+    near, far = (basins(mechanism, inputs_of(mechanism), [spread], starts=60) for spread in (0.04, 0.8))
+    assert [row.method for row in near] == METHODS
+    assert all(row.right == 1.0 and row.iterations < 8 for row in near)
+    assert all(row.right < 0.8 for row in far)
+    assert far[2].other > 0.2  # the patient search ends at other assemblies
+    assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60) == far
+    assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60, seed=1) != far
+
+
+def test_basins_take_any_coordinates() -> None:
+    def form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> Any:
+        return lambda x: (np.sin(x), np.diag(np.cos(x))), np.zeros(1)
+
+    def turned(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.angle(np.exp(1j * (x - y)))
+
+    mechanism = load("four_bar", "driven")
+    plain = basins(mechanism, inputs_of(mechanism), [8.0], form=form)
+    modulo = basins(mechanism, inputs_of(mechanism), [8.0], form=form, difference=turned)
+    for one, other in zip(plain, modulo, strict=True):
+        assert isinstance(one, Basin)
+        assert other.right > one.right  # roots a turn away count as the same
+        assert one.right + one.other == pytest.approx(other.right + other.other)

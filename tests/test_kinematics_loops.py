@@ -1,0 +1,493 @@
+"""Loops and link units against the printed matrices of Wang et al. (2010), closed forms and the constraint equations."""
+
+import csv
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, effect_factors, link_type
+from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
+from gauss_bench.kinematics.loop_equations import LoopEquations, Variable
+from gauss_bench.kinematics.loops import Graph, find_graph
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
+from gauss_bench.reference.minimal import MinimalCoordinate
+from tests.conftest import DATA, everything, redundant
+
+SIX = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
+ROUNDING = 1e-14  # sums of a few numbers of order one
+
+
+def pin(name: str, at: complex) -> Element:
+    return Element(name, name, PIN, at)
+
+
+def guide(name: str, at: complex, along: complex, kind: str = GUIDE) -> Element:
+    return Element(name, name, kind, at, along, name)
+
+
+def block(name: str, at: complex) -> Element:
+    return Element(name, name, BLOCK, at)
+
+
+# Link units
+
+ENDS = {
+    "RR": (pin("a", 0.1 + 0.2j), pin("b", 0.4 - 0.1j)),
+    "RP1": (pin("a", 0.1j), block("p", 0.3)),
+    "RP2": (pin("a", 0.1), guide("p", 0.05 - 0.2j, np.exp(0.4j))),
+    "S": (pin("a", 0.0), guide("b", 0.0, 1.0, ROD_END)),
+    "PP": (guide("p", 0.02j, 1.0), guide("r", 0.1, np.exp(2.0j))),
+}
+
+
+@pytest.mark.parametrize("kind", ENDS)
+@pytest.mark.parametrize("turns", [True, False])
+def test_units_are_the_derivatives_of_the_vector_and_reverse_with_the_path(
+    kind: str, turns: bool, rng: np.random.Generator
+) -> None:
+    way = Way(0, *ENDS[kind], turns)
+    back = Way(0, way.leave, way.enter, turns)
+    p = len(way.slides)
+    x, rate = rng.normal(size=1 + p), rng.normal(size=1 + p)
+    rate[0] *= turns
+
+    def units(x: np.ndarray, way: Way = way) -> Any:
+        return way.units(x[0], rate[0], x[1:], rate[1:])
+
+    h = 1e-5
+    here = units(x)
+    columns = np.eye(1 + p)[0 if turns else 1 :]
+    assert here.J.shape == here.J_rate.shape == (2, turns + p)
+    # central differences: h^2 = 1e-10 of the third derivative, rounding 1e-16/h = 1e-11
+    slope = [(units(x + h * e).vector - units(x - h * e).vector) / (2 * h) for e in columns]
+    np.testing.assert_allclose(here.J, np.reshape(slope, (-1, 2)).T, atol=2e-9)
+    np.testing.assert_allclose(here.J_rate, (units(x + h * rate).J - units(x - h * rate).J) / (2 * h), atol=2e-9)
+    for one, other in zip(vars(here).values(), vars(units(x, back)).values(), strict=True):
+        np.testing.assert_array_equal(one, -other)
+
+
+def test_units_are_those_of_table_1_but_for_its_misprint(rng: np.random.Generator) -> None:
+    l, e, s, phi, alpha, w, s_rate = rng.normal(size=7)
+    c, k = np.cos(phi), np.sin(phi)
+    rrr = Way(0, pin("1", 0.0), pin("3", l * np.exp(1j * alpha))).units(phi, w, (), ())
+    ca, ka = np.cos(phi + alpha), np.sin(phi + alpha)
+    np.testing.assert_allclose(rrr.vector, [l * ca, l * ka], atol=ROUNDING)
+    np.testing.assert_allclose(rrr.J, [[-l * ka], [l * ca]], atol=ROUNDING)
+    np.testing.assert_allclose(rrr.J_rate, [[-l * w * ca], [-l * w * ka]], atol=ROUNDING)
+
+    rp1 = Way(0, pin("1", 0.0), block("2", 1j * e)).units(phi, w, (), ())
+    np.testing.assert_allclose(rp1.vector, [-e * k, e * c], atol=ROUNDING)
+    np.testing.assert_allclose(rp1.J, [[-e * c], [-e * k]], atol=ROUNDING)
+    np.testing.assert_allclose(rp1.J_rate, [[e * w * k], [-e * w * c]], atol=ROUNDING)
+
+    rp2 = Way(0, pin("1", 0.0), guide("2", -1j * e, 1.0)).units(phi, w, [s], [s_rate])
+    np.testing.assert_allclose(rp2.vector, [e * k + s * c, -e * c + s * k], atol=ROUNDING)
+    np.testing.assert_allclose(rp2.J, [[e * c - s * k, c], [e * k + s * c, k]], atol=ROUNDING)
+    printed = np.array([[-e * w * k - s * w * c - w * k, -w * k], [e * w * c - s * w * k + w * c, w * c]])
+    np.testing.assert_allclose(rp2.J_rate[:, 1], printed[:, 1], atol=ROUNDING)
+    np.testing.assert_allclose(rp2.J_rate[:, 0] - printed[:, 0], (w - s_rate) * np.array([k, -c]), atol=ROUNDING)
+    assert np.abs(rp2.J_rate - printed).max() > 0.01
+
+
+def test_links_have_the_names_of_the_paper() -> None:
+    def names(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> dict[str, str]:
+        graph = find_graph(mechanism, bars)
+        links = [link.name for link in mechanism.links] + [bar.name for bar in bars]
+        return {name: link_type(graph.elements(i)) for i, name in enumerate(links)} | {
+            "frame": link_type(graph.elements(-1), frame=True)
+        }
+
+    six = names(load("six_bar"))
+    assert [six[x] for x in ("crank", "ternary", "slider", "frame")] == ["RR", "RRR", "RP1", "RRP0"]
+    shaper = names(load("shaper"))
+    assert [shaper[x] for x in ("block", "lever", "frame")] == ["RP1", "RRP2", "RRP0"]
+    excavator = load("excavator")
+    bars = [d for d in excavator.drivers if isinstance(d, LengthDriver)]
+    assert [names(excavator, bars)[x] for x in ("boom", "bucket", bars[0].name)] == ["4R", "RR", "S"]
+    assert names(excavator)["bucket"] == "R"  # an end link, as of a manipulator
+    assert link_type([pin(x, 0.0) for x in "abcde"]) == "5R"
+    assert link_type([guide("p", 0.0, 1.0), block("q", 0.0)]) == "PP"
+    assert link_type([Element("B", "B", PIN, 1.0), Element("B.001", "B", PIN, 1.0), pin("C", 0.0)]) == "RR"  # a multiple joint at B
+
+
+def test_effect_factors_put_each_column_in_one_place() -> None:
+    a, b, s = Variable("a", 0), Variable("b", 1), Variable("s")
+    U, K = effect_factors([b, s], [s, a], [b])
+    np.testing.assert_array_equal(U, [[0, 0], [1, 0]])
+    np.testing.assert_array_equal(K, [[1], [0]])
+    for ways in LoopEquations(load("eight_bar", "driven"), inputs_of(load("eight_bar", "driven"))).ways:
+        for p in ways:
+            np.testing.assert_array_equal(p.factors.sum(axis=1), 1.0)
+
+
+# Loops
+
+
+def cycles(graph: Graph) -> np.ndarray:
+    """(L, p): +1, -1 where a loop crosses a pair in the sense of the incidence matrix, or against it."""
+    M, names = graph.incidence(), [pair.name for pair in graph.pairs]
+    out = np.zeros((len(graph.loops), len(names)), dtype=int)
+    for l, loop in enumerate(graph.loops):
+        for passage in loop.passages:
+            k = names.index(passage.leave.name)
+            out[l, k] = -M[passage.link, k]
+    return out
+
+
+def test_the_loops_are_those_of_the_paper() -> None:
+    assert [str(loop) for loop in find_graph(load("six_bar")).loops] == ["a-b-c-d", "d-e-f-g"]
+    assert [str(loop) for loop in find_graph(load("eight_bar")).loops] == ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-10-4"]
+
+
+@pytest.mark.parametrize("name", [*SIX, "five_bar", "jansen", "redundant"])
+def test_loops_are_independent_and_the_incidence_matrix_is_complete(name: str) -> None:
+    mechanism = redundant() if name == "redundant" else load(name)
+    graph = find_graph(mechanism)
+    n, p = len(mechanism.links) + 1, len(mechanism.joints)
+    M = graph.incidence()
+    assert M.shape == (n, p)
+    np.testing.assert_array_equal(np.sort(M, axis=0)[[0, -1]], [[-1] * p, [1] * p])
+    np.testing.assert_array_equal(np.abs(M).sum(axis=0), 2)
+    C = cycles(graph)
+    assert len(C) == p - n + 1 == np.linalg.matrix_rank(C)
+    np.testing.assert_array_equal(C @ M.T, 0)  # a loop leaves every link as often as it enters it
+
+
+def test_links_may_share_two_joints_and_multiple_joints_are_merged() -> None:
+    assert find_graph(redundant()).loops[-1].joints == ("D", "again")
+    jansen = find_graph(load("jansen"))
+    assert {"B", "B.001"} <= {pair.name for pair in jansen.pairs}
+    assert {name for loop in jansen.loops for name in loop.joints} == {pair.node for pair in jansen.pairs}
+
+
+def test_the_six_bar_has_the_printed_matrices(rng: np.random.Generator) -> None:
+    """Section 1.2.5; loop variables phi = [phi2, phi3, phi5, s], q = [phi1]; dimensions of figure 2 are ours."""
+    mechanism = load("six_bar", "driven")
+    equations = LoopEquations(mechanism, inputs_of(mechanism))
+    assert [str(x) for x in equations.variables] == ["theta(coupler)", "theta(ternary)", "theta(rod)", "s(g)", "theta(crank)"]
+    x, rate = rng.normal(size=5), rng.normal(size=5)
+    f2, f3, f5, _, f1 = x
+    w2, w3, w5, _, w1 = rate
+    l1, l2, l3, l3_, l5, alpha, phi = 0.10, 0.30, 0.28, 0.24, 0.36, np.radians(50.0), np.radians(-45.0)
+    c, s, zero = np.cos, np.sin, np.zeros((2, 1))
+    J = [
+        [-l2 * s(f2), l3_ * s(f3 + alpha), 0, 0],
+        [l2 * c(f2), -l3_ * c(f3 + alpha), 0, 0],
+        [0, -l3 * s(f3), -l5 * s(f5), -c(phi)],
+        [0, l3 * c(f3), l5 * c(f5), -s(phi)],
+    ]
+    J_rate = [
+        [-l2 * w2 * c(f2), l3_ * w3 * c(f3 + alpha), 0, 0],
+        [-l2 * w2 * s(f2), l3_ * w3 * s(f3 + alpha), 0, 0],
+        [0, -l3 * w3 * c(f3), -l5 * w5 * c(f5), 0],
+        [0, -l3 * w3 * s(f3), -l5 * w5 * s(f5), 0],
+    ]
+    found = equations.at(x, rate)
+    np.testing.assert_allclose(found.J, J, atol=ROUNDING)
+    np.testing.assert_allclose(found.J_rate, J_rate, atol=ROUNDING)
+    np.testing.assert_allclose(found.B, np.vstack([[[-l1 * s(f1)], [l1 * c(f1)]], zero]), atol=ROUNDING)
+    np.testing.assert_allclose(found.B_rate, np.vstack([[[-l1 * w1 * c(f1)], [-l1 * w1 * s(f1)]], zero]), atol=ROUNDING)
+
+
+def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() -> None:
+    for mechanism, shape in ((replace(load("parallelogram", "driven"), drivers=()), (4, 3)), (redundant(), (4, 2))):
+        assert mechanism.crank is not None
+        inputs = (Input(constant(float(mechanism.q0[3 * mechanism.crank + 2]), 3.0), link=mechanism.crank),)
+        equations = LoopEquations(mechanism, inputs)
+        x = equations.start()
+        assert equations.at(x, x).J.shape == shape
+        motion = loop_motion(mechanism, inputs, np.linspace(0.0, 1.0, 41))
+        assert_satisfies(mechanism, motion, np.linspace(0.0, 1.0, 41))
+
+
+# Motion
+
+
+def assert_satisfies(mechanism: Mechanism, motion: LoopMotion, times: np.ndarray) -> None:
+    """The joints hold, and so do the drivers of the mechanism, on all three levels; the rows are independent of loops."""
+    rows = Constraints(mechanism)(times, motion.q, motion.v)
+    scale = np.abs(motion.a).max() + 1.0
+    assert np.abs(rows.phi).max() < 1e-13  # sums of lengths below 2 m and of angles below 10 rad
+    assert np.abs((rows.J @ motion.v[..., None])[..., 0] + rows.phi_t).max() < 1e-13 * scale
+    assert np.abs((rows.J @ motion.a[..., None])[..., 0] - rows.gamma).max() < 1e-13 * scale
+
+
+def relative(found: np.ndarray, true: np.ndarray) -> float:
+    return float(np.abs(found - true).max() / max(1.0, np.abs(true).max()))
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> None:
+    mechanism = load(name, "driven")
+    with (Path(DATA) / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    times = np.array(sorted({float(row["crank_deg_from_start"]) for row in rows})) / 360.0  # the crank turns once a second
+    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    for point in mechanism.observed_points:
+        own = sorted((row for row in rows if row["point"] == point.name), key=lambda row: float(row["crank_deg_from_start"]))
+        true = np.array([[float(row[key]) for key in ("x", "y", "vx", "vy", "ax", "ay")] for row in own])
+        assert len(own) == len(times) == 12
+        q, v, a = motion.q, motion.v, motion.a
+        assert relative(position(q, point), true[:, :2]) < 1e-13  # promised: 1e-12, 1e-11, 1e-10
+        assert relative(velocity(q, v, point), true[:, 2:4]) < 1e-12
+        assert relative(acceleration(q, v, a, point), true[:, 4:]) < 1e-11
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_all_links_agree_with_the_minimal_coordinate(name: str) -> None:
+    mechanism = load(name, "driven")
+    times = np.linspace(0.0, 1.0, 37)
+    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    other = MinimalCoordinate(mechanism)
+    speed, none = np.array([2 * np.pi]), np.zeros(1)
+    states = [other.state(np.array([theta]), speed, none) for theta in inputs_of(mechanism)[0].law(times)[0]]
+    for found, level, tolerance in ((motion.q, 0, 1e-13), (motion.v, 1, 1e-12), (motion.a, 2, 1e-11)):
+        assert relative(found, np.array([state[level][0] for state in states])) < tolerance
+
+
+def test_rates_are_the_differences_of_what_they_are_the_rates_of() -> None:
+    mechanism = load("eight_bar", "cycloid")
+    h = 1e-4
+    times = np.linspace(0.1, 0.9, 9)[:, None] + h * np.array([-1.0, 0.0, 1.0])
+    motion = loop_motion(mechanism, inputs_of(mechanism), times.ravel())
+    pairs = ((motion.q, motion.v), (motion.v, motion.a), (motion.values, motion.rates), (motion.rates, motion.second_rates))
+    for x, rate in pairs:
+        below, _, above = np.moveaxis(x.reshape(*times.shape, -1), 1, 0)
+        # h^2/6 = 2e-9 times the third derivative, up to 1e4 here
+        np.testing.assert_allclose((above - below) / (2 * h), rate.reshape(*times.shape, -1)[:, 1], atol=5e-5)
+    assert np.abs(motion.a).max() > 10.0
+
+
+def test_a_slide_can_be_the_input() -> None:
+    mechanism = load_document(tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8")))
+    times = np.linspace(0.0, 1.0, 21)
+    law = mechanism.drivers[0].law
+    motion = loop_motion(mechanism, (Input(law, joint="guide"),), times)
+    assert_satisfies(mechanism, motion, times)
+    assert motion.variables[-1] == "s(guide)"
+    np.testing.assert_array_equal(motion.values[:, -1], law(times)[0])
+
+
+def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
+    """The same slider-crank with guide and block exchanged, and lines that turn them against each other."""
+    document = tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8"))
+    document["joints"]["guide"] = {
+        "type": "prismatic",
+        "guide": "slider.B",
+        "block": "ground.G",
+        "angle_deg": 35.0,
+        "block_angle_deg": 10.0,
+        "offset": 0.03,
+    }
+    document["assembly"]["angles_deg"] = {"slider": -25.0}
+    document["scenarios"] = {
+        "push": {"duration": 1.0, "driver": {"joint": "guide", "law": "constant", "start": -0.37, "speed": -0.08}}
+    }
+    mechanism = load_document(document)
+    times = np.linspace(0.0, 1.0, 11)
+    motion = loop_motion(mechanism, (Input(mechanism.drivers[0].law, joint="guide"),), times)
+    assert_satisfies(mechanism, motion, times)
+    np.testing.assert_allclose(motion.q[:, 8], np.radians(-25.0), atol=ROUNDING)
+
+
+def test_active_bars_are_links_of_their_own() -> None:
+    mechanism = load("excavator")
+    times = np.linspace(0.0, 2.0, 21)
+    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    assert_satisfies(mechanism, motion, times)
+    np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
+    assert len(motion.loops) == 2
+
+
+def test_two_inputs_drive_a_five_bar() -> None:
+    """Its middle joint lies where two circles meet."""
+    mechanism = load("five_bar", "spring")
+    left, right = (next(i for i, x in enumerate(mechanism.links) if x.name == name) for name in ("left", "right"))
+    q0 = mechanism.q0
+    laws = rise("sine", float(q0[3 * left + 2]), 2 * np.pi, 1.0), rise("poly345", float(q0[3 * right + 2]), 2 * np.pi + 0.3, 1.0)
+    times = np.linspace(0.0, 1.0, 41)
+    motion = loop_motion(mechanism, (Input(laws[0], link=left), Input(laws[1], link=right)), times)
+    assert_satisfies(mechanism, motion, times)
+    np.testing.assert_allclose(motion.v[:, [3 * left + 2, 3 * right + 2]], np.transpose([law(times)[1] for law in laws]))
+    B, D = 0.2 * np.exp(1j * laws[0](times)[0]), 0.5 + 0.2 * np.exp(1j * laws[1](times)[0])
+    half = (D - B) / 2
+    C = B + half + 1j * half / np.abs(half) * np.sqrt(0.4**2 - np.abs(half) ** 2)
+    arm = next(i for i, x in enumerate(mechanism.links) if x.name == "left_arm")
+    np.testing.assert_allclose(position(motion.q, mechanism.point(arm, "C")) @ [1.0, 1.0j], C, atol=1e-14)
+
+
+def chain(turn: float) -> Mechanism:
+    """Two bars and a block on the second, whose line points along y at rest: an open chain with three inputs."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "chain",
+            "ground": {"points": {"O": [0.1, 0.2]}},
+            "links": {
+                "a": {"points": {"O": [0.0, 0.0], "A": [0.3, 0.0]}, "mass": 1.0, "inertia": 0.1, "com": [0.1, 0.05]},
+                "b": {"points": {"A": [0.0, 0.0], "G": [0.2, 0.1]}, "mass": 1.0, "inertia": 0.1},
+                "c": {"points": {"K": [0.02, 0.03]}, "mass": 1.0, "inertia": 0.1},
+            },
+            "joints": {
+                "O": {"type": "revolute", "at": ["ground.O", "a.O"]},
+                "A": {"type": "revolute", "at": ["a.A", "b.A"]},
+                "P": {
+                    "type": "prismatic",
+                    "guide": "b.G",
+                    "block": "c.K",
+                    "angle": 0.5 * np.pi,
+                    "block_angle": turn,
+                    "offset": 0.04,
+                },
+            },
+            "assembly": {"angles": {"a": 0.4, "b": -0.3}, "sketch": {"c.K": [0.7, 0.4]}},
+            "scenarios": {"rest": {"duration": 1.0, "start": {"angles": {"a": 0.4, "b": -0.3}, "slides": {"P": 0.1}}}},
+        }
+    )
+
+
+def test_in_an_open_chain_everything_is_input() -> None:
+    mechanism = chain(turn=0.2)
+    laws = rise("sine", 0.4, 1.0, 1.0), rise("sine", -0.3, 2.0, 1.0), rise("poly345", 0.1, 0.2, 1.0)
+    times = np.linspace(0.0, 1.0, 11)
+    motion = loop_motion(mechanism, (Input(laws[0], link=0), Input(laws[1], link=1), Input(laws[2], joint="P")), times)
+    assert motion.loops == ()
+    assert motion.branch == ""
+    assert_satisfies(mechanism, motion, times)
+    a, b, s = (law(times)[0] for law in laws)
+    # the block's point lies s along y and 0.04 to the left, -x, of G; its own line is at 0.2 rad
+    end = 0.1 + 0.2j + 0.3 * np.exp(1j * a) + np.exp(1j * b) * (0.2 + 0.1j + 1j * s - 0.04)
+    K = mechanism.point(2, "K")
+    np.testing.assert_allclose(position(motion.q, K) @ [1.0, 1.0j], end, atol=ROUNDING)
+    np.testing.assert_allclose(motion.q[:, 8], b + 0.5 * np.pi - 0.2, atol=ROUNDING)
+
+
+def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -> None:
+    mechanism = load("shaper", "driven")
+    fine = loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, 2.0, 73))
+    coarse = loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, 2.0, 4))
+    late = loop_motion(mechanism, inputs_of(mechanism), np.array([2.0, 4.0 / 3.0]))
+    np.testing.assert_allclose(coarse.q, fine.q[::24], atol=1e-13)
+    np.testing.assert_allclose(late.q, fine.q[[72, 48]], atol=1e-13)
+    assert fine.branch == coarse.branch == late.branch
+    assert coarse.iterations[1] > fine.iterations[1] >= 1
+
+
+# Where it ends
+
+
+def four_bar(crank: float, coupler: float, rocker: float, frame: float, C: Sequence[float], degrees: float = 60.0) -> Mechanism:
+    """A four-bar at a crank angle, drawn with its joint C at a place."""
+    B = crank * np.exp(1j * np.radians(degrees))
+
+    def bar(a: str, b: str, length: float) -> dict[str, Any]:
+        return {"points": {a: [0.0, 0.0], b: [length, 0.0]}, "bars": [[a, b]], "mass": 1.0}
+
+    document = {
+        "format": "planar-linkage/1",
+        "name": "bars",
+        "crank": "a",
+        "ground": {"points": {"A": [0.0, 0.0], "D": [frame, 0.0]}},
+        "links": {"a": bar("A", "B", crank), "b": bar("B", "C", coupler), "c": bar("D", "C", rocker)},
+        "joints": {
+            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
+            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
+            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
+            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
+        },
+        "assembly": {"sketch": {"B": [B.real, B.imag], "C": list(C)}},
+        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": degrees}}},
+    }
+    return load_document(document)
+
+
+def turned(mechanism: Mechanism, speed: float) -> tuple[Input, ...]:
+    return (Input(constant(float(mechanism.q0[2]), speed), link=0),)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.5])
+def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None:
+    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
+    times = np.arange(0.0, 2.0, step)
+    with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
+        loop_motion(mechanism, turned(mechanism, 1.0), times)
+    error = caught.value
+    assert error.inputs["a"] == pytest.approx(limit, abs=2e-10)  # halving ends at 1e-10 rad
+    assert isinstance(error.reached, LoopMotion)
+    reached = len(error.reached.q)
+    assert mechanism.q0[2] + times[reached - 1] < limit < mechanism.q0[2] + error.time
+    assert error.time == times[reached]
+    whole = loop_motion(mechanism, turned(mechanism, 1.0), times[:reached])
+    np.testing.assert_array_equal(error.reached.a, whole.a)
+
+
+def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
+    """The Jacobian falls with the square root of the distance: 1e-4 of it means some 1e-8 rad."""
+    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
+    for gap, error in ((1e-6, None), (1e-9, SingularPosition)):
+        given = turned(mechanism, limit - gap - float(mechanism.q0[2]))
+        if error is None:
+            motion = loop_motion(mechanism, given, np.array([1.0]))
+            assert_satisfies(mechanism, motion, np.array([1.0]))
+        else:
+            with pytest.raises(error, match="rank 1 of 2"):
+                loop_motion(mechanism, given, np.array([1.0]))
+
+
+@pytest.mark.parametrize("samples", [20, 181])
+def test_a_change_point_is_a_singular_position_not_a_limit(samples: int) -> None:
+    """A parallelogram with two cranks only: at 180 degrees it may go on as an antiparallelogram. 181 samples meet it exactly."""
+    mechanism = four_bar(0.2, 0.4, 0.2, 0.4, (0.5, 0.17))
+    with pytest.raises(SingularPosition) as caught:
+        loop_motion(mechanism, turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
+    assert caught.value.inputs["a"] == pytest.approx(np.pi, abs=1e-6)  # the rank counts as lost at 1e-7 of the largest
+
+
+def test_a_start_at_a_dead_centre_is_refused() -> None:
+    """A slider cannot push its crank out of line."""
+    slider = load("crank_slider", "driven")
+    joint = next(j.name for j in slider.joints if j.name not in "OAB")
+    with pytest.raises(SingularPosition, match="rank 1 of 2"):
+        loop_motion(slider, (Input(constant(0.71, -0.1), joint=joint),), np.array([0.0, 0.1]))
+
+
+def test_assemblies_have_different_names() -> None:
+    one, other = four_bar(0.1, 0.3, 0.25, 0.3, (0.3, 0.25)), four_bar(0.1, 0.3, 0.25, 0.3, (0.2, -0.2))
+    names = [loop_motion(x, turned(x, 2 * np.pi), np.linspace(0.0, 1.0, 13)).branch for x in (one, other)]
+    assert sorted(names) == ["+", "-"]
+    assert len(loop_motion(load("six_bar", "driven"), inputs_of(load("six_bar", "driven")), np.zeros(1)).branch) == 2  # two dyads
+    assert (
+        len(loop_motion(load("eight_bar", "driven"), inputs_of(load("eight_bar", "driven")), np.zeros(1)).branch) == 2
+    )  # II and IV
+
+
+def test_inputs_that_do_not_fit_are_refused() -> None:
+    mechanism, five = load("crank_slider", "driven"), load("five_bar", "spring")
+    law = constant(0.0, 1.0)
+    nowhere = MotionLaw("nan", lambda t: (np.nan * t, t, t))
+    cases = [
+        (mechanism, (), "1 degrees of freedom, but the inputs are 0"),
+        (mechanism, (Input(law, link=2),), "cannot be driven at 'slider'"),
+        (mechanism, (Input(law, joint="rope"),), "cannot be driven at 'rope'"),
+        (mechanism, (Input(nowhere, link=0),), "not finite"),
+        (five, (Input(law, link=0), Input(law, link=0)), "two inputs for one variable"),
+        (everything(), [Input(law, link=0)] * 8, "knife edges"),
+        (replace(everything(), knife_edges=()), [Input(law, link=0)] * 8, "no joints hold sled to the frame"),
+    ]
+    for given, inputs, text in cases:
+        with pytest.raises(ValueError, match=text):
+            loop_motion(given, inputs, np.zeros(1))
+    assert not issubclass(MotionError, ValueError)

@@ -1,0 +1,120 @@
+"""Kinematics from the command line: three ways that agree, errors that name what is wrong, pictures and tables."""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.geometry import LINKAGES, geometry
+from gauss_bench.cli import main
+
+DATA = Path(__file__).parent / "data"
+TABLES = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    assert main(["kinematics", *arguments, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("linkage", LINKAGES)
+def test_three_independent_ways_tell_one_motion(linkage: str) -> None:
+    for row in geometry(linkage)["agreement"]:
+        assert row["position"] < 1e-12, row
+        assert row["velocity"] < 1e-11, row
+        assert row["acceleration"] < 1e-10, row
+
+
+@pytest.mark.parametrize("method", ["loop", "basic"])
+@pytest.mark.parametrize("linkage", TABLES)
+def test_points_agree_with_closed_forms_in_forty_digits(linkage: str, method: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, linkage, "--scenario", "driven", "--steps", "12", "--method", method)
+    with (DATA / f"kinematics_{linkage}.csv").open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    levels = ((("x", "y"), 1e-12), (("vx", "vy"), 1e-11), (("ax", "ay"), 1e-10))
+    for keys, tolerance in levels:
+        scale = max(abs(float(row[key])) for row in table for key in keys)
+        for row in table:
+            k = round(float(row["crank_deg_from_start"]) / 30.0)
+            for key in keys:
+                assert abs(found["points"][row["point"]][key][k] - float(row[key])) < tolerance * scale, (row, key)
+
+
+def test_the_object_has_what_is_promised(capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, "eight_bar", "--steps", "4", "--points", "rod79.R")
+    assert found["loops"] == [["1", "2", "5", "3"], ["1", "2", "6", "7", "9", "4"], ["1", "2", "6", "8", "10", "4"]]
+    assert set(found["driver"]) == {"angle", "speed", "acceleration"}
+    assert found["driver"]["angle"] == pytest.approx([0.0, np.pi / 2, np.pi, 3 * np.pi / 2, 2 * np.pi])
+    assert list(found["points"]) == ["rod79.R"]
+    assert len(found["links"]["crank"]["theta"]) == 5
+    assert found["branch"]
+    assert {s["kind"] for s in found["singular"]} == {"dead centre"}
+
+
+@pytest.mark.parametrize(
+    ("law", "end", "rest"),
+    [
+        ("sine:travel_deg=90,time=0.5", np.pi / 2, True),
+        ("poly345:travel=1.0,time=2.0", 1.0, True),
+        ("cosine:travel_deg=30,time=1.0", np.pi / 6, False),
+        ("constant:speed=2.0,start_deg=10.0", np.radians(10.0) + 2.0, False),
+    ],
+)
+def test_laws_are_given_by_name_and_keys(law: str, end: float, rest: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    driver = said(capsys, "four_bar", "--driver", law, "--steps", "8")["driver"]
+    assert driver["angle"][-1] == pytest.approx(end, abs=1e-12)
+    if rest:
+        assert driver["speed"][-1] == pytest.approx(0.0, abs=1e-12)
+        assert driver["acceleration"][-1] == pytest.approx(0.0, abs=1e-10)
+
+
+def test_a_law_is_read_from_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "law.csv"
+    path.write_text("# t, degrees\n0, 0\n0.5, 20\n1.0, 60\n", encoding="utf-8")
+    driver = said(capsys, "four_bar", "--driver", f"table:file={path}", "--steps", "2")["driver"]
+    assert driver["angle"] == pytest.approx(np.radians([0.0, 20.0, 60.0]), abs=1e-12)
+    assert driver["speed"][0] == pytest.approx(0.0, abs=1e-12)  # clamped ends
+
+
+def test_a_limit_of_motion_is_told_with_what_was_reached(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["five_bar", "--driver", "constant:speed=0.5"]
+    assert main(["kinematics", *arguments]) == 2  # one driver for two degrees of freedom
+    assert "do not determine" in capsys.readouterr().err
+    found = said(capsys, str(DATA / "pushed.toml"), "--driver", "constant:joint=guide,start=0.4,speed=0.5", "--steps", "40", code=1)
+    assert found["status"] == "stopped"
+    assert "limit" in found["message"]
+    assert 0 < len(found["t"]) < 41
+
+
+def test_tables_and_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plot, film = tmp_path / "plot.svg", tmp_path / "film.svg"
+    command = ["kinematics", "four_bar", "--steps", "24", "--plot", str(plot), "--animate", str(film), "--out", "csv"]
+    assert main(command) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert len(rows) == 25
+    assert float(rows[6]["crank.theta"]) == pytest.approx(np.pi / 2, abs=1e-12)
+    assert "<svg" in plot.read_text(encoding="utf-8")
+    assert "animate" in film.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--driver", "poly346"], "scenarios.kinematics.driver: type 'poly346' is not one of"),
+        (["--driver", "sine:speed"], "'speed' is not of the form key=value"),
+        (["--driver", "sine:turns=3"], "driver.turns: unknown key"),
+        (["--driver", "table:file=nowhere.csv"], "nowhere.csv: not a table"),
+        (["--points", "coupler.Z"], "no point 'coupler.Z'"),
+        (["--steps", "0"], "steps must be at least 1"),
+        (["--scenario", "torque"], "scenarios.torque: drives nothing"),
+    ],
+)
+def test_bad_usage_names_what_is_wrong(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["kinematics", "four_bar", *arguments, "--json"]) == 2
+    found = capsys.readouterr()
+    assert text in found.err
+    assert found.out == ""
