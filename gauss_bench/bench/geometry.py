@@ -9,15 +9,23 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
+from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_turns_apart
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
 LINKAGES = ("crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar", "jansen")
 POSITIONS = 361
+SEARCHED = ("six_bar", "shaper", "eight_bar")
+STARTS = 60  # shares to 6 %: enough to tell "always" from "half" and "seldom"
+FORMS = (
+    ("loop variables", (0.5, 1.0, np.pi), loop_form, whole_turns_apart),
+    ("point coordinates", (0.1, 0.2, 0.5), point_form, np.subtract),
+)
 Levels = tuple[Array, Array, Array]
 
 
@@ -38,7 +46,17 @@ def geometry(linkage: str) -> dict[str, Any]:
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     agreement = [{"mechanism": mechanism.name, "first": a, "second": b, **differences(ways[a], ways[b])} for a, b in pairs]
     iterations = {"link units": float(np.mean(loop.iterations)), "point coordinates": float(np.mean(basic.iterations))}
-    return {"agreement": agreement, "iterations": iterations, "singular": singular(linkage)}
+    found = {"agreement": agreement, "iterations": iterations, "singular": singular(linkage)}
+    return found | {"basins": basin_rows(mechanism) if linkage in SEARCHED else []}
+
+
+def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
+    """Shares of random starts from which each search finds the assembly, in loop variables and in point coordinates."""
+    rows = []
+    for form, spreads, make, difference in FORMS:
+        for basin in basins(mechanism, inputs_of(mechanism), spreads, STARTS, form=make, difference=difference):
+            rows.append({"mechanism": mechanism.name, "form": form, **vars(basin)})
+    return rows
 
 
 def differences(one: Levels, other: Levels) -> dict[str, float]:

@@ -207,7 +207,7 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     write_table(frame, folder / "results.parquet", where)
     write_table(frame, folder / "results.csv")
     turned = [entry for key, entry in sorted(found.items()) if key.startswith(("geometry|", "driving|"))]
-    for name in ("agreement", "singular", "driving"):
+    for name in ("agreement", "singular", "basins", "driving"):
         write_table(pd.DataFrame([row for entry in turned for row in entry.get(name, [])]), folder / f"{name}.csv")
     references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
     write_table(pd.DataFrame(references), folder / "references.csv")

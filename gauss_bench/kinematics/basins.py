@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual, largest
 from gauss_bench.mechanism.model import Mechanism
@@ -40,6 +41,24 @@ def point_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residua
     """The equations in p (2 u,) at the start, and their solution there."""
     model = PointModel(mechanism, inputs)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
+
+
+def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual, Array]:
+    """The loop equations in the unknown angles and slides at the start, and their solution there."""
+    equations = LoopEquations(mechanism, inputs)
+    start = equations.start()
+    unknown, still = len(equations.unknown), np.zeros(len(start))
+
+    def residual(x: Array) -> tuple[Array, Array]:
+        found = equations.at(np.concatenate([x, start[unknown:]]), still)
+        return found.A, found.J
+
+    return residual, start[:unknown]
+
+
+def whole_turns_apart(x: Array, y: Array) -> Array:
+    """Difference of two sets of loop variables, whole turns not counted; slides are shorter than half a turn."""
+    return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
 def basins(

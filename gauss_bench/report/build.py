@@ -34,7 +34,20 @@ FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
 LAST = (kinematics.section, failures.section, limitations.section, settings.section, references.section, environment.section)
 
-OUTCOMES = ("status", "message", "note", "flag", "link_errors", "method", "quantity", "first", "second", "coordinate", "kind")
+OUTCOMES = (
+    "status",
+    "message",
+    "note",
+    "flag",
+    "link_errors",
+    "method",
+    "quantity",
+    "first",
+    "second",
+    "coordinate",
+    "kind",
+    "form",
+)
 TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), *OUTCOMES)
 FLAGS = ("valid", "control")
 
@@ -45,7 +58,7 @@ def read_run(folder: Path) -> Run:
     environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     tables = {
         name: _read_table(folder, name)
-        for name in ("results", "references", "series", "samples", "agreement", "singular", "driving")
+        for name in ("results", "references", "series", "samples", "agreement", "singular", "basins", "driving")
     }
     return Run(**tables, environment=environment)
 

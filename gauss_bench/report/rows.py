@@ -30,6 +30,7 @@ class Run:
         samples: one row per cost sample.
         agreement: one row per linkage and pair of kinematic methods.
         singular: one row per limit of motion or dead centre.
+        basins: one row per linkage, form, spread and search.
         driving: one row per linkage and way to run a driven turn.
         environment: where, when and with what the run was made.
     """
@@ -40,6 +41,7 @@ class Run:
     samples: tuple[Row, ...]
     agreement: tuple[Row, ...]
     singular: tuple[Row, ...]
+    basins: tuple[Row, ...]
     driving: tuple[Row, ...]
     environment: Mapping[str, Any]
 

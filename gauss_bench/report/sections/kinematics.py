@@ -12,6 +12,11 @@ REVERSALS = (
     "A coordinate that reverses cannot drive the linkage there: for the crank this is a limit of its motion, for another link or a "
     "slide a dead centre. Each is solved as a fold, not searched; a linkage whose positions fork has none listed."
 )
+BASINS = (
+    "Starts drawn within a spread of the assembly (rad in loop variables, m in point coordinates; the two are not the same "
+    "distance): the share that each search leads back to it, the share that ends in another assembly, and the mean number of "
+    "iterations. No search picks the assembly from far away; the sketch or the last position does."
+)
 TORQUES = (
     "The torque that drives a turn at constant speed, worked out from each engine's own accelerations, against virtual work on "
     "pure geometry; steps of 0.001 s, errors relative to the largest torque. Where nothing is lost the mean torque over a turn is "
@@ -28,11 +33,22 @@ def section(run: Run) -> Section:
     if run.singular:
         head, numeric = columns(("linkage", "coordinate", "kind", "crank angle [deg]"), 3)
         blocks += [Text(REVERSALS), Table("Limits and dead centres", head, tuple(_singular(row) for row in run.singular), numeric)]
+    if run.basins:
+        head, numeric = columns(("linkage", "form", "spread", "search", "right", "other root", "iterations"), 2)
+        blocks += [Text(BASINS), Table("First guesses", head, tuple(_basin(row) for row in run.basins), numeric - {3})]
     if run.driving:
         names = ("linkage", "engine", "settings", "integrator", "stabilization", "torque error", "mean torque", "status")
         head, numeric = columns(names, 5, last_text=1)
         blocks += [Text(TORQUES), Table("Driving torque over a turn", head, tuple(_driving(row) for row in run.driving), numeric)]
     return Section("Kinematics", "kinematics", tuple(blocks))
+
+
+def _basin(row: Row) -> tuple[Cell, ...]:
+    spread, steps = number(row, "spread"), number(row, "iterations")
+    shares = tuple(Cell(f"{100 * number(row, key):.0f} %", number(row, key)) for key in ("right", "other"))
+    search = text_cell(row["method"].replace("_", " "))
+    counted = Cell(f"{steps:.1f}", steps) if steps == steps else Cell("-")
+    return (text_cell(row["mechanism"]), text_cell(row["form"]), Cell(f"{spread:.2g}", spread), search, *shares, counted)
 
 
 def _driving(row: Row) -> tuple[Cell, ...]:
