@@ -51,19 +51,35 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Multipliers (k, m) of M a + J^T lambda = Q from the trajectory's own accelerations.
 
-    Where rows are redundant only J^T lambda is determined; the shortest lambda is given.
+    Where rows are redundant only J^T lambda is determined; the shortest lambda is given. Dry friction in joints is part of Q and
+    follows from the same multipliers.
+
+    Raises:
+        UndeterminedLoads: friction with redundant rows.
+        Jammed: the friction does not settle.
     """
     rows = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
     free = evaluator.applied.generalised(trajectory.q, trajectory.v) - trajectory.a * evaluator.mass
+    if evaluator.friction and len(trajectory.t):
+        return _reactions_with_friction(evaluator, trajectory, rows.J, free)
     inverse = np.linalg.pinv(np.swapaxes(rows.J, -1, -2), rcond=1e-10)
     return np.asarray((inverse @ free[..., None])[..., 0])
+
+
+def _reactions_with_friction(evaluator: Evaluator, trajectory: Trajectory, J: Array, free: Array) -> Array:
+    """As `reactions`, weighted by M^(-1/2) so that the iteration is that of the motion, and settles where that does."""
+    evaluator.check_loads()
+    root = np.sqrt(evaluator.mass)
+    inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)
+    directions = evaluator.friction.directions(trajectory.q, trajectory.v) / root[:, None]
+    return evaluator.friction.consistent((inverse @ (free / root)[..., None])[..., 0], inverse @ directions)
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Per pair of a joint, the constraint force (fx, fy) [N] on the second-named link and its moment [N m] about the joint's point.
 
-    The second link is the later one in `at`, or the block of a slide. Springs and damping in the joint are applied forces and not
-    included.
+    The second link is the later one in `at`, or the block of a slide. Springs, damping and friction in the joint count as applied
+    forces and are not included.
     """
     multipliers = reactions(evaluator, trajectory)
     found: dict[str, dict[str, Array]] = {}
@@ -83,12 +99,20 @@ def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
 
 
+def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
+    """Power (k,) [W] of the dry friction in all joints; never positive."""
+    if not evaluator.friction:
+        return np.zeros(len(trajectory.t))
+    resisting = evaluator.friction.generalised(trajectory.q, trajectory.v, reactions(evaluator, trajectory))
+    return np.asarray((resisting * trajectory.v).sum(-1))
+
+
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
     """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
 
-    Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, turning forces,
-    a driver) is the integral of its power through the samples by a quintic spline; the same through every second sample gives the
-    bar, which is generous where the samples resolve the motion and honest where they do not.
+    Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
+    turning forces, a driver) is the integral of its power through the samples by a quintic spline; the same through every second
+    sample gives the bar, which is generous where the samples resolve the motion and honest where they do not.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -96,6 +120,8 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     if evaluator.mechanism.drivers:
         rates = np.stack([np.broadcast_to(driver.law(t)[1], t.shape) for driver in evaluator.mechanism.drivers], axis=-1)
         power = power + (driving_forces(evaluator, trajectory) * rates).sum(-1)
+    if evaluator.friction:
+        power = power + friction_power(evaluator, trajectory)
     rounding = 8 * np.finfo(float).eps * (1.0 + float(np.abs(energy).max()))
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:

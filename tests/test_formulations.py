@@ -113,3 +113,11 @@ def test_accelerations_do_not_depend_on_the_unit_of_length(name: str) -> None:
     unit = np.tile([1000.0, 1000.0, 1.0], len(mechanism.links))  # millimetres
     scaled = replace(terms, M=terms.M / np.outer(unit, unit), J=terms.J / unit, Q=terms.Q / unit)
     assert difference(FORMULATIONS[name](scaled).a / unit, FORMULATIONS[name](terms).a) < 1e-9
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_a_driven_linkage_has_nothing_left_to_minimise(name: str) -> None:
+    mechanism = load("six_bar", "cycloid")
+    terms = Evaluator(mechanism).terms(0.3, mechanism.q0, mechanism.v0)
+    assert terms.J.shape == (mechanism.n, mechanism.n)
+    assert difference(FORMULATIONS[name](terms).a, np.linalg.solve(terms.J, terms.gamma)) < 1e-10

@@ -1,4 +1,10 @@
-"""The suite's own formulations as engines: terms, stabilisation, formulation, integrator, put together and nothing more."""
+"""The suite's own formulations as engines: terms, stabilisation, formulation, integrator, put together and nothing more.
+
+Friction in joints is a loop around any formulation: its force follows from the multipliers, those from the accelerations, and a
+formulation without multipliers gets them from J^T lambda = Q - M a.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -7,9 +13,10 @@ from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
+from gauss_bench.mechanism.forces import JAMMED
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, SingularSystem, Terms
+from gauss_bench.terms import Array, SingularSystem, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
@@ -48,19 +55,45 @@ class NativeModel:
         self.mechanism, self.choice = mechanism, choice
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
+        self.friction = self.evaluator.friction
+        try:
+            self.evaluator.check_loads()
+        except UndeterminedLoads as error:
+            raise RunFailure(Status.RANK_LOST, str(error)) from error
         self.evaluations = 0
         self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._solve(t, self.evaluator.terms(t, q, v))
+        return self._moved(t, q, v, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
         """The acceleration the integrator sees."""
         self.evaluations += 1
         terms = self.evaluator.terms(t, q, v)
-        return self._solve(t, baumgarte(terms) if self.choice.stabilization == "baumgarte" else terms)
+        return self._moved(t, q, v, baumgarte(terms) if self.choice.stabilization == "baumgarte" else terms)
 
-    def _solve(self, t: float, terms: Terms) -> Array:
+    def _moved(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
+        solution = self._solve(t, terms)
+        return self._resisted(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
+
+    def _resisted(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
+        """The fixed point a = solve(Q + W N(lambda(a))), from the solution without friction; W (n, p)."""
+        if not np.isfinite(solution.a).all():
+            raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
+        loads: Array = np.zeros(W.shape[1])
+        loaded, change = terms, np.inf
+        for _ in range(self.friction.ITERATIONS):
+            found = solution.multipliers
+            found = recover_multipliers(loaded, solution.a) if found is None else found
+            before, previous, loads = loads, change, self.friction.loads(found)
+            change, scale = float(np.abs(loads - before).max()), float(np.abs(found).max())
+            if change <= self.friction.TOLERANCE * scale or previous <= change <= self.friction.STALLED * scale:
+                return solution.a
+            loaded = replace(terms, Q=terms.Q + W @ loads)
+            solution = self._solve(t, loaded)
+        raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
+
+    def _solve(self, t: float, terms: Terms) -> Solution:
         try:
             solution = self.formulation(terms)
         except (SingularSystem, np.linalg.LinAlgError) as error:
@@ -70,7 +103,7 @@ class NativeModel:
         if self.mechanism.redundant and solution.rank > self.rank:
             drifted = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent (rank {solution.rank}, "
             raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")
-        return solution.a
+        return solution
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times

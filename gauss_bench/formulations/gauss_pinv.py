@@ -23,6 +23,8 @@ def gauss_pinv(terms: Terms) -> Solution:
     particular = J_pinv @ gamma
     N = np.eye(len(M)) - J_pinv @ J
     rank = len(M) - round(float(np.trace(N)))
+    if rank == len(M):  # nothing is left free: N is rounding, and its pseudo-inverse would be noise
+        return Solution(particular, None, rank)
     A = root @ N
     b = inverse_root @ Q - root @ particular
     return Solution(particular + N @ (np.linalg.pinv(A, rcond=RANK_TOLERANCE) @ b), None, rank)

@@ -10,6 +10,7 @@ from gauss_bench.mechanism.model import (
     GROUND,
     AngleDriver,
     AxisSpringDamper,
+    CoulombFriction,
     Driver,
     Force,
     Joint,
@@ -132,6 +133,10 @@ class Resolver:
                 return RotationalSpringDamper(name, first, second, k, c, radians(table, "rest"))
         return JointDamping(name, tuple(j for j in joints if j.joint == table["joint"]), c)
 
+    def friction(self, name: str, table: dict[str, Any], joints: tuple[Joint, ...]) -> CoulombFriction:
+        pairs = tuple(j for j in joints if j.joint == table["joint"])
+        return CoulombFriction(name, pairs, float(table["mu"]), float(table.get("radius", 1.0)), float(table["speed"]))
+
     def driver(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Driver:
         law = motion_law(table)
         if "joint" in table:
@@ -167,7 +172,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
     joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in names.joint(name, table))
     knives = document.get("constraints", {}).items()
     chosen = document["scenarios"][scenario]
-    forces = tuple(names.force(f, document["forces"][f], joints) for f in chosen.get("forces", []))
+    acting = [(f, document["forces"][f]) for f in chosen.get("forces", [])]
     observe = document.get("observe", {})
     crank = document.get("crank")
     driven = [chosen["driver"]] if "driver" in chosen else chosen.get("drivers", [])
@@ -183,10 +188,11 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         ground_points=names.ground_points,
         joints=joints,
         knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), radians(x, "angle")) for k, x in knives),
-        forces=forces,
+        forces=tuple(names.force(f, x, joints) for f, x in acting if x["type"] != "coulomb_friction"),
         drivers=tuple(names.driver(x, joints) for x in driven),
         gravity=np.array(document.get("gravity", [0.0, -9.81]), dtype=float),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
+        frictions=tuple(names.friction(f, x, joints) for f, x in acting if x["type"] == "coulomb_friction"),
     )

@@ -3,12 +3,17 @@
 import numpy as np
 
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
 ROUNDING = 1e-15
+RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
+
+
+class UndeterminedLoads(ArithmeticError):
+    """Friction in the joints of a linkage whose constraint rows are redundant: their loads, and so the motion, are not unique."""
 
 
 class Evaluator:
@@ -18,14 +23,29 @@ class Evaluator:
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)
+        self.friction = JointFriction(mechanism)
         self.mass = mechanism.mass
         self.M = np.diag(self.mass)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
-        """M, J, Q, gamma and the residuals at one state q, v (n,)."""
+        """M, J, Q, gamma and the residuals at one state q, v (n,); Q without friction, which needs the multipliers."""
         rows = self.constraints(t, q, v)
         Q = self.applied.generalised(q, v)
         return Terms(self.M, rows.J, Q, rows.gamma, rows.phi, rows.J @ v + rows.phi_t)
+
+    def check_loads(self) -> None:
+        """Refuse friction where rows are redundant at the start.
+
+        Raises:
+            UndeterminedLoads: naming how many rows are.
+        """
+        if self.friction:
+            J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
+            spare = len(J) - int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
+            if spare:
+                raise UndeterminedLoads(
+                    f"redundant constraint rows ({spare}) leave the loads of the joints undetermined, and with them their friction"
+                )
 
     def energy(self, q: Array, v: Array) -> Array:
         """Kinetic plus potential energy (...) [J] of state(s) (..., n)."""

@@ -158,6 +158,23 @@ class JointDamping:
     c: float
 
 
+@dataclass(frozen=True, eq=False)
+class CoulombFriction:
+    """Dry friction in every pair of a joint, proportional to the pair's load; not a Force, which needs q and v alone.
+
+    Attributes:
+        mu: coefficient of friction.
+        radius: of the pins [m]; a slide has none and this is 1.
+        speed: of the regularisation tanh(relative speed / speed) [rad/s or m/s].
+    """
+
+    name: str
+    pairs: tuple[Joint, ...]
+    mu: float
+    radius: float
+    speed: float
+
+
 Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
 
 
@@ -202,6 +219,7 @@ class Mechanism:
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
         q0, v0: (n,) consistent start.
+        frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
     """
 
@@ -224,6 +242,7 @@ class Mechanism:
     observed_links: tuple[int, ...]
     q0: Array = field(default_factory=lambda: np.zeros(0))
     v0: Array = field(default_factory=lambda: np.zeros(0))
+    frictions: tuple[CoulombFriction, ...] = ()
     dof: int = -1
     redundant: int = -1
 
@@ -232,6 +251,11 @@ class Mechanism:
         """The prescribed rotation, where it is all that is prescribed."""
         only = self.drivers[0] if len(self.drivers) == 1 else None
         return only if isinstance(only, AngleDriver) else None
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether dry friction acts in a joint; an engine without it must not run this mechanism."""
+        return any(f.mu > 0 for f in self.frictions)
 
     @property
     def n(self) -> int:

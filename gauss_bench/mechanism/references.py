@@ -209,6 +209,12 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     joint = force.get("joint")
     if isinstance(joint, str) and joint not in names.joints:
         names.fault(f"{path}.joint", f"unknown joint {joint!r}")
+    elif isinstance(joint, str) and kind == "coulomb_friction":
+        pair = table(names.joints, joint).get("type")
+        if pair == "revolute" and "radius" not in force:
+            names.fault(f"{path}.radius", f"required: joint {joint!r} is revolute")
+        if pair == "prismatic" and "radius" in force:
+            names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
 def _check_assembly(names: Names) -> None:

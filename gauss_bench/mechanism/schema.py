@@ -126,6 +126,14 @@ class JointDampingTable(Table):
     c: NotNegative
 
 
+class CoulombFrictionTable(Table):
+    type: Literal["coulomb_friction"]
+    joint: Text
+    mu: NotNegative
+    radius: Positive | None = None
+    speed: Positive
+
+
 class DrivenTable(Table):
     link: Text | None = None
     joint: Text | None = None
@@ -172,6 +180,7 @@ FORCES = {
     "axis_spring_damper": AxisSpringDamperTable,
     "rotational_spring_damper": RotationalSpringDamperTable,
     "joint_damping": JointDampingTable,
+    "coulomb_friction": CoulombFrictionTable,
 }
 JointTable = Annotated[Annotated[RevoluteTable, Tag("<revolute>")] | Annotated[PrismaticTable, Tag("<prismatic>")], kind_of("type")]
 ForceEntry = Annotated[
@@ -180,7 +189,8 @@ ForceEntry = Annotated[
     | Annotated[SpringDamperTable, Tag("<spring_damper>")]
     | Annotated[AxisSpringDamperTable, Tag("<axis_spring_damper>")]
     | Annotated[RotationalSpringDamperTable, Tag("<rotational_spring_damper>")]
-    | Annotated[JointDampingTable, Tag("<joint_damping>")],
+    | Annotated[JointDampingTable, Tag("<joint_damping>")]
+    | Annotated[CoulombFrictionTable, Tag("<coulomb_friction>")],
     kind_of("type"),
 ]
 ConstraintTable = Annotated[Annotated[KnifeEdgeTable, Tag("<knife_edge>")], kind_of("type")]

@@ -4,6 +4,10 @@ In weighted coordinates b = M^(1/2) a the constraint J M^(-1/2) b = gamma is met
 keeps the free acceleration; the singular value decomposition serves both, with the rank fixed by what the linkage is:
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
+
+With friction in joints Q gains W N(lambda), and what is left of K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
+
+    lambda = U1 S1^-1 (V1^T M^(-1/2) Q - S1^-1 U1^T gamma)
 """
 
 import numpy as np
@@ -32,6 +36,12 @@ class AbsoluteCoordinates:
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
         moved = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]
         free = Q / self.root
+        if friction := self.evaluator.friction:
+            W = friction.directions(q, v) / self.root[:, None]
+            lift = U * inverse[..., None, :]
+            base = lift @ (Vt @ free[..., None] - moved[..., None])
+            multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
+            free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
         blocked = keep * (Vt @ free[..., None])[..., 0]
         b = free + (V @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / self.root)

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import DOP853
 
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.collocation import BatchAcceleration, gauss_legendre
@@ -40,11 +41,13 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
     """The reference from 0 to t_end.
 
     Raises:
-        ArithmeticError: an integrator cannot pass, such as at a limit of motion or a singular position.
+        ArithmeticError: an integrator cannot pass, such as at a limit of motion or a singular position, or friction has no
+            unique loads or does not settle.
     """
     times = sample_times(t_end)
     if mechanism.driver is not None and is_minimal(mechanism):
         return driven_reference(mechanism, times)
+    Evaluator(mechanism).check_loads()
     if is_minimal(mechanism):
         return minimal_reference(mechanism, times)
     return absolute_reference(mechanism, times)
@@ -138,6 +141,8 @@ class States:
 
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> States:
     """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have."""
+    if mechanism.driver is None or not is_minimal(mechanism):
+        Evaluator(mechanism).check_loads()
     rng = np.random.default_rng(seed)
     if is_minimal(mechanism) and mechanism.driver is None:
         motion = MinimalCoordinate(mechanism)

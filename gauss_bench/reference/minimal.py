@@ -5,7 +5,12 @@ J e = gamma(q, d), e_crank = 0. Then v = d w, a = d w' + e w^2, and the virtual 
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-There is no multiplier, no drift and no rank decision in it. All functions take a batch of angles (k,).
+There is no multiplier, no drift and no rank decision in it. Only friction in joints needs lambda: R = Q - M a does no work along d,
+so the square matrix of the closure, transposed, gives lambda alone, u being the unit vector of the crank:
+
+    [J^T u] (lambda, tau) = R,    tau = 0
+
+R is affine in the friction W N(lambda), and so is lambda. All functions take a batch of angles (k,).
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
@@ -15,7 +20,7 @@ import numpy as np
 
 from gauss_bench.mechanism.closure import CLOSED
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -41,6 +46,7 @@ class MinimalCoordinate:
         self.crank = 3 * link + 2
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
         self.applied = AppliedForces(mechanism)
+        self.friction = JointFriction(mechanism)
         self.mass = mechanism.mass
         self.redundant = mechanism.redundant > 0
         self.unit = np.zeros((1, mechanism.n))
@@ -108,8 +114,22 @@ class MinimalCoordinate:
         """Crank acceleration (k,) [rad/s^2]."""
         q, d, e = self.geometry(theta)
         Q = self.applied.generalised(q, d * w[:, None])
-        push = (d * (Q - self.mass * e * w[:, None] ** 2)).sum(-1)
-        return np.asarray(push / (d * d * self.mass).sum(-1))
+        force = Q - self.mass * e * w[:, None] ** 2
+        if self.friction:
+            force = force + self._friction(q, d, d * w[:, None], force)
+        return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
+
+    def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
+        """W N(lambda) (k, n) where everything else is `force` = Q - M e w^2."""
+        W = self.friction.directions(q, v)
+        parts = np.concatenate([force[..., None], W], axis=-1)
+        inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)
+        residual = parts - inertia[..., None] * (d[:, None, :] @ parts)
+        J = self.constraints(0.0, q, v).J
+        A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
+        found = np.linalg.solve(np.swapaxes(A, -1, -2), residual)[:, :-1]
+        multipliers = self.friction.consistent(found[..., 0], found[..., 1:])
+        return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self, step: float = np.radians(1.0)) -> tuple[float, float]:
         """Lowest and highest crank angle [rad] within one turn either way that the linkage can be closed at."""

@@ -1,0 +1,371 @@
+"""Dry friction in joints: closed forms, its balance of work, and the fixed point that loads and accelerations form."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from gauss_bench import metrics
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.formulations import CONTROLS, FORMULATIONS
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
+from gauss_bench.mechanism.forces import Jammed, joint_speed
+from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.reference.build import absolute_reference, build_reference, random_states, sample_times
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.simulation import simulate
+from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
+from tests.conftest import DATA
+
+SOUND = sorted(FORMULATIONS.keys() - CONTROLS)
+FILE = DATA / "friction.toml"
+GRAVITY = 9.81
+
+
+def crank_slider(scenario: str = "torque", **mu: float) -> Mechanism:
+    """The linkage with friction in all four joints; `mu` replaces coefficients by the forces' names."""
+    document = tomllib.loads(FILE.read_text(encoding="utf-8"))
+    for name, value in mu.items():
+        document["forces"][name]["mu"] = value
+    return load_document(document, scenario)
+
+
+def rubbing(name: str, scenario: str, mu: float = 0.1, radius: float = 0.02, speed: float = 0.5) -> Mechanism:
+    """Any linkage of the suite, or of the tests' data, with friction in every joint of one scenario."""
+    path = built_in().get(name, DATA / f"{name}.toml")
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    for joint, entry in document["joints"].items():
+        force = {"type": "coulomb_friction", "joint": joint, "mu": mu, "speed": speed}
+        document["forces"][f"rub_{joint}"] = force | ({"radius": radius} if entry["type"] == "revolute" else {})
+        document["scenarios"][scenario].setdefault("forces", []).append(f"rub_{joint}")
+    return load_document(document, scenario)
+
+
+def block(slope: float, mu: float, speed: float) -> Mechanism:
+    """A block of 2 kg on a guide that falls at `slope` degrees, released at 1 m/s downwards; its point is not at its centre."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "block",
+            "ground": {"points": {"O": [0.1, 0.2]}},
+            "links": {"block": {"points": {"K": [0.03, -0.02]}, "mass": 2.0, "inertia": 0.01}},
+            "joints": {
+                "slope": {"type": "prismatic", "guide": "ground.O", "angle_deg": -slope, "block": "block.K", "offset": 0.05}
+            },
+            "forces": {"rub": {"type": "coulomb_friction", "joint": "slope", "mu": mu, "speed": speed}},
+            "assembly": {"sketch": {"slope": [0.1, 0.2]}},
+            "scenarios": {
+                "slide": {"duration": 1.0, "forces": ["rub"], "start": {"slides": {"slope": 0.0}, "slide_speeds": {"slope": 1.0}}}
+            },
+        }
+    )
+
+
+MASS, LENGTH = 1.3, 0.6
+
+
+def pendulum(mu: float, radius: float, speed: float) -> Mechanism:
+    """A uniform bar on a pin with friction, released 30 degrees below the horizontal."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "pendulum",
+            "crank": "bar",
+            "ground": {"points": {"O": [0.0, 0.0]}},
+            "links": {"bar": {"points": {"O": [0.0, 0.0], "E": [LENGTH, 0.0]}, "bars": [["O", "E"]], "mass": MASS}},
+            "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
+            "forces": {"rub": {"type": "coulomb_friction", "joint": "O", "mu": mu, "radius": radius, "speed": speed}},
+            "assembly": {"angles": {"bar": 0.0}},
+            "scenarios": {"swing": {"duration": 2.0, "start": {"crank_deg": -30.0, "speed": 0.0}, "forces": ["rub"]}},
+        }
+    )
+
+
+def run(mechanism: Mechanism, h: float = 1e-3, t: float = 1.0, name: str = "gauss", integrator: str = "rk4") -> Trajectory:
+    stabilization = "none" if integrator == "dop853" else "projection"
+    model = get(name).build(mechanism, Choice(integrator=integrator, stabilization=stabilization, step=h))
+    model.prepare(np.arange(round(t / 1e-3) + 1) * 1e-3)
+    model.run()
+    return model.read()
+
+
+def as_trajectory(reference: Reference) -> Trajectory:
+    return Trajectory(reference.t, reference.q, reference.v, reference.a, 0)
+
+
+# Closed forms -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_a_block_slides_down_at_the_textbook_acceleration(name: str) -> None:
+    slope, mu = np.radians(30.0), 0.3
+    mechanism = block(30.0, mu, speed=1e-3)  # tanh(1000) is 1 to the last digit
+    expected = GRAVITY * (np.sin(slope) - mu * np.cos(slope))
+    found = run(mechanism, t=0.5, name=name)
+    down = np.array([np.cos(slope), -np.sin(slope)])
+    assert np.abs(found.a[:, :2] @ down - expected).max() < 1e-12  # rounding of accelerations of 10 m/s^2
+    way = (found.q[:, :2] - found.q[0, :2]) @ down
+    assert np.abs(way - (found.t + expected * found.t**2 / 2)).max() < 1e-12  # RK4 is exact for a parabola
+
+
+def test_a_block_below_the_friction_angle_creeps_at_the_speed_of_the_regularised_law() -> None:
+    slope, mu, speed = np.radians(10.0), 0.3, 0.05
+    found = run(block(10.0, mu, speed), t=2.0)
+    # driving and resisting forces balance: sin = mu cos tanh(s / speed)
+    creep = speed * np.arctanh(np.tan(slope) / mu)
+    down = np.array([np.cos(slope), -np.sin(slope)])
+    assert found.v[-1, :2] @ down == pytest.approx(creep, rel=1e-9)  # the transient decays within some 10 ms
+
+
+@pytest.mark.parametrize(("theta", "w"), [(-0.4, 3.0), (-1.2, -5.0), (2.0, 0.3), (-np.pi / 2, 8.0)])
+def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: float) -> None:
+    mu, radius, speed = 0.4, 0.1, 0.5
+    mechanism = pendulum(mu, radius, speed)
+    toward, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+
+    def imbalance(alpha: float) -> float:
+        """Moments about the pin, with the pin's force from the acceleration of the centre of mass."""
+        pin = MASS * (LENGTH / 2 * (alpha * across - w**2 * toward) + [0.0, GRAVITY])
+        torque = -mu * radius * np.linalg.norm(pin) * np.tanh(w / speed)
+        return float(MASS * LENGTH**2 / 3 * alpha + MASS * GRAVITY * LENGTH / 2 * np.cos(theta) - torque)
+
+    alpha = brentq(imbalance, -500.0, 500.0, xtol=1e-13)
+    q = np.array([*(LENGTH / 2 * toward), theta])
+    v = np.array([*(LENGTH / 2 * w * across), w])
+    for name in SOUND:
+        assert get(name).build(mechanism, Choice()).acceleration(0.0, q, v)[2] == pytest.approx(alpha, rel=1e-11)
+    assert MinimalCoordinate(mechanism).acceleration(np.array([theta]), np.array([w]))[0] == pytest.approx(alpha, rel=1e-11)
+
+
+def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.Generator) -> None:
+    """W . u is the law times the relative speed in u: what makes it a torque, or a force and its reaction on one line."""
+    mechanism = rubbing("everything", "free")  # a multiple pin, and a guide on a moving link
+    friction = Evaluator(mechanism).friction
+    assert [pair.name for _, pair in friction.acting] == ["O", "B", "B.001", "slot", "rail"]
+    for _ in range(10):
+        q, v, u = rng.normal(size=(3, mechanism.n))
+        W = friction.directions(q, v)
+        for k, (f, pair) in enumerate(friction.acting):
+            arm = f.mu if isinstance(pair, Prismatic) else f.mu * f.radius
+            law = -arm * np.tanh(joint_speed(q, v, pair) / f.speed)
+            assert W[:, k] @ u == pytest.approx(float(law * joint_speed(q, u, pair)), abs=1e-14)
+
+
+# The fixed point --------------------------------------------------------------------------------------------------------
+
+CASES = [("friction", "torque"), ("six_bar", "torque"), ("eight_bar", "torque"), ("shaper", "torque"), ("jansen", "walk")]
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), CASES)
+def test_all_formulations_and_both_references_agree(linkage: str, scenario: str) -> None:
+    mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
+    states = random_states(mechanism, 30)
+    absolute = AbsoluteCoordinates(mechanism).acceleration(states.t, states.q, states.v)
+    found = {name: get(name).build(mechanism, Choice()) for name in SOUND}
+    for k, (t, q, v, a) in enumerate(zip(states.t, states.q, states.v, states.a, strict=True)):
+        scale = np.abs(a).max()
+        assert np.abs(absolute[k] - a).max() < 1e-11 * scale  # the fixed point's 1e-13 times what is left of its contraction
+        for name in SOUND:
+            assert np.abs(found[name].acceleration(float(t), q, v) - a).max() < 1e-11 * scale
+
+
+def test_linkages_of_several_degrees_of_freedom_agree_with_their_reference() -> None:
+    mechanism = rubbing("everything", "free")
+    states = random_states(mechanism, 20)
+    for name in SOUND:
+        model = get(name).build(mechanism, Choice())
+        for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
+            assert np.abs(model.acceleration(float(t), q, v) - a).max() < 1e-11 * np.abs(a).max()
+
+
+def test_the_multipliers_explain_the_motion_with_the_friction_they_cause() -> None:
+    mechanism = crank_slider()
+    evaluator, states = Evaluator(mechanism), random_states(mechanism, 40)
+    found = metrics.reactions(evaluator, Trajectory(states.t, states.q, states.v, states.a, 0))
+    J = evaluator.constraints(states.t, states.q, states.v).J
+    acting = evaluator.applied.generalised(states.q, states.v) + evaluator.friction.generalised(states.q, states.v, found)
+    rest = states.a * evaluator.mass + (np.swapaxes(J, -1, -2) @ found[..., None])[..., 0] - acting
+    assert np.abs(rest).max() < 1e-11 * np.abs(found).max()
+    assert np.abs(evaluator.friction.generalised(states.q, states.v, found)).max() > 1e-2 * np.abs(acting).max()  # not a trifle
+
+
+def test_joint_forces_leave_friction_out() -> None:
+    mechanism, slope = block(30.0, 0.3, 1e-3), np.radians(30.0)
+    found = metrics.joint_forces(Evaluator(mechanism), run(mechanism, t=0.01))["slope"]
+    normal = 2.0 * GRAVITY * np.cos(slope)
+    assert found["fx"] == pytest.approx(normal * np.sin(slope), rel=1e-12)
+    assert found["fy"] == pytest.approx(normal * np.cos(slope), rel=1e-12)
+
+
+def test_no_coefficient_is_no_friction_to_the_last_bit() -> None:
+    names = ("main_bearing", "crank_pin", "wrist_pin", "slideway")
+    without = replace(crank_slider(), frictions=())
+    zero = crank_slider(**dict.fromkeys(names, 0.0))
+    assert crank_slider().has_friction
+    assert not zero.has_friction
+    assert not without.has_friction
+    one, other = run(zero, t=0.2), run(without, t=0.2)
+    for a, b in ((one.q, other.q), (one.v, other.v), (one.a, other.a)):
+        np.testing.assert_array_equal(a, b)
+    first, second = build_reference(zero, 0.05), build_reference(without, 0.05)
+    np.testing.assert_array_equal(first.q, second.q)
+    np.testing.assert_array_equal(*(metrics.reactions(Evaluator(m), one) for m in (zero, without)))
+    assert np.abs(run(crank_slider(), t=0.2).q - one.q).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["gauss", "lagrange"])
+def test_a_linkage_that_jams_ends_with_a_sentence(name: str) -> None:
+    mechanism = crank_slider(slideway=30.0)
+    with pytest.raises(RunFailure, match="mu is too large for these joints, or they jam") as caught:
+        run(mechanism, t=0.5, name=name)
+    assert caught.value.status == Status.NOT_CONVERGED
+    with pytest.raises(Jammed):
+        build_reference(mechanism, 0.5)
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_redundant_rows_leave_the_friction_undetermined_and_are_refused(name: str) -> None:
+    mechanism = rubbing("parallelogram", "torque")
+    with pytest.raises(RunFailure, match="redundant") as caught:
+        get(name).build(mechanism, Choice())
+    assert caught.value.status == Status.RANK_LOST
+
+
+def test_references_and_reactions_refuse_redundant_rows_too() -> None:
+    mechanism = rubbing("parallelogram", "torque")
+    motion = run(load("parallelogram", "torque"), t=0.01)
+    for asked in (lambda: build_reference(mechanism, 0.1), lambda: random_states(mechanism, 3)):
+        with pytest.raises(UndeterminedLoads):
+            asked()
+    with pytest.raises(UndeterminedLoads):
+        metrics.reactions(Evaluator(mechanism), motion)
+
+
+# Work -------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_pendulum_loses_what_its_pin_dissipates() -> None:
+    mechanism = pendulum(mu=0.3, radius=0.05, speed=0.5)
+    evaluator, found = Evaluator(mechanism), run(mechanism, t=2.0)
+    energy, bar = metrics.energy_error(evaluator, found)
+    lost = evaluator.energy(found.q, found.v)
+    assert lost[0] - lost[-1] > 0.5  # J, of the 1.9 J it has above its lowest position
+    assert bar < 1e-9
+    assert np.abs(energy).max() < 1e-9  # RK4 at a millisecond
+
+
+def test_the_balance_of_work_closes_with_friction_in_pins_and_slide() -> None:
+    mechanism = crank_slider()
+    evaluator, found = Evaluator(mechanism), run(mechanism, t=0.4)
+    energy, bar = metrics.energy_error(evaluator, found)
+    lost = -np.trapezoid(metrics.friction_power(evaluator, found), found.t)
+    assert lost > 0.5  # J
+    assert bar < 1e-6  # where the crank turns round, the laws take some 10 ms: 10 samples
+    assert np.abs(energy).max() < 2 * bar
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), [("friction", "torque"), ("everything", "free"), ("shaper", "torque")])
+def test_friction_never_does_positive_work(linkage: str, scenario: str) -> None:
+    mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
+    states = random_states(mechanism, 50)
+    power = metrics.friction_power(Evaluator(mechanism), Trajectory(states.t, states.q, states.v, states.a, 0))
+    assert (power < 0).all()
+
+
+def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
+    mechanism = crank_slider("driven")
+    evaluator = Evaluator(mechanism)
+    turn = as_trajectory(build_reference(mechanism, 1.0))
+    assert turn.t[-1] == 1.0
+    torque = metrics.driving_forces(evaluator, turn)[:-1, 0]
+    dissipated = -metrics.friction_power(evaluator, turn)[:-1].mean() * 1.0  # W over one turn of 1 s
+    # mean values over the equal parts of a period: the change of energy drops out up to rounding
+    assert torque.mean() * 2 * np.pi == pytest.approx(dissipated, rel=1e-11)
+    assert dissipated > 0.1  # J
+    free = replace(mechanism, frictions=())
+    without = metrics.driving_forces(Evaluator(free), turn)[:-1, 0]
+    assert np.abs(without.mean()) < 1e-12
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_a_driven_crank_moves_as_geometry_says_whatever_the_friction(name: str) -> None:
+    mechanism = crank_slider("driven")
+    reference = build_reference(mechanism, 0.1)
+    model = get(name).build(mechanism, Choice())
+    for t, q, v, a in zip(reference.t, reference.q, reference.v, reference.a, strict=True):
+        assert np.abs(model.acceleration(float(t), q, v) - a).max() < 1e-11 * np.abs(a).max()
+
+
+# Integration ------------------------------------------------------------------------------------------------------------
+
+
+def test_rk4_converges_to_the_reference_at_its_order() -> None:
+    mechanism = crank_slider()
+    reference = build_reference(mechanism, 0.2)
+    assert reference.error_q.max() < 1e-11
+    steps = np.array([2e-3, 1e-3, 5e-4])
+    errors = []
+    for h in steps:
+        model = get("gauss").build(mechanism, Choice(integrator="rk4", step=h))
+        model.prepare(reference.t)
+        model.run()
+        errors.append(np.abs(model.read().q[-1] - reference.q[-1]).max())
+    order = metrics.observed_order(steps, np.array(errors), np.full(3, reference.error_q[-1]))
+    # the law turns round within some 10 ms, which a step of 1 ms resolves but for the next term of the error
+    assert order[2] == pytest.approx(4.0, abs=0.4)
+
+
+def test_the_crank_angle_and_absolute_coordinates_tell_the_same_motion() -> None:
+    mechanism = crank_slider()
+    one, other = build_reference(mechanism, 0.1), absolute_reference(mechanism, sample_times(0.1))
+    assert np.abs(one.q - other.q).max() < 1e-11
+    assert np.abs(one.a - other.a).max() < 1e-8
+
+
+def test_a_simulation_reports_joint_forces_and_drivers() -> None:
+    found = simulate(str(FILE), "gauss", "driven", stabilization="projection", at=[0.0, 0.05])
+    assert found["status"] == "ok"
+    assert set(found["joints"]) == {"O", "A", "B", "guide"}
+    assert np.isfinite(found["drivers"]["crank"]).all()
+    assert found["metrics"]["energy_error"] < 1e-9 + 2 * found["metrics"]["energy_error_bar"]
+
+
+# Files ------------------------------------------------------------------------------------------------------------------
+
+FAULTS = {
+    "radius missing": ("radius = 0.02\n", "", "forces.main_bearing.radius: required: joint 'O' is revolute"),
+    "radius zero": ("radius = 0.02", "radius = 0.0", "forces.main_bearing.radius: must be positive"),
+    "radius of a slide": (
+        "mu = 0.2\n",
+        "mu = 0.2\nradius = 0.1\n",
+        "forces.slideway.radius: joint 'guide' is prismatic and has none",
+    ),
+    "mu missing": ("mu = 0.15\n", "", "forces.main_bearing.mu: required"),
+    "mu negative": ("mu = 0.15", "mu = -0.15", "forces.main_bearing.mu: must not be negative"),
+    "mu not finite": ("mu = 0.15", "mu = inf", "forces.main_bearing.mu: must be a finite number"),
+    "speed missing": ("speed = 0.1\n", "", "forces.slideway.speed: required"),
+    "speed zero": ("speed = 0.1\n", "speed = 0.0\n", "forces.slideway.speed: must be positive"),
+    "unknown joint": ('joint = "guide"', 'joint = "rail"', "forces.slideway.joint: unknown joint 'rail'"),
+    "unknown key": ("mu = 0.2\n", "mu = 0.2\nc = 1.0\n", "forces.slideway.c: unknown key"),
+    "override": (
+        "[scenarios.torque]\n",
+        '[scenarios.torque]\noverride.forces.slideway.joint = "O"\n',
+        "scenarios.torque.override.forces.slideway.radius: required",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_by_table_and_field(name: str) -> None:
+    old, new, expected = FAULTS[name]
+    text = FILE.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(LinkageError) as caught:
+        load_document(tomllib.loads(text.replace(old, new, 1)), "torque")
+    assert any(expected in str(fault) for fault in caught.value.faults), caught.value.faults
