@@ -62,7 +62,8 @@ class MinimalCoordinate:
         """x (k, n) of J x = rhs[:, :-1], x_crank = rhs[:, -1]."""
         A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
         if self.redundant:
-            return np.asarray((np.linalg.pinv(A, rcond=1e-9) @ rhs[..., None])[..., 0])
+            Q, R = np.linalg.qr(A)  # more rows than unknowns, and all of them consistent
+            return np.asarray(np.linalg.solve(R, np.swapaxes(Q, -1, -2) @ rhs[..., None])[..., 0])
         return np.asarray(np.linalg.solve(A, rhs[..., None])[..., 0])
 
     def _slope(self, J: Array) -> Array:

@@ -18,9 +18,9 @@ BASINS = (
     "iterations. No search picks the assembly from far away; the sketch or the last position does."
 )
 TORQUES = (
-    "The torque that drives a turn at constant speed, worked out from each engine's own accelerations, against virtual work on "
-    "pure geometry; steps of 0.001 s, errors relative to the largest torque. Where nothing is lost the mean torque over a turn is "
-    "zero; the crank-slider's is what its damper takes."
+    "The torque that drives a turn at constant speed, and the forces in the joints, worked out from each engine's own "
+    "accelerations, against virtual work on pure geometry; steps of 0.001 s, errors relative to the largest value. Where nothing "
+    "is lost the mean torque over a turn is zero; the crank-slider's is what its damper takes."
 )
 
 
@@ -37,7 +37,17 @@ def section(run: Run) -> Section:
         head, numeric = columns(("linkage", "form", "spread", "search", "right", "other root", "iterations"), 2)
         blocks += [Text(BASINS), Table("First guesses", head, tuple(_basin(row) for row in run.basins), numeric - {3})]
     if run.driving:
-        names = ("linkage", "engine", "settings", "integrator", "stabilization", "torque error", "mean torque", "status")
+        names = (
+            "linkage",
+            "engine",
+            "settings",
+            "integrator",
+            "stabilization",
+            "torque error",
+            "mean torque",
+            "joint forces",
+            "status",
+        )
         head, numeric = columns(names, 5, last_text=1)
         blocks += [Text(TORQUES), Table("Driving torque over a turn", head, tuple(_driving(row) for row in run.driving), numeric)]
     return Section("Kinematics", "kinematics", tuple(blocks))
@@ -53,7 +63,7 @@ def _basin(row: Row) -> tuple[Cell, ...]:
 
 def _driving(row: Row) -> tuple[Cell, ...]:
     names = tuple(text_cell(row[key]) for key in ("mechanism", "engine", "settings", "integrator", "stabilization"))
-    reached = (error_cell(row, "torque_error"), error_cell(row, "mean_torque"))
+    reached = (error_cell(row, "torque_error"), error_cell(row, "mean_torque"), error_cell(row, "force_error"))
     told = text_cell(row["status"]) if row["status"] == "ok" else text_cell(f"{row['status']}: {row['message']}", "bad")
     return (*names, *reached, told)
 
