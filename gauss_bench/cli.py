@@ -245,7 +245,7 @@ def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
     from gauss_bench.mechanism.load import load
 
     asked = getattr(options, "scenario", None)
-    linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or SCENARIOS
+    linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or None
     for name in options.engines or []:
         get(name)
     return SUITES[suite](linkages, options.engines)
