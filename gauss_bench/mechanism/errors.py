@@ -1,4 +1,4 @@
-"""The one error a linkage file can raise: every fault found, each with file, table and field."""
+"""The errors of a linkage file: every fault found, each with file, table and field."""
 
 from dataclasses import dataclass
 
@@ -21,3 +21,11 @@ class LinkageError(ValueError):
         self.source = source
         self.faults = faults
         super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
+
+
+class AssemblyError(ValueError):
+    """The linkage does not close, or its start does not determine it."""
+
+    def __init__(self, path: str, text: str):
+        self.fault = Fault(path, text)
+        super().__init__(str(self.fault))

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.mechanism.build import BuildError, build_mechanism
-from gauss_bench.mechanism.closure import AssemblyError, assemble
-from gauss_bench.mechanism.errors import Fault, LinkageError
+from gauss_bench.mechanism.closure import assemble
+from gauss_bench.mechanism.errors import AssemblyError, Fault, LinkageError
 from gauss_bench.mechanism.generate import generated
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.references import items, reference_faults, table
