@@ -29,6 +29,8 @@ from gauss_bench.report.tables import Finding, count, error, listed, times
 TARGETS = (1e-3, 1e-6)  # crank errors [rad] at which costs are compared
 SHRINKS = 2.0  # an error that falls by less while the step falls 4-fold does not come from the step
 OWN, RIVAL = "gauss", "lagrange"
+SHUT = 1e-4  # [m, rad] a gap that nobody would see
+LOST = 1.0  # [rad] a crank that is somewhere else
 
 
 def all_findings(run: Run) -> Iterator[Finding]:
@@ -40,6 +42,7 @@ def all_findings(run: Run) -> Iterator[Finding]:
     for name in run.linkages:
         yield from best_of(run, name)
     yield from worst_drift(run)
+    yield from wrong_though_closed(run)
     yield from not_valid(run)
     yield from failed(run)
 
@@ -223,6 +226,21 @@ def worst_drift(run: Run) -> Iterator[Finding]:
             f"Of the valid rows without stabilisation, constraints are left farthest by {what} on {row['mechanism']} "
             f"{row['scenario']}: {error(number(row, 'position_drift'))} in position and "
             f"{error(number(row, 'velocity_drift'))} in velocity.",
+        )
+
+
+def wrong_though_closed(run: Run) -> Iterator[Finding]:
+    """The valid row that is farthest off while its loops stay shut: residuals told nothing."""
+    rows = [row for row in run.results if ranked(row) and number(row, "position_drift") < SHUT and end_error(row) > LOST]
+    if rows:
+        row = max(rows, key=end_error)
+        yield Finding(
+            "Closed loops, wrong motion",
+            f"{label(row, 'settings', 'integrator', 'stabilization', 'step')} on {row['mechanism']} "
+            f"{row['scenario']} keeps its loops within {error(number(row, 'position_drift'))} and its model right, raises no "
+            f"warning, and ends {end_error(row):.3g} rad from the true crank angle. {count(len(rows), 'valid row')} of this kind "
+            f"ended more than {LOST:g} rad off.",
+            "warn",
         )
 
 
