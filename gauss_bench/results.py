@@ -58,9 +58,9 @@ def table(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
 
 
 def write_table(frame: pd.DataFrame, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """CSV (diffable, exact) or Parquet (types, provenance in its metadata) by the ending of the path; atomic."""
+    """CSV (diffable, ten digits) or Parquet (types, provenance in its metadata) by the ending of the path; atomic."""
     if path.suffix == ".csv":
-        # 17 digits would print noise; 16 still tell any two doubles of an error apart
+        # errors mean something in their first digits; Parquet keeps them all
         atomically(path, lambda part: frame.to_csv(part, index=False, float_format="%.10g", lineterminator="\n"))
         return
     import pyarrow as pa

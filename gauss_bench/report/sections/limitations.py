@@ -19,14 +19,16 @@ LIMITATIONS = (
     " exactly and show drift only where a loop was cut. Drift is computed in absolute coordinates for all, so a small "
     "figure may have this reason.",
     "**Accelerations of some foreign engines come from differences** of velocities over a tiny step, because the engine "
-    "offers no other way. Their error at the same state then ends near 1e-8; the settings say so where it is the case.",
+    "offers no other way. Those differences, not the formulation, then set the error; the settings say where it is the case.",
     "**A soft constraint is a choice of modelling, not a fault.** Engines made for contact soften their loops by default. "
     "They are run as delivered and with stiffer settings, both printed in full.",
     "**Small residuals do not make a motion right.** The negative control satisfies every constraint and is still wrong; "
     "this is why the motion is compared with a reference, and why the control stays in the tables.",
     "**Settings were chosen by the authors of the suite**, from each engine's documentation. Experts of an engine may do "
     "better; the place to do so is that engine's settings.",
-    "**Few linkages, one degree of freedom, no redundant rows, no contact, no friction**: nothing here is known of other systems.",
+    "**Few linkages, one degree of freedom, one redundant case, no contact, no friction**: nothing here is known of other systems.",
+    "**The validity gate judges model and drift, not the trajectory.** A motion that is wrong with closed loops stays valid; its "
+    "error column tells, and a finding where it is far off.",
     "**Errors end at the reference's own bar.** What is smaller is printed as below it and ranks equal.",
 )
 
