@@ -1,4 +1,7 @@
-"""A checked document becomes frozen data: points resolved, masses worked out, names turned into indices."""
+"""A checked document becomes frozen data: points resolved, masses worked out, names turned into indices.
+
+All of it in numbers of one type, double unless asked otherwise, so that what is certified starts from the decimals of the file.
+"""
 
 from typing import Any
 
@@ -29,6 +32,7 @@ from gauss_bench.mechanism.model import (
     Torque,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.numbers import Number, direction, exact, length, pair, radians
 from gauss_bench.terms import Array
 
 
@@ -40,12 +44,12 @@ class BuildError(ValueError):
         super().__init__(str(self.fault))
 
 
-def radians(table: dict[str, Any], key: str) -> float:
+def angle_of(table: dict[str, Any], key: str, number: Number = float) -> Any:
     """The angle `key` in radians, written as `key` or as `key_deg`; 0 where neither is given."""
-    return float(table[key]) if key in table else float(np.radians(table.get(f"{key}_deg", 0.0)))
+    return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 
-def resolve_points(table: dict[str, Any]) -> dict[str, Array]:
+def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
     """Name -> (2,) position, with polar and relative forms worked out."""
     done: dict[str, Array] = {}
 
@@ -53,48 +57,51 @@ def resolve_points(table: dict[str, Any]) -> dict[str, Array]:
         if key not in done:
             value = table[key]
             if isinstance(value, dict):
-                base = resolve(value["from"]) if "from" in value else np.zeros(2)
+                base = resolve(value["from"]) if "from" in value else pair(number, (0, 0))
                 if "r" in value:
-                    theta = np.radians(value.get("deg", 0.0))
-                    value = base + value["r"] * np.array([np.cos(theta), np.sin(theta)])
+                    done[key] = base + exact(number, value["r"]) * direction(radians(number, value.get("deg", 0)))
                 else:
-                    value = base + np.array(value["xy"], dtype=float)
-            done[key] = np.array(value, dtype=float)
+                    done[key] = base + pair(number, value["xy"])
+            else:
+                done[key] = pair(number, value)
         return done[key]
 
     return {key: resolve(key) for key in table}
 
 
-def build_link(name: str, table: dict[str, Any]) -> Link:
+def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
     """Mass, centre of mass and inertia from what is given and, for the rest, from uniform bars."""
-    points = resolve_points(table["points"])
+    points = resolve_points(table["points"], number)
     bars = tuple((a, b) for a, b in table.get("bars", []))
-    lengths = [float(np.linalg.norm(points[b] - points[a])) for a, b in bars]
-    for i, length in enumerate(lengths):
-        if length == 0:
+    lengths = [length(points[b] - points[a]) for a, b in bars]
+    for i, bar in enumerate(lengths):
+        if bar == 0:
             raise BuildError(f"links.{name}.bars[{i}]", "zero length")
-    total = sum(lengths)
-    mass = float(table["mass"]) if "mass" in table else float(table["kg_per_m"]) * total
+    none = number("0")
+    total = sum(lengths, start=none)
+    mass = exact(number, table["mass"]) if "mass" in table else exact(number, table["kg_per_m"]) * total
     middles = [(points[a] + points[b]) / 2 for a, b in bars]
     if "com" in table:
-        com = np.array(table["com"], dtype=float)
+        com = pair(number, table["com"])
     else:
-        com = sum((x * m for x, m in zip(lengths, middles, strict=True)), start=np.zeros(2)) / total if bars else np.zeros(2)
+        weighted = (x * m for x, m in zip(lengths, middles, strict=True))
+        com = sum(weighted, start=pair(number, (0, 0))) / (total if bars else number("1"))
     if "inertia" in table:
-        inertia = float(table["inertia"])
+        inertia = exact(number, table["inertia"])
     else:
-        second = (x * (x**2 / 12 + np.sum((m - com) ** 2)) for x, m in zip(lengths, middles, strict=True))
-        inertia = mass / total * float(sum(second))
+        second = (x * (x * x / 12 + length(m - com) ** 2) for x, m in zip(lengths, middles, strict=True))
+        inertia = mass / total * sum(second, start=none)
     return Link(name, mass, inertia, com, points, bars)
 
 
 class Resolver:
     """Looks up the names of one document."""
 
-    def __init__(self, document: dict[str, Any]):
-        self.links = tuple(build_link(name, table) for name, table in document["links"].items())
+    def __init__(self, document: dict[str, Any], number: Number = float):
+        self.number = number
+        self.links = tuple(build_link(name, table, number) for name, table in document["links"].items())
         self.index = {link.name: i for i, link in enumerate(self.links)} | {"ground": GROUND}
-        self.ground_points = resolve_points(document.get("ground", {}).get("points", {}))
+        self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
 
     def point(self, reference: str) -> Point:
         owner, name = reference.split(".")
@@ -105,40 +112,42 @@ class Resolver:
     def joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
         """The pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
-            angle, block_angle = radians(table, "angle"), radians(table, "block_angle")
+            angle, block_angle = (angle_of(table, key, self.number) for key in ("angle", "block_angle"))
             guide, block = self.point(table["guide"]), self.point(table["block"])
-            return [Prismatic(name, guide, block, angle, angle - block_angle, float(table.get("offset", 0.0)))]
+            return [Prismatic(name, guide, block, angle, angle - block_angle, exact(self.number, table.get("offset", 0)))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
     def force(self, name: str, table: dict[str, Any], joints: tuple[Joint, ...]) -> Force:
-        k, c, rest = (float(table.get(key, 0.0)) for key in ("k", "c", "rest"))
+        k, c, rest = (exact(self.number, table.get(key, 0)) for key in ("k", "c", "rest"))
         match table["type"]:
             case "torque":
                 reaction = self.index[table.get("reaction", "ground")]
-                return Torque(name, self.index[table["link"]], reaction, float(table["value"]))
+                return Torque(name, self.index[table["link"]], reaction, exact(self.number, table["value"]))
             case "force":
                 point, frame = self.point(table["point"]), table.get("frame", "ground")
                 owner = point.link if frame == "body" else self.index[frame]
-                return PointForce(name, point, np.array(table["value"], dtype=float), owner)
+                return PointForce(name, point, pair(self.number, table["value"]), owner)
             case "spring_damper":
                 a, b = (self.point(x) for x in table["between"])
                 return SpringDamper(name, a, b, k, c, rest)
             case "axis_spring_damper":
-                origin = self.point(table["origin"]) if "origin" in table else Point(GROUND, np.zeros(2), "ground.")
-                return AxisSpringDamper(name, self.point(table["point"]), origin, radians(table, "angle"), k, c, rest)
+                world = Point(GROUND, pair(self.number, (0, 0)), "ground.")
+                origin = self.point(table["origin"]) if "origin" in table else world
+                return AxisSpringDamper(name, self.point(table["point"]), origin, angle_of(table, "angle", self.number), k, c, rest)
             case "rotational_spring_damper":
                 first, second = (self.index[x] for x in table["links"])
-                return RotationalSpringDamper(name, first, second, k, c, radians(table, "rest"))
+                return RotationalSpringDamper(name, first, second, k, c, angle_of(table, "rest", self.number))
         return JointDamping(name, tuple(j for j in joints if j.joint == table["joint"]), c)
 
     def friction(self, name: str, table: dict[str, Any], joints: tuple[Joint, ...]) -> CoulombFriction:
         pairs = tuple(j for j in joints if j.joint == table["joint"])
-        return CoulombFriction(name, pairs, float(table["mu"]), float(table.get("radius", 1.0)), float(table["speed"]))
+        mu, radius, speed = (exact(self.number, table.get(key, 1)) for key in ("mu", "radius", "speed"))
+        return CoulombFriction(name, pairs, mu, radius, speed)
 
     def driver(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Driver:
-        law = motion_law(table)
+        law = motion_law(table, self.number)
         if "joint" in table:
             slide = next(j for j in joints if isinstance(j, Prismatic) and j.name == table["joint"])
             return SlideDriver(slide.name, law, slide)
@@ -148,27 +157,28 @@ class Resolver:
         return AngleDriver(table["link"], law, self.index[table["link"]])
 
 
-def motion_law(table: dict[str, Any]) -> MotionLaw:
+def motion_law(table: dict[str, Any], number: Number = float) -> MotionLaw:
     """The law of a driver table; values in tables are degrees where a link is driven, metres elsewhere."""
-    start = radians(table, "start")
+    start = angle_of(table, "start", number)
     match table["law"]:
         case "constant":
-            return motion_laws.constant(start, float(table["speed"]))
+            return motion_laws.constant(start, exact(number, table["speed"]))
         case "table":
-            rows = np.array(table["rows"], dtype=float)
-            values = np.radians(rows[:, 1]) if "link" in table else rows[:, 1]
-            return motion_laws.table(start, rows[:, 0], values)
+            value = radians if "link" in table else exact
+            times, values = ([f(number, row[k]) for row in table["rows"]] for k, f in enumerate((exact, value)))
+            return motion_laws.table(start, np.array(times), np.array(values))
         case name:
-            return motion_laws.rise(name, start, radians(table, "travel"), float(table["time"]))
+            travel, time = angle_of(table, "travel", number), exact(number, table["time"])
+            return motion_laws.rise(name, start, travel, time, number)
 
 
-def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256: str) -> Mechanism:
-    """The mechanism of one scenario, not yet assembled (q0, v0 empty).
+def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float) -> Mechanism:
+    """The mechanism of one scenario, not yet assembled (q0, v0 empty); all of it in numbers of one type.
 
     Raises:
         BuildError: a fault that only shows in resolved points, such as a bar without length.
     """
-    names = Resolver(document)
+    names = Resolver(document, number)
     joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in names.joint(name, table))
     knives = document.get("constraints", {}).items()
     chosen = document["scenarios"][scenario]
@@ -187,10 +197,10 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         links=names.links,
         ground_points=names.ground_points,
         joints=joints,
-        knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), radians(x, "angle")) for k, x in knives),
+        knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), angle_of(x, "angle", number)) for k, x in knives),
         forces=tuple(names.force(f, x, joints) for f, x in acting if x["type"] != "coulomb_friction"),
         drivers=tuple(names.driver(x, joints) for x in driven),
-        gravity=np.array(document.get("gravity", [0.0, -9.81]), dtype=float),
+        gravity=pair(number, document.get("gravity", (0.0, -9.81))),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import radians
+from gauss_bench.mechanism.build import angle_of
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.errors import AssemblyError
 from gauss_bench.mechanism.forces import add_axis_force, add_force, axis_state, position
@@ -166,7 +166,7 @@ def _held_angles(mechanism: Mechanism, scenario: dict[str, Any]) -> dict[int, tu
     angles = {index[name]: float(np.radians(x)) for name, x in start.get("angles_deg", {}).items()}
     angles |= {index[name]: float(x) for name, x in start.get("angles", {}).items()}
     if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
-        angles[mechanism.crank] = radians(start, "crank")
+        angles[mechanism.crank] = angle_of(start, "crank")
     return {i: (x, speeds.get(i, 0.0)) for i, x in angles.items()}
 
 

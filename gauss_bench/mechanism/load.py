@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 import tomllib
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,17 @@ def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
     if document is None:
         return *read(path), path
     return document, hashlib.sha256(json.dumps(document).encode()).hexdigest(), path
+
+
+def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
+    """As `document_of`, with every number that has a fraction as the Decimal that is written, not the double nearest to it.
+
+    Raises:
+        LinkageError: the file cannot be read.
+    """
+    path = find(name_or_path)
+    document, _, _ = document_of(name_or_path)
+    return tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal) if path.exists() else document
 
 
 def load_document(

@@ -2,6 +2,7 @@
 
 Formulas as in the textbook family of cam laws named by Wang et al. (2010): constant speed, sine (cycloidal) and cosine
 acceleration, 3-4-5 polynomial, table. A law that runs for a time holds its end position afterwards and its start before.
+Arguments may be of any type of number; what a law computes then is of that type too.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.mechanism.numbers import PI, Number
 from gauss_bench.terms import Array
 
 Motion = tuple[Any, Any, Any]
@@ -26,55 +28,85 @@ class MotionLaw:
         return self.motion(t)
 
 
-def constant(start: float, speed: float) -> MotionLaw:
+def constant(start: Any, speed: Any) -> MotionLaw:
     """Constant speed [rad/s] from `start` [rad]."""
-    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0.0 * t, 0.0 * t))
+    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t))
 
 
-def sine(s: Any) -> Motion:
+def sine(s: Any, pi: Any = np.pi) -> Motion:
     """Cycloidal law on 0..1: the acceleration is a sine."""
-    w = 2 * np.pi
+    w = 2 * pi
     return s - np.sin(w * s) / w, 1 - np.cos(w * s), w * np.sin(w * s)
 
 
-def cosine(s: Any) -> Motion:
+def cosine(s: Any, pi: Any = np.pi) -> Motion:
     """Harmonic law on 0..1: the acceleration is a cosine and jumps at the ends."""
-    return (1 - np.cos(np.pi * s)) / 2, np.pi / 2 * np.sin(np.pi * s), np.pi**2 / 2 * np.cos(np.pi * s)
+    return (1 - np.cos(pi * s)) / 2, pi / 2 * np.sin(pi * s), pi * pi / 2 * np.cos(pi * s)
 
 
-def poly345(s: Any) -> Motion:
+def poly345(s: Any, pi: Any = np.pi) -> Motion:
     """3-4-5 polynomial on 0..1."""
     return (
-        s**3 * (10 - 15 * s + 6 * s**2),
-        30 * s**2 * (1 - s) ** 2,
+        s * s * s * (10 - 15 * s + 6 * s * s),
+        30 * s * s * (1 - s) * (1 - s),
         60 * s * (1 - s) * (1 - 2 * s),
     )
 
 
-RISE_LAWS: dict[str, Callable[[Any], Motion]] = {"sine": sine, "cosine": cosine, "poly345": poly345}
+RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "poly345": poly345}
 
 
-def rise(name: str, start: float, travel: float, time: float) -> MotionLaw:
+def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) -> MotionLaw:
     """One of RISE_LAWS from `start` over `travel` [rad] in `time` [s], at rest outside."""
+    pi, low, high = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        s = np.clip(np.asarray(t) / time, 0.0, 1.0)
-        moving = (np.asarray(t) >= 0) & (np.asarray(t) <= time)
-        x, rate, second = RISE_LAWS[name](s)
-        return start + travel * x, travel / time * rate * moving, travel / time**2 * second * moving
+        s, moving = within(t / time, low, high)
+        x, rate, second = RISE_LAWS[name](s, pi)
+        return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
 
     return MotionLaw(name, motion)
 
 
-def table(start: float, times: Array, angles: Array) -> MotionLaw:
-    """Cubic spline through a table, at rest at both ends and outside; angles [rad] are added to `start`."""
-    from scipy.interpolate import CubicSpline
+def within(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    """t held between two bounds, and whether it lies there (1 or 0)."""
+    before, after = t < low, t > high
+    return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, low - low, low - low + 1)[()]
 
-    spline = CubicSpline(times, angles, bc_type="clamped")
+
+def table(start: Any, times: Array, angles: Array) -> MotionLaw:
+    """Cubic spline through a table, at rest at both ends and outside; angles [rad] are added to `start`.
+
+    With curvatures k at the knots and h, d the widths and slopes of the pieces, the first derivative is continuous where
+
+        h_j-1 k_j-1 + 2 (h_j-1 + h_j) k_j + h_j k_j+1 = 6 (d_j - d_j-1),    slopes beyond the ends being zero.
+    """
+    h = times[1:] - times[:-1]
+    d = (angles[1:] - angles[:-1]) / h
+    k = _curvatures(h, d)
 
     def motion(t: Any) -> Motion:
-        inside = np.clip(t, times[0], times[-1])
-        moving = (np.asarray(t) >= times[0]) & (np.asarray(t) <= times[-1])
-        return start + spline(inside), spline(inside, 1) * moving, spline(inside, 2) * moving
+        inside, moving = within(t, times[0], times[-1])
+        j = np.minimum(np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1, len(h) - 1)
+        x, width, bend = inside - times[j], h[j], (k[j + 1] - k[j]) / h[j]
+        slope = d[j] - width * (2 * k[j] + k[j + 1]) / 6
+        value = angles[j] + x * (slope + x * (k[j] / 2 + x * bend / 6))
+        return start + value, (slope + x * (k[j] + x * bend / 2)) * moving, (k[j] + x * bend) * moving
 
     return MotionLaw("table", motion)
+
+
+def _curvatures(h: Array, d: Array) -> Array:
+    """Curvatures at the knots: the tridiagonal system above, by elimination."""
+    none = h[:1] * 0
+    below, above = np.concatenate([none, h]), np.concatenate([h, none])
+    main = 2 * (below + above)
+    slopes = np.concatenate([none, d, none])
+    k: Array = 6 * (slopes[1:] - slopes[:-1])
+    for j in range(1, len(main)):
+        factor = below[j] / main[j - 1]
+        main[j], k[j] = main[j] - factor * above[j - 1], k[j] - factor * k[j - 1]
+    k[-1] = k[-1] / main[-1]
+    for j in range(len(main) - 2, -1, -1):
+        k[j] = (k[j] - above[j] * k[j + 1]) / main[j]
+    return k
