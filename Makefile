@@ -5,7 +5,7 @@ JOBS ?= 2
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench report test check lint drawings setup clean
+.PHONY: bench report test check verify certificates lint drawings setup clean
 
 bench: setup           ## run the quick suite and write reports/
 	$(BIN)/gauss-bench run --suite quick --jobs $(JOBS) --out reports
@@ -19,6 +19,12 @@ test: setup            ## the tests
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)
+
+verify: setup          ## the certified references, checked in double precision
+	$(BIN)/gauss-bench verify --jobs $(JOBS)
+
+certificates: setup    ## the certified references, made anew
+	$(BIN)/gauss-bench certify --built-in --jobs $(JOBS)
 
 lint: setup            ## style and types
 	$(BIN)/ruff check .

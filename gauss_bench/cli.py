@@ -12,18 +12,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench import __version__
+from gauss_bench.options import Verb, parser
 
 BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    options = parser().parse_args(arguments)
+    options = parser(ACTIONS).parse_args(arguments)
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on where it stopped", file=sys.stderr)
+        print("interrupted; what a run had finished is kept", file=sys.stderr)
         return 130
     except BrokenPipeError:
         sys.stderr.close()  # the reader left; nothing more can be said
@@ -39,91 +39,11 @@ def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
     from gauss_bench.mechanism.errors import LinkageError
+    from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.simulation import ChoiceError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
-    return named or isinstance(error, (LinkageError, ChoiceError, Busy, OSError))
-
-
-def parser() -> argparse.ArgumentParser:
-    """All verbs with their options."""
-    top = argparse.ArgumentParser(
-        prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics."
-    )
-    top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
-    verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
-
-    def verb(name: str, run: Any, help: str) -> argparse.ArgumentParser:
-        added = verbs.add_parser(name, help=help, description=help)
-        added.set_defaults(verb=run)
-        return added
-
-    one = verb("list", list_all, "linkages, engines, integrators and settings")
-    one.add_argument("--json", action="store_true")
-
-    one = verb("show", show, "check a linkage file and say what it describes")
-    one.add_argument("linkage", metavar="FILE-OR-NAME")
-    one.add_argument("--scenario")
-    one.add_argument("--svg", type=Path, metavar="FILE", help="draw the linkage, with the paths of its observed points")
-    one.add_argument("--json", action="store_true")
-
-    one = verb("simulate", simulate, "run one linkage in one engine")
-    one.add_argument("linkage", metavar="FILE-OR-NAME")
-    one.add_argument("--engine", default="gauss")
-    one.add_argument("--scenario", help="default: the first with a start")
-    one.add_argument("--settings", help="of the engine: default, tuned, ...")
-    one.add_argument("--integrator", help="of the engine; its first by default")
-    one.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
-    one.add_argument("--dt", type=float, default=1e-3, metavar="H", help="step in seconds (default 0.001)")
-    one.add_argument("--at", type=times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
-    one.add_argument("--json", action="store_true")
-
-    one = verb("kinematics", kinematics, "move one linkage through a law, without forces")
-    one.add_argument("linkage", metavar="FILE-OR-NAME")
-    one.add_argument("--scenario", help="a driven one (default: the first)")
-    one.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
-    one.add_argument("--steps", type=int, default=360, metavar="N", help="equal parts of the duration (default 360)")
-    one.add_argument(
-        "--points", type=lambda text: text.split(","), metavar="LINK.POINT,...", help="default: those the file observes"
-    )
-    one.add_argument("--method", choices=("loop", "basic"), default="loop", help="link units, or point coordinates")
-    one.add_argument("--plot", type=Path, metavar="SVG", help="paths, velocities and accelerations of the points")
-    one.add_argument("--animate", type=Path, metavar="SVG", help="the linkage moving")
-    form = one.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true")
-    form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
-
-    one = verb("run", run, "run a suite and write its tables; finished cases are not repeated")
-    suite_options(one)
-    one.add_argument("--suite", choices=("quick", "full", "gate"), default="quick")
-    one.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
-    one.add_argument("--no-costs", action="store_true", help="leave out the timing")
-    one.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
-
-    one = verb("report", report, "write the pages from the tables of a run")
-    one.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
-
-    one = verb("check", check, "hold the accuracy cases against the committed baseline")
-    suite_options(one)
-    one.add_argument("--baseline", type=Path, default=Path("reports/baseline.csv"), metavar="CSV")
-    one.add_argument("--accept", metavar="REASON", help="write a new baseline, dated, with this reason")
-    one.add_argument("--plant-inertia", type=float, metavar="FACTOR", help="scale the crank's inertia in every engine: must fail")
-    return top
-
-
-def suite_options(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("linkages", nargs="*", metavar="FILE-OR-NAME", help="default: the four built-in ones")
-    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME", help="may be repeated; default: all")
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
-    verb.add_argument("--json", action="store_true")
-
-
-def times(text: str) -> list[float]:
-    """Argument of --at."""
-    found = [float(x) for x in text.split(",")]
-    if not all(math.isfinite(x) and x >= 0 for x in found):
-        raise argparse.ArgumentTypeError("times must be numbers that are not negative")
-    return found
+    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, Busy, OSError))
 
 
 def print_json(item: Any) -> None:
@@ -234,6 +154,32 @@ def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
         write_text(options.animate, animate(mechanism, states.t, states.q, points))
 
 
+def certify(options: argparse.Namespace) -> int:
+    from gauss_bench import text
+    from gauss_bench.bench import certificates
+
+    if options.built_in:
+        rows = certificates.certify_built_in(options.jobs)
+        print_json(rows) if options.json else print(text.format_certificates(rows))
+        return 0 if all(row["status"] == "ok" for row in rows) else 1
+    if options.linkage is None:
+        print("error: certify needs a linkage, or --built-in", file=sys.stderr)
+        return BAD_INPUT
+    chosen = (options.scenario, options.digits, options.until)
+    found = certificates.certify_one(options.linkage, *chosen, options.out)
+    print_json(found) if options.json else print(text.format_certificate(found))
+    return 0 if found["status"] == "ok" else 1
+
+
+def verify(options: argparse.Namespace) -> int:
+    from gauss_bench import text
+    from gauss_bench.bench import certificates
+
+    rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
+    print_json(rows) if options.json else print(text.format_verification(rows))
+    return 0 if rows and all(row.get("passed", False) for row in rows) else 1
+
+
 def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
     """The cases of a suite, for the linkages and engines asked for.
 
@@ -298,3 +244,16 @@ def check(options: argparse.Namespace) -> int:
     else:
         print(text.format_check(verdicts))
     return 1 if failed else 0
+
+
+ACTIONS: dict[str, Verb] = {
+    "list": list_all,
+    "show": show,
+    "simulate": simulate,
+    "kinematics": kinematics,
+    "certify": certify,
+    "verify": verify,
+    "run": run,
+    "report": report,
+    "check": check,
+}

@@ -145,7 +145,7 @@ class Errors:
         t: (k,) times compared.
         crank: (k,) |error| of the crank angle [rad]; of the first link where there is no crank.
         position, velocity: (k, links) largest |error| per link [m, rad; m/s, rad/s].
-        position_bar, velocity_bar: the reference's own error over these times.
+        position_bar, velocity_bar: below these errors say nothing: the reference's own error, or the floor of double precision.
     """
 
     t: Array
@@ -171,8 +171,8 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
         dq[:, crank],
         dq.reshape(shape).max(axis=-1),
         dv.reshape(shape).max(axis=-1),
-        reference.error_q[both],
-        reference.error_v[both],
+        np.fmax(reference.error_q, reference.floor_q)[both],
+        np.fmax(reference.error_v, reference.floor_v)[both],
     )
 
 

@@ -42,7 +42,19 @@ COSTS = [
     "build_time",
     *(f"{q}_{k}" for q in ("step", "native_step", "acceleration") for k in ("time", "ratio", "ratio_low", "ratio_high")),
 ]
-PACKAGES = ("gauss-bench", "numpy", "scipy", "pin", "exudyn", "mujoco")
+SIDE_TABLES = (
+    "references",
+    "certificates",
+    "agreement",
+    "singular",
+    "basins",
+    "driving",
+    "audit",
+    "reproduction",
+    "paper_motion",
+    "published",
+)
+PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
 
 
 def table(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:

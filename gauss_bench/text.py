@@ -122,3 +122,54 @@ def format_check(verdicts: list[Verdict]) -> str:
     elif better:
         lines.append("Keep the improvement with: gauss-bench check --accept 'REASON'")
     return "\n".join(lines)
+
+
+def format_certificate(row: dict[str, Any]) -> str:
+    """What one certificate vouches for, in words."""
+    name = f"{row['mechanism']} / {row['scenario']}"
+    if row["status"] != "ok":
+        return f"{name}: not certified. {row['message']}"
+    whole = "its whole duration" if row["complete"] else f"{row['duration']:g} s were asked for"
+    lines = [f"{name}: {row['digits']} digits of positions and velocities vouched for until t = {row['until']:g} s ({whole})"]
+    if not row["complete"]:
+        lines.append(f"it stops there: {row['message']}")
+    lines.append(f"values: {row['method']}")
+    lines.append(f"checked by: {row['collocation_method']}, step {row['step']:.3g} s")
+    bars = (("positions", "q"), ("velocities", "v"), ("accelerations", "a"), ("joint forces", "multipliers"))
+    for words, level in bars:
+        bar = row[f"error_{level}"]
+        lines.append(f"  {words:14} error bar {'none: not stored, or left open by redundant rows' if bar is None else format(bar, '.1e')}")
+    floor = row["floor_q"]
+    lines.append(
+        f"parameters known to 1e-16 leave positions uncertain by {'an unknown amount' if floor is None else format(floor, '.1e')}"
+    )
+    for words in ("taylor", "collocation"):
+        off = row[f"{words}_off_closed_form"]
+        lines += (
+            [f"closed form: the {words} pipeline follows it to {off:.1e} until t = {row[f'{words}_until']:g} s"]
+            if off is not None
+            else []
+        )
+        lines += [f"the {words} pipeline: {row[f'{words}_stopped']}"] if row[f"{words}_stopped"] else []
+    lines.append(f"written to {row['file']}" if row["file"] else "not written: give --out FILE to keep it")
+    return "\n".join(lines)
+
+
+def format_certificates(rows: list[dict[str, Any]]) -> str:
+    lines = []
+    for row in rows:
+        said = f"{row['digits']} digits until {row['until']:g} s" if row["status"] == "ok" else row["status"]
+        lines.append(f"{row['mechanism']:14} {row['scenario']:14} {said}  {row['message']}".rstrip())
+    return "\n".join(lines)
+
+
+def format_verification(rows: list[dict[str, Any]]) -> str:
+    lines = []
+    for row in rows:
+        if row["status"] == "ok":
+            errors = f"states {row['state_error']:.1e} in {row['windows']} windows, balance {row['balance_error']:.1e}"
+            said = f"{'holds' if row['passed'] else 'DOES NOT HOLD'}: {errors}"
+        else:
+            said = f"{row['status']}: {row['message']}"
+        lines.append(f"{row['mechanism']:14} {row['scenario']:14} {said}")
+    return "\n".join(lines)

@@ -61,6 +61,8 @@ class Reference:
     Attributes:
         t: (k,); q, v, a: (k, n) as in Trajectory.
         error_q, error_v, error_a: (k,) largest disagreement of two integrations at each time.
+        floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
+            engine in double precision can tell; zero where it was not worked out.
         method: one line on how both were made.
     """
 
@@ -71,4 +73,7 @@ class Reference:
     error_q: Array
     error_v: Array
     error_a: Array
+    floor_q: Array
+    floor_v: Array
+    floor_a: Array
     method: str

@@ -16,21 +16,31 @@ ALLOWED = {
     "mechanism": LIGHT,
     "formulations": {"terms"},
     "integrate": {"terms"},
-    "engines": {"mechanism", "formulations", "integrate", "gauss_bench", *LIGHT},
+    "engines": {"mechanism", "formulations", "integrate", "kernels", "gauss_bench", *LIGHT},
+    "kernels": {"mechanism", *LIGHT},
     "kinematics": {"mechanism", *LIGHT},
     "reference": {"mechanism", *LIGHT},
     "metrics": {"mechanism", *LIGHT},
-    "bench": {"mechanism", "kinematics", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
+    "papers": {"mechanism", "formulations", "kinematics", "reference", *LIGHT},
+    "bench": {"mechanism", "kernels", "kinematics", "papers", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
     "report": {"mechanism", "results", *LIGHT},
     "simulation": {"mechanism", "engines", "integrate", "metrics", "bench", *LIGHT},
     "motion": {"kinematics", "mechanism", "simulation", *LIGHT},
     "comparison": {"mechanism", "engines", "bench"},
     "text": {"mechanism", "engines", "bench"},
-    "cli": {"mechanism", "engines", "bench", "report", "results", "simulation", "motion", "text", "gauss_bench"},
+    "options": {"gauss_bench"},
+    "cli": {"mechanism", "engines", "bench", "options", "reference", "report", "results", "simulation", "motion", "text"},
     "__init__": set(),
     "__main__": {"cli"},
 }
-FOREIGN = {"pinocchio": "engines/pinocchio.py", "exudyn": "engines/exudyn.py", "mujoco": "engines/mujoco.py"}
+FOREIGN = {
+    "pinocchio": "engines/pinocchio.py",
+    "exudyn": "engines/exudyn.py",
+    "mujoco": "engines/mujoco.py",
+    "heyoka": "reference/taylor.py",
+    "mpmath": "reference/exact.py",
+    "llvmlite": "kernels/native_code.py",
+}
 OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
 
 
@@ -91,7 +101,7 @@ def modules_after(statement: str) -> set[str]:
     ("statement", "absent"),
     [
         ("import gauss_bench", {"numpy", "pandas", "scipy", *FOREIGN}),
-        ("import gauss_bench.cli; gauss_bench.cli.parser()", {"numpy", "pandas", *FOREIGN}),
+        ("import gauss_bench.cli as c; c.parser(c.ACTIONS)", {"numpy", "pandas", *FOREIGN}),
         ("import gauss_bench.metrics", {"pandas", *FOREIGN}),
         ("import gauss_bench.engines as e; [e.get(n) for n in e.names()]", set(FOREIGN)),
         ("import gauss_bench.report.build", set(FOREIGN)),

@@ -1,45 +1,34 @@
 """Runs a suite: accuracy cases in parallel workers, then cost comparisons alone, then the tables, all of it resumable."""
 
 import json
-import queue
-import sys
-import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from gauss_bench.bench.cases import Case
+from gauss_bench.bench.certificates import certificate_table, certificates_digest
 from gauss_bench.bench.driving import LINKAGES as driving_linkages
 from gauss_bench.bench.driving import driving
 from gauss_bench.bench.geometry import LINKAGES as geometry_linkages
 from gauss_bench.bench.geometry import geometry
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, Alteration, measure, mechanism_of, reference_of, unaltered
+from gauss_bench.bench.paper_tables import PAPER_TASKS, example_motion
+from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.bench.timing import compare_costs, ratio
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get
 from gauss_bench.metrics import CHECKPOINTS, observed_order
-from gauss_bench.results import KEY, environment, table, write_table, write_text
+from gauss_bench.results import KEY, SIDE_TABLES, environment, table, write_table, write_text
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the quick suite takes 10 s on a slow core
 COST_LIMIT = 600.0  # [s] for one linkage with all engines
 REFERENCE_LIMIT = 600.0
 BASELINE = "gauss"  # costs are ratios to this engine: the formulation the suite is about, and the one its authors wrote
 VARIANT = ["engine", "settings", "integrator"]
-
-
-class Task(NamedTuple):
-    """What a worker is asked: function(*arguments), known by `key`; `stamp` says what the answer depends on."""
-
-    key: str
-    function: Callable[..., dict[str, Any]]
-    arguments: tuple[Any, ...]
-    stamp: str
 
 
 def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True, driven: bool = False) -> pd.DataFrame:
@@ -52,12 +41,13 @@ def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool 
     """
     store = str(folder / ".run" / "references")
     stamp = fingerprint()
-    stamps = {case: f"{stamp}.{mechanism_of(case.linkage, case.scenario).sha256[:16]}" for case in cases}
+    truth = certificates_digest()
+    stamps = {case: f"{stamp}.{mechanism_of(case.linkage, case.scenario).sha256[:16]}.{truth}" for case in cases}
     with Journal(folder / ".run" / f"{suite}.jsonl") as journal:
         found = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references", journal)
         found |= finish(accuracy_tasks(cases, store, stamps), jobs, CASE_LIMIT, "accuracy", journal)
         if driven:
-            found |= finish(driven_tasks(stamp), jobs, CASE_LIMIT, "driven", journal)
+            found |= finish(driven_tasks(stamp, store), jobs, CASE_LIMIT, "driven", journal)
         if costs:
             found |= finish(cost_tasks(cases, stamps), 1, COST_LIMIT, "costs", journal)
     return _write(cases, found, folder, suite)
@@ -84,10 +74,20 @@ def accuracy_tasks(cases: list[Case], store: str, stamps: dict[Case, str], alter
     return [Task(case.key(), measure, (case, store, alter), stamps[case]) for case in cases]
 
 
-def driven_tasks(stamp: str) -> list[Task]:
-    """Kinematics three ways, and driving torques by every engine, of the built-in linkages."""
+def driven_tasks(stamp: str, store: str) -> list[Task]:
+    """Kinematics three ways, driving torques by every engine, the papers, and the certificates, of the built-in linkages."""
     wanted = [("geometry", geometry, x) for x in geometry_linkages] + [("driving", driving, x) for x in driving_linkages]
-    return [Task(f"{name}|{x}", function, (x,), f"{stamp}.{mechanism_of(x, 'driven').sha256[:16]}") for name, function, x in wanted]
+    turns = [
+        Task(f"{name}|{x}", function, (x,), f"{stamp}.{mechanism_of(x, 'driven').sha256[:16]}") for name, function, x in wanted
+    ]
+    truth = f"{stamp}.{certificates_digest()}"
+    told = [Task(f"papers|{name}", function, (), truth) for name, function in PAPER_TASKS.items()]
+    return [
+        *turns,
+        *told,
+        Task("papers|motion", example_motion, (store,), truth),
+        Task("certificates|", certificate_table, (), truth),
+    ]
 
 
 def cost_tasks(cases: list[Case], stamps: dict[Case, str]) -> list[Task]:
@@ -95,41 +95,6 @@ def cost_tasks(cases: list[Case], stamps: dict[Case, str]) -> list[Task]:
     engines = list(dict.fromkeys(c.engine for c in cases))
     wanted = sorted({(c.linkage, c.scenario): stamps[c] for c in cases}.items())
     return [Task(f"cost|{'|'.join(k)}|{','.join(engines)}", compare_costs, (*k, engines), stamp) for k, stamp in wanted]
-
-
-def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, dict[str, Any]]:
-    """Answers of all tasks by key: from the journal where they stand there, else from workers."""
-    done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
-    waiting = {task.key: task for task in tasks if task.key not in done}
-    todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-    answers: queue.SimpleQueue[tuple[str, dict[str, Any]] | BaseException] = queue.SimpleQueue()
-    workers = min(jobs, len(waiting))
-    for item in [*waiting.values(), *[None] * workers]:
-        todo.put(item)
-    for _ in range(workers):
-        threading.Thread(target=_serve, args=(todo, answers, limit), daemon=True).start()
-    for _ in tqdm(waiting, desc=label, disable=not sys.stderr.isatty(), file=sys.stderr):
-        answer = answers.get()
-        if isinstance(answer, BaseException):
-            raise answer
-        key, content = answer
-        if journal:
-            journal.add(key, waiting[key].stamp, content)
-        done[key] = content
-    return done
-
-
-def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]", limit: float) -> None:
-    """One thread with one worker process, taking tasks until there are none."""
-    try:
-        with Worker() as worker:
-            while task := todo.get():
-                try:
-                    answers.put((task.key, worker.call(task.function, task.arguments, limit)))
-                except WorkerFailure as failure:
-                    answers.put((task.key, {"row": {"status": str(failure.status), "message": str(failure)}}))
-    except BaseException as error:
-        answers.put(error)
 
 
 def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dict[str, Any]:
@@ -144,6 +109,7 @@ def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dic
         "method": reference.method,
         "error_bar_q": float(reference.error_q.max()),
         "error_bar_v": float(reference.error_v.max()),
+        "floor_q": float(np.nanmax(reference.floor_q)) if np.isfinite(reference.floor_q).any() else None,
     }
     for t in CHECKPOINTS:
         at = np.flatnonzero(np.abs(reference.t - t) < 1e-9)
@@ -206,11 +172,11 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     }
     write_table(frame, folder / "results.parquet", where)
     write_table(frame, folder / "results.csv")
-    turned = [entry for key, entry in sorted(found.items()) if key.startswith(("geometry|", "driving|"))]
-    for name in ("agreement", "singular", "basins", "driving"):
+    turned = [entry for key, entry in sorted(found.items()) if key.startswith(SIDE_TASKS)]
+    for name in SIDE_TABLES[1:]:
         write_table(pd.DataFrame([row for entry in turned for row in entry.get(name, [])]), folder / f"{name}.csv")
     references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
-    write_table(pd.DataFrame(references), folder / "references.csv")
+    write_table(pd.DataFrame(references), folder / f"{SIDE_TABLES[0]}.csv")
     drawn = pd.DataFrame(curves, columns=[*KEY, *CURVES]).astype(dict.fromkeys(CURVES, "float32"))  # a pen's width is 1e-3
     write_table(drawn, folder / "series.parquet")
     write_table(pd.DataFrame(samples, columns=["mechanism", *VARIANT, "quantity", "round", "seconds"]), folder / "samples.parquet")
@@ -218,6 +184,7 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     return frame
 
 
+SIDE_TASKS = ("geometry|", "driving|", "certificates|", "papers|")
 CURVES = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism import motion_laws
+from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import Fault
 from gauss_bench.mechanism.model import (
     GROUND,
@@ -193,6 +194,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         scenarios=tuple(document["scenarios"]),
         source=source,
         sha256=sha256,
+        digest=physics_digest(document, scenario),
         duration=float(chosen["duration"]),
         links=names.links,
         ground_points=names.ground_points,

@@ -24,6 +24,7 @@ from gauss_bench.mechanism.model import (
     SlideDriver,
     SpringDamper,
 )
+from gauss_bench.mechanism.numbers import Number, exact, length, pair, radians
 from gauss_bench.mechanism.sketch import sketch
 from gauss_bench.terms import Array
 
@@ -75,10 +76,10 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 def check_springs(mechanism: Mechanism) -> None:
     for f in mechanism.forces:
-        if isinstance(f, SpringDamper) and f.rest != 0:
-            length = np.linalg.norm(position(mechanism.q0, f.b) - position(mechanism.q0, f.a))
-            if length < CLOSED:
-                raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
+        if not isinstance(f, SpringDamper) or f.rest == 0:
+            continue
+        if length(position(mechanism.q0, f.b) - position(mechanism.q0, f.a)) < CLOSED:
+            raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
@@ -129,45 +130,46 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any]) -> Held:
+def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
     n = mechanism.n
-    parts: list[tuple[Residual, list[float], list[float]]] = []
+    parts: list[tuple[Residual, Any, Any]] = []
     for driver in mechanism.drivers:
-        value, rate, _ = driver.law(0.0)
-        parts.append((_driven_row(n, driver), [float(value)], [float(rate)]))
-    for link, (target, rate) in _held_angles(mechanism, scenario).items():
+        value, rate, _ = driver.law(number("0"))
+        parts.append((_driven_row(n, driver), [value], [rate]))
+    for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
         parts.append((_angle_row(n, link), [target], [rate]))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     for name, target in start.get("slides", {}).items():
-        parts.append((_slide_row(n, by_name[name]), [target], [start.get("slide_speeds", {}).get(name, 0.0)]))
+        rate = start.get("slide_speeds", {}).get(name, 0)
+        parts.append((_slide_row(by_name[name]), [exact(number, target)], [exact(number, rate)]))
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     for reference, target in start.get("points", {}).items():
         owner, name = reference.split(".")
-        rate = start.get("point_velocities", {}).get(reference, [0.0, 0.0])
-        parts.append((_point_rows(n, mechanism.point(index[owner], name)), target, rate))
+        rate = start.get("point_velocities", {}).get(reference, (0, 0))
+        parts.append((_point_rows(n, mechanism.point(index[owner], name)), pair(number, target), pair(number, rate)))
 
     def of(q: Array) -> tuple[Array, Array]:
         found = [part(q) for part, _, _ in parts]
         return np.concatenate([np.zeros(0), *(x for x, _ in found)]), np.vstack([np.zeros((0, n)), *(row for _, row in found)])
 
-    targets = [float(x) for _, target, _ in parts for x in target]
-    return Held(of, np.array(targets), np.array([float(x) for _, _, rate in parts for x in rate]))
+    targets = [x for _, target, _ in parts for x in target]
+    return Held(of, np.array(targets), np.array([x for _, _, rate in parts for x in rate]))
 
 
-def _held_angles(mechanism: Mechanism, scenario: dict[str, Any]) -> dict[int, tuple[float, float]]:
+def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
     start = scenario.get("start", {})
     index = {link.name: i for i, link in enumerate(mechanism.links)}
-    speeds = {index[name]: float(x) for name, x in start.get("speeds", {}).items()}
+    speeds = {index[name]: exact(number, x) for name, x in start.get("speeds", {}).items()}
     if "speed" in start and mechanism.crank is not None:
-        speeds.setdefault(mechanism.crank, float(start["speed"]))
-    angles = {index[name]: float(np.radians(x)) for name, x in start.get("angles_deg", {}).items()}
-    angles |= {index[name]: float(x) for name, x in start.get("angles", {}).items()}
+        speeds.setdefault(mechanism.crank, exact(number, start["speed"]))
+    angles = {index[name]: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
+    angles |= {index[name]: exact(number, x) for name, x in start.get("angles", {}).items()}
     if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
-        angles[mechanism.crank] = angle_of(start, "crank")
-    return {i: (x, speeds.get(i, 0.0)) for i, x in angles.items()}
+        angles[mechanism.crank] = angle_of(start, "crank", number)
+    return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
 
 
 def _driven_row(n: int, driver: Driver) -> Residual:
@@ -175,9 +177,9 @@ def _driven_row(n: int, driver: Driver) -> Residual:
         case AngleDriver():
             return _angle_row(n, driver.link)
         case SlideDriver():
-            return _slide_row(n, driver.joint)
+            return _slide_row(driver.joint)
         case LengthDriver():
-            return _length_row(n, driver.a, driver.b)
+            return _length_row(driver.a, driver.b)
 
 
 def _angle_row(n: int, link: int) -> Residual:
@@ -186,11 +188,11 @@ def _angle_row(n: int, link: int) -> Residual:
     return lambda q: (q[3 * link + 2 : 3 * link + 3], row)
 
 
-def _slide_row(n: int, joint: Prismatic) -> Residual:
+def _slide_row(joint: Prismatic) -> Residual:
     def of(q: Array) -> tuple[Array, Array]:
-        x, _, direction = axis_state(q, np.zeros(n), joint.block, joint.guide, joint.angle)
-        row = np.zeros(n)  # the generalised force of a unit axis force is the gradient of the coordinate
-        add_axis_force(row, q, joint.block, joint.guide, direction, np.array(1.0))
+        x, _, direction = axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)
+        row = np.zeros_like(q)  # the generalised force of a unit axis force is the gradient of the coordinate
+        add_axis_force(row, q, joint.block, joint.guide, direction, np.ones((), dtype=q.dtype))
         return np.array([x]), row[None]
 
     return of
@@ -198,7 +200,7 @@ def _slide_row(n: int, joint: Prismatic) -> Residual:
 
 def _point_rows(n: int, point: Point) -> Residual:
     def of(q: Array) -> tuple[Array, Array]:
-        rows = np.zeros((2, n))
+        rows = np.zeros((2, n), dtype=q.dtype)
         for row, axis in zip(rows, np.eye(2), strict=True):
             add_force(row, q, point, axis)
         return position(q, point), rows
@@ -206,14 +208,14 @@ def _point_rows(n: int, point: Point) -> Residual:
     return of
 
 
-def _length_row(n: int, a: Point, b: Point) -> Residual:
+def _length_row(a: Point, b: Point) -> Residual:
     def of(q: Array) -> tuple[Array, Array]:
         gap = position(q, b) - position(q, a)
-        length = np.linalg.norm(gap)
-        row = np.zeros(n)
-        add_force(row, q, b, gap / length)
-        add_force(row, q, a, -gap / length)
-        return np.array([length]), row[None]
+        distance = length(gap)
+        row = np.zeros_like(q)
+        add_force(row, q, b, gap / distance)
+        add_force(row, q, a, -gap / distance)
+        return np.array([distance]), row[None]
 
     return of
 

@@ -13,7 +13,7 @@ mass of a link and r = exp(i theta) s the arm of a link-fixed point s:
 gamma collects what is left of the second derivative when J a is taken away, with the opposite sign: J a = gamma.
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6.
 
-All functions take one state, q (n,), or a batch, q (..., n).
+All functions take one state, q (n,), or a batch, q (..., n), in double or in the longer type the linkage was built in.
 """
 
 from dataclasses import dataclass
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
+from gauss_bench.mechanism.numbers import direction
 from gauss_bench.terms import Array
 
 
@@ -42,7 +43,7 @@ Vectors = NDArray[np.complexfloating[Any, Any]]
 def unpacked(x: Array) -> tuple[Vectors, Array]:
     """Vector and angle (..., links + 1) of a state (..., n), with a resting ground appended."""
     links = x.shape[-1] // 3
-    out = np.zeros((*x.shape[:-1], links + 1, 3))
+    out = np.zeros((*x.shape[:-1], links + 1, 3), dtype=x.dtype)
     out[..., :-1, :] = x.reshape(*x.shape[:-1], links, 3)
     return out[..., 0] + 1j * out[..., 1], out[..., 2]
 
@@ -75,12 +76,12 @@ class Constraints:
         self.slide_normal = self._normals([(j.guide.link, j.angle) for _, j in slides])
         self.driven_guide = self._points([j.guide for _, j in pushed])
         self.driven_block = self._points([j.block for _, j in pushed])
-        self.driven_axis = self._normals([(j.guide.link, j.angle - np.pi / 2) for _, j in pushed])
+        self.driven_axis = self._add([j.guide.link for _, j in pushed], [direction(j.angle) for _, j in pushed])
         self.bar_a, self.bar_b = self._points([d.a for _, d in bars]), self._points([d.b for _, d in bars])
         self.edge = self._points([e.point for _, e in knives])
         self.edge_normal = self._normals([(e.point.link, e.angle) for _, e in knives])
         self.links = np.array(self.link, dtype=int)
-        self.arms = np.array(self.local, dtype=float).reshape(-1, 2) @ [1.0, 1.0j]
+        self.arms = np.array(self.local).reshape(-1, 2) @ [1.0, 1.0j]
         self.offset, self.turn = np.array([j.offset for _, j in slides]), np.array([j.turn for _, j in slides])
         self.pin_x = np.array([row for row, _ in pins], dtype=int)
         self.slide_gap = np.array([row for row, _ in slides], dtype=int)
@@ -138,7 +139,7 @@ class Constraints:
         r = np.exp(1j * theta)[..., self.links] * self.arms
         arms = _Arms(z[..., self.links], u[..., self.links], omega[..., self.links], r)
         shape = (*q.shape[:-1], self.m)
-        phi, gamma, phi_t = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        phi, gamma, phi_t = (np.zeros(shape, dtype=r.real.dtype) for _ in range(3))
         values: list[Array] = []
         if len(self.pin_x):
             self._pins(arms, phi, gamma, values)
@@ -155,7 +156,7 @@ class Constraints:
                 gamma[..., row] += second
         if len(self.edge_rows):
             self._edges(arms, gamma, values)
-        J = np.empty((*shape, self.n + 3))
+        J = np.empty((*shape, self.n + 3), dtype=r.real.dtype)
         J[...] = self.template
         if values:
             J[..., self.rows, self.columns] = np.concatenate(values, axis=-1)

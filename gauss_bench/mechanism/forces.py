@@ -229,7 +229,7 @@ class JointFriction:
 
     def directions(self, q: Array, v: Array) -> Array:
         """W (..., n, p): generalised friction for unit loads at state(s) (..., n)."""
-        W = np.zeros((*q.shape, len(self.acting)))
+        W = np.zeros((*q.shape, len(self.acting)), dtype=q.dtype)
         for k, (f, pair) in enumerate(self.acting):
             _resist(W[..., k], pair, q, v, partial(_unit_friction, f))
         return W
@@ -267,7 +267,7 @@ class AppliedForces:
 
     def __init__(self, mechanism: Mechanism):
         self.forces = mechanism.forces
-        self.gravity = np.zeros(mechanism.n)
+        self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for i, link in enumerate(mechanism.links):
             self.gravity[3 * i : 3 * i + 2] = link.mass * mechanism.gravity
 

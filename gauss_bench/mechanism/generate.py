@@ -1,8 +1,8 @@
-"""Linkages of any size, written by rule: the N-four-bar of the IFToMM benchmark library (A02).
+"""Linkages written by rule: those with a motion in closed form (`reference/exact.py`), the N-four-bar in any size.
 
-N windows of equal bars stand side by side: N + 1 verticals on ground pivots (i l, 0) and N horizontals between their tops. On the
-parallelogram branch the whole is a pendulum (`reference/exact.py`); whenever all bars lie on the ground line it is singular.
-Name: n_four_bar_N, wherever a linkage is named.
+n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side: N + 1 verticals on ground pivots (i l, 0) and N horizontals between their tops. On the
+parallelogram branch the whole is a pendulum; whenever all bars lie on the ground line it is singular.
+pendulum: one bar on a pin, let go at rest. projectile: one bar thrown.
 """
 
 import re
@@ -10,11 +10,15 @@ from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
 SPEED = 1.0  # [m/s] of the first top at the start, to the right
+RELEASE = 30.0  # [deg] of the pendulum's bar above the horizontal
+THROW, SPIN = (2.0, 7.0), 3.0  # [m/s], [rad/s] of the projectile
 LARGEST = 400  # windows: beyond, the file would not be a linkage but a bridge
 
 
 def generated(name: str) -> dict[str, Any] | None:
     """The document of a generated linkage, or None where the name is of no such family."""
+    if name in SINGLE:
+        return SINGLE[name]()
     match = re.fullmatch(r"n_four_bar_([1-9][0-9]{0,2})", name)
     count = int(match[1]) if match else 0
     return n_four_bar(count) if 1 <= count <= LARGEST else None
@@ -50,3 +54,42 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 def _bar(a: str, b: str) -> dict[str, Any]:
     return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}
+
+
+def pendulum() -> dict[str, Any]:
+    """The document of a bar on a pin."""
+    start = {"crank_deg": RELEASE, "speed": 0.0}
+    joints = {"A": {"type": "revolute", "at": ["ground.A", "bar.A"]}}
+    return _one_bar("pendulum", "A bar on a pin, let go at rest", "swing", start, {"crank": "bar", "joints": joints})
+
+
+def projectile() -> dict[str, Any]:
+    """The document of a bar thrown from the origin."""
+    middle = "bar.M"
+    start = {
+        "angles_deg": {"bar": 0.0},
+        "speeds": {"bar": SPIN},
+        "points": {middle: [0.0, 0.0]},
+        "point_velocities": {middle: list(THROW)},
+    }
+    return _one_bar("projectile", "A bar thrown: free flight", "flight", start, {})
+
+
+def _one_bar(name: str, title: str, scenario: str, start: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    bar = _bar("A", "B")
+    bar["points"]["M"] = [LENGTH / 2, 0.0]
+    return {
+        "format": "planar-linkage/1",
+        "name": name,
+        "title": title,
+        "gravity": [0.0, -9.81],
+        "ground": {"points": {"A": [0.0, 0.0]}},
+        "links": {"bar": bar},
+        "assembly": {"angles_deg": {"bar": 0.0}, "sketch": {"bar.M": [0.0, 0.0]}},
+        "observe": {"points": ["bar.M"]},
+        "scenarios": {scenario: {"duration": 10.0, "start": start}},
+        **more,
+    }
+
+
+SINGLE = {"pendulum": pendulum, "projectile": projectile}

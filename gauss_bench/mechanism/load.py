@@ -22,9 +22,14 @@ FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
 
 
+def built_in_folder() -> Path | None:
+    """The folder of the linkages that come with the suite: in the installed package, or in the repository."""
+    return next((x for x in BUILT_IN if x.is_dir()), None)
+
+
 def built_in() -> dict[str, Path]:
-    """Name -> file of the linkages that come with the suite: in the installed package, or in the repository."""
-    folder = next((x for x in BUILT_IN if x.is_dir()), None)
+    """Name -> file of the linkages that come with the suite."""
+    folder = built_in_folder()
     return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
 
 

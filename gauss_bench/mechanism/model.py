@@ -216,6 +216,7 @@ class Mechanism:
     Attributes:
         source: the file it was read from, as given.
         sha256: digest of the file's bytes.
+        digest: of what the motion follows from, whatever its comments, titles and other scenarios say.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
         q0, v0: (n,) consistent start.
@@ -229,6 +230,7 @@ class Mechanism:
     scenarios: tuple[str, ...]
     source: str
     sha256: str
+    digest: str
     duration: float
     links: tuple[Link, ...]
     ground_points: Mapping[str, Array]

@@ -4,6 +4,7 @@ Two integrators that share no code run the same equations; their disagreement at
 no integration: its motion is geometry, and the bar is what rounding leaves of the closure.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -17,6 +18,8 @@ from gauss_bench.reference.collocation import BatchAcceleration, gauss_legendre
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
+
+Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]
 
 INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that no interpolation enters
 RTOL, ATOL = 1e-13, 1e-14
@@ -61,47 +64,30 @@ def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
     states = [motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times]
     q, v, a = (np.concatenate([s[k] for s in states]) for k in range(3))
     bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in (q, v, a))
-    return Reference(times, q, v, a, bar_q, bar_v, bar_a, "closure of the driven loop by Newton's method")
+    none = np.zeros(len(times))
+    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, "closure of the driven loop by Newton's method")
 
 
 def minimal_reference(mechanism: Mechanism, times: Array) -> Reference:
     """DOP853 against Gauss-Legendre collocation, both in the crank angle."""
-    k = 3 * mechanism.crank + 2 if mechanism.crank is not None else 0
-    start, speed = mechanism.q0[k : k + 1], mechanism.v0[k : k + 1]
-
-    def rhs(motion: MinimalCoordinate) -> BatchAcceleration:
-        return lambda t, q, v: motion.acceleration(q[:, 0], v[:, 0])[:, None]
-
-    runs: list[tuple[Array, ...]] = []
-    for integrate in (_adaptive, _collocation):
-        theta, w = integrate(rhs(MinimalCoordinate(mechanism)), times, start, speed)
-        motion = MinimalCoordinate(mechanism)
-        parts = []
-        for x, u in zip(theta, w, strict=True):
-            parts.append(motion.state(x, u, motion.acceleration(x, u)))
-        runs.append(tuple(np.concatenate([p[j] for p in parts]) for j in range(3)))
+    runs = [minimal_motion(mechanism, times, integrate) for integrate in (_adaptive, _collocation)]
     return _paired(times, runs, "crank angle; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
 def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
     """DOP853 against Gauss-Legendre collocation, both in absolute coordinates, projected at the samples."""
-    motion = AbsoluteCoordinates(mechanism)
-    runs: list[tuple[Array, ...]] = []
-    for integrate in (_adaptive, _collocation):
-        q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
-        states = [motion.evaluator.project(t, *s) for t, *s in zip(times, q, v, strict=True)]
-        q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
-        runs.append((q, v, motion.acceleration(times, q, v)))
+    runs = [absolute_motion(mechanism, times, integrate) for integrate in (_adaptive, _collocation)]
     return _paired(times, runs, "absolute coordinates; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
-def _paired(times: Array, runs: list[tuple[Array, ...]], method: str) -> Reference:
+def _paired(times: Array, runs: list[tuple[Array, Array, Array]], method: str) -> Reference:
     first, (q, v, a) = runs
     bar_q, bar_v, bar_a = (
         np.maximum.accumulate(np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)))
         for x, y in zip(first, (q, v, a), strict=True)
     )
-    return Reference(times, q, v, a, bar_q, bar_v, bar_a, method)
+    none = np.zeros(len(times))
+    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, method)
 
 
 def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
@@ -127,6 +113,29 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
         states.append(y)
     found = np.array(states)
     return found[:, :n], found[:, n:]
+
+
+def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> tuple[Array, Array, Array]:
+    """q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
+    k = 3 * mechanism.crank + 2 if mechanism.crank is not None else 0
+    integrated, read = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
+
+    def rate(t: Array, q: Array, v: Array) -> Array:
+        return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
+
+    theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
+    parts = [read.state(x, u, read.acceleration(x, u)) for x, u in zip(theta, w, strict=True)]
+    q, v, a = (np.concatenate([p[level] for p in parts]) for level in range(3))
+    return q, v, a
+
+
+def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> tuple[Array, Array, Array]:
+    """q, v, a (k, n) at the times, integrated in absolute coordinates and projected at the samples."""
+    motion = AbsoluteCoordinates(mechanism)
+    q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
+    states = [motion.evaluator.project(t, *s) for t, *s in zip(times, q, v, strict=True)]
+    q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+    return q, v, motion.acceleration(times, q, v)
 
 
 @dataclass(frozen=True, eq=False)

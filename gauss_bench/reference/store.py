@@ -1,20 +1,22 @@
-"""References kept in files, under the digest of what they follow from: the linkage, its scenario, and this room's code."""
+"""Where the references of a run come from: a certificate where one holds, else built and kept by what they need."""
 
 import hashlib
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
 from gauss_bench.trajectory import Reference
 
-FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a")
+FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor_v", "floor_a")
 
 
 def reference_key(mechanism: Mechanism, t_end: float) -> str:
-    """Name, scenario and digest of everything the reference depends on."""
+    """Name, scenario and digest of everything a built reference depends on."""
     digest = hashlib.sha256(f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__}".encode())
     for room in ("reference", "mechanism"):
         for source in sorted((Path(__file__).parents[1] / room).glob("*.py")):
@@ -23,7 +25,10 @@ def reference_key(mechanism: Mechanism, t_end: float) -> str:
 
 
 def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
-    """The reference from 0 to t_end, read from `folder` or built and kept there."""
+    """The reference from 0 to t_end: certified if a certificate reaches so far, else read from `folder` or built and kept there."""
+    certified = certified_reference(mechanism, t_end)
+    if certified:
+        return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
     if path.exists():
         with np.load(path) as data:
@@ -34,3 +39,17 @@ def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Refere
     np.savez_compressed(part, method=reference.method, **{name: getattr(reference, name) for name in FIELDS})
     part.replace(path)
     return reference
+
+
+def certified_reference(mechanism: Mechanism, t_end: float) -> Reference | None:
+    """The certified motion up to t_end, or None; a certificate that no longer holds is named on stderr."""
+    path = certificate_path(mechanism)
+    if path is None or not path.exists():
+        return None
+    try:
+        certificate = read_certificate(path)
+        check_holds(certificate, mechanism, path)
+    except CertificateError as error:
+        print(f"warning: {error}; the reference is built in double precision instead", file=sys.stderr)
+        return None
+    return as_reference(certificate, t_end) if certificate.until >= t_end * (1 - 1e-12) else None

@@ -22,17 +22,28 @@ from gauss_bench.report.sections import (
     findings,
     kinematics,
     limitations,
+    papers,
     references,
+    reproduction,
     settings,
     stability,
     trajectories,
 )
 from gauss_bench.report.tables import Block, Picture, Section
-from gauss_bench.results import write_text
+from gauss_bench.results import SIDE_TABLES, write_text
 
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
-LAST = (kinematics.section, failures.section, limitations.section, settings.section, references.section, environment.section)
+LAST = (
+    kinematics.section,
+    references.section,
+    reproduction.section,
+    papers.section,
+    failures.section,
+    limitations.section,
+    settings.section,
+    environment.section,
+)
 
 OUTCOMES = (
     "status",
@@ -47,19 +58,20 @@ OUTCOMES = (
     "coordinate",
     "kind",
     "form",
+    *("paper", "equation", "name", "printed", "intended", "verdict", "measured", "reason", "sentence", "faults", "example"),
+    *("group", "key", "unit", "statement", "published", "certified"),
+    *(f"{pipeline}_{x}" for pipeline in ("taylor", "collocation") for x in ("stopped", "method")),
+    "file",
 )
 TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), *OUTCOMES)
-FLAGS = ("valid", "control")
+FLAGS = ("valid", "control", "complete", "stands")
 
 
 def read_run(folder: Path) -> Run:
     """The rows and the environment the runner left in a folder; a missing table is an empty one."""
     path = folder / "environment.json"
     environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    tables = {
-        name: _read_table(folder, name)
-        for name in ("results", "references", "series", "samples", "agreement", "singular", "basins", "driving")
-    }
+    tables = {name: _read_table(folder, name) for name in ("results", "series", "samples", *SIDE_TABLES)}
     return Run(**tables, environment=environment)
 
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 
+from gauss_bench.report.paper_findings import paper_findings
 from gauss_bench.report.rows import (
     KEYS,
     SAME_ACCELERATION,
@@ -45,6 +46,19 @@ def all_findings(run: Run) -> Iterator[Finding]:
     yield from wrong_though_closed(run)
     yield from not_valid(run)
     yield from failed(run)
+    yield from published(run)
+    yield from paper_findings(run)
+
+
+def published(run: Run) -> Iterator[Finding]:
+    """How good published reference values are."""
+    off = [row for row in run.published if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))]
+    if off:
+        worst = min(off, key=lambda row: number(row, "true_digits"))
+        digits = f"{number(worst, 'printed_digits'):g} digits, of which {number(worst, 'true_digits'):g} are true"
+        text = f"Of {count(len(run.published), 'value')} that the IVP test set prints for Andrews' squeezing mechanism, {len(off)} are "
+        text += f"off by more than ten times what the certified motion leaves open: {worst['quantity']} is printed with {digits}."
+        yield Finding("Published values", text, "warn")
 
 
 def _settings(row: Row) -> str:

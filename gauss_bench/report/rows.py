@@ -32,18 +32,28 @@ class Run:
         singular: one row per limit of motion or dead centre.
         basins: one row per linkage, form, spread and search.
         driving: one row per linkage and way to run a driven turn.
+        certificates: one row per certified scenario.
+        audit: one row per line of the papers that was checked.
+        reproduction: one row per quantity of the first paper's example.
+        paper_motion: one row per time of that example's motion.
+        published: one row per published value held against a certified one.
         environment: where, when and with what the run was made.
     """
 
     results: tuple[Row, ...]
-    references: tuple[Row, ...]
     series: tuple[Row, ...]
     samples: tuple[Row, ...]
-    agreement: tuple[Row, ...]
-    singular: tuple[Row, ...]
-    basins: tuple[Row, ...]
-    driving: tuple[Row, ...]
     environment: Mapping[str, Any]
+    references: tuple[Row, ...] = ()
+    agreement: tuple[Row, ...] = ()
+    singular: tuple[Row, ...] = ()
+    basins: tuple[Row, ...] = ()
+    driving: tuple[Row, ...] = ()
+    certificates: tuple[Row, ...] = ()
+    audit: tuple[Row, ...] = ()
+    reproduction: tuple[Row, ...] = ()
+    paper_motion: tuple[Row, ...] = ()
+    published: tuple[Row, ...] = ()
 
     @property
     def linkages(self) -> tuple[str, ...]:

@@ -1,0 +1,231 @@
+"""A linkage compiled for this machine: accelerations, forces, and whole trajectories of one state or of thousands.
+
+kernel = compile(mechanism, stabilization="projection")
+q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
+"""
+
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.kernels import native_code
+from gauss_bench.kernels.driver import Driver, Options
+from gauss_bench.kernels.errors import KernelError
+from gauss_bench.kernels.fallbacks import on_arrays
+from gauss_bench.kernels.runners import Batch, Flags, NativeEvaluator, NativeRunner
+from gauss_bench.kernels.steps import STEPS
+from gauss_bench.kernels.tape import read
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+STABILIZATIONS = ("none", "baumgarte", "projection")
+BACKENDS = ("llvm", "numpy", "casadi")
+BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
+
+
+def compile(
+    mechanism: Mechanism,
+    formulation: str = "auto",
+    stabilization: str = "none",
+    open_parameters: tuple[str, ...] = (),
+    lanes: int | None = None,
+    cache: bool = True,
+    backend: str | None = None,
+    independent: tuple[int, ...] | None = None,
+    baumgarte: tuple[float, float] = BAUMGARTE,
+) -> "Kernel":
+    """The kernel of a mechanism.
+
+    Args:
+        formulation: "gauss", "lagrange", or "auto" for the one that costs less.
+        stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
+        open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
+        lanes: trajectories in one vector; chosen for the host where None.
+        cache: whether object code is kept in the user's cache folder.
+        backend: "llvm", or without a compiler "numpy" (many states) or "casadi" (one); None for the first that is installed.
+        independent: coordinates of the first partition; chosen where None.
+        baumgarte: alpha, beta [1/s].
+
+    Raises:
+        KernelError: dry friction, an unknown name, or a backend that is not there.
+    """
+    start = time.perf_counter()
+    if stabilization not in STABILIZATIONS:
+        raise KernelError(f"no stabilization {stabilization}; there are {', '.join(STABILIZATIONS)}")
+    if backend not in (None, *BACKENDS):
+        raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
+    if backend == "llvm" and not native_code.available():
+        raise KernelError("the backend llvm needs the package llvmlite")
+    chosen = backend or ("llvm" if native_code.available() else "numpy")
+    width = native_code.best_lanes() if lanes is None else lanes
+    options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, chosen, width, cache)
+    return Kernel(mechanism, options, start)
+
+
+class Kernel:
+    """Compiled code of one mechanism. Times in s, states in the absolute coordinates of the mechanism (SI units).
+
+    Attributes:
+        mechanism: what was compiled. formulation: "gauss" or "lagrange", as chosen. parameters: names of the open numbers, in the
+        order of every `parameters` argument. backend: "llvm", "numpy" or "casadi". lanes: trajectories in one vector. operations,
+        divisions: of one acceleration with its guards. dropped: names of redundant rows that were left out. switches: changes of
+        partition in the last rollout; fallbacks: steps that no partition could do; lost: trajectories without an
+            end, which are not a number from there on.
+    """
+
+    def __init__(self, mechanism: Mechanism, options: Options, start: float):
+        self.mechanism, self.options = mechanism, options
+        self._driver = Driver(mechanism, options)
+        code = self._driver.choices.codes[0]
+        program = code.program
+        self.formulation, self.parameters, self.dropped = program.formulation, program.parameters, program.dropped
+        self.backend, self.lanes = options.backend, options.lanes
+        self.operations, self.divisions = code.acceleration.operations, code.acceleration.divisions
+        self._values, self._n = program.values, program.n
+        self.switches = self.fallbacks = self.lost = 0
+        first = self._driver.runner(0, "rk4", 0)
+        if isinstance(first, NativeRunner):
+            first.native(1)
+        self._built = time.perf_counter() - start - sum(x.seconds for x in self._loaded())
+
+    def _loaded(self) -> list[native_code.NativeCode]:
+        runners = [r for r in self._driver.runners.values() if isinstance(r, NativeRunner)]
+        return [code for runner in runners for code in runner.loaded.values()]
+
+    @property
+    def partitions(self) -> tuple[tuple[int, ...], ...]:
+        """Independent coordinates of every program generated so far; () for Lagrange's."""
+        return tuple(code.program.independent for code in self._driver.choices.codes)
+
+    @property
+    def compile_seconds(self) -> float:
+        """To generate the first program, and to compile or load everything used so far."""
+        return self._built + sum(code.seconds for code in self._loaded())
+
+    @property
+    def from_cache(self) -> bool:
+        """Whether all machine code so far was in the cache."""
+        return bool(self._loaded()) and all(code.from_cache for code in self._loaded())
+
+    def rollout(
+        self,
+        q0: Array,
+        v0: Array,
+        dt: float,
+        n: int,
+        t0: float = 0.0,
+        parameters: Array | None = None,
+        every: int | None = None,
+        threads: int = 1,
+        integrator: str = "rk4",
+    ) -> tuple[Array, Array]:
+        """Step n times by dt.
+
+        Args:
+            q0, v0: (n_q,) or (batch, n_q).
+            parameters: (n_parameters,) or (batch, n_parameters); those of the file where None.
+            every: steps between samples; only the last state where None.
+            threads: that share a batch.
+            integrator: "rk4" or "semi_implicit_euler".
+
+        Returns:
+            q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
+            2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
+            `lost`.
+        """
+        if n < 0 or (every is not None and every < 1) or integrator not in STEPS:
+            raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
+        q, v = np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)
+        states = np.concatenate([q, v], axis=-1)
+        p = self._values if parameters is None else np.asarray(parameters, dtype=float)
+        if states.ndim == 1 and every is None and self.backend == "llvm" and p.ndim == 1:
+            quick = self._quick(states, p, t0, dt, n, integrator)
+            if quick is not None:
+                return quick[: self._n], quick[self._n :]
+        single = states.ndim == 1
+        rows = np.atleast_2d(states)
+        batch = Batch(rows, self._spread(p, len(rows)), float(t0), float(dt), int(n), max(1, n if every is None else every))
+        if single and len(batch.parameters) > 1:
+            raise ValueError("several sets of parameters for one state")
+        found = self._driver.advance(batch, integrator, threads)
+        tally = self._driver.tally
+        self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
+        samples = found.samples[:, -1] if every is None else found.samples
+        samples = samples[0] if single else samples
+        return samples[..., : self._n], samples[..., self._n :]
+
+    def _quick(self, state: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array | None:
+        """One trajectory through the first program alone; None where it stops."""
+        runner = self._driver.runner(0, integrator, self._driver.level(integrator, dt, state))
+        assert isinstance(runner, NativeRunner)
+        self.switches = self.fallbacks = self.lost = 0
+        return runner.run_one(state, p, t0, dt, n)
+
+    def _spread(self, p: Array, count: int) -> Array:
+        """One row of parameters for each state."""
+        if p.shape[-1] != len(self.parameters):
+            raise ValueError(f"{p.shape[-1]} parameters given, {len(self.parameters)} are open: {', '.join(self.parameters)}")
+        return np.ascontiguousarray(np.broadcast_to(p, (count, len(self.parameters))))
+
+    def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
+        """Accelerations (n_q,) or (batch, n_q) of one state or of many; exact where no partition serves, by rank decision."""
+        return self._at_states(self._accelerations, "acceleration", q, v, t, parameters)
+
+    def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
+        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q, 0 for rows that are left out as redundant."""
+        return self._at_states(self._multipliers, "multipliers", q, v, t, parameters)
+
+    def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
+        """Kinetic plus potential energy [J], () or (batch,)."""
+        rows, single = self._rows(q, v, 0.0, parameters)
+        found = self._energy(rows[1], rows[2], rows[3])[0][:, 0]
+        return np.asarray(found[0] if single else found)
+
+    @cached_property
+    def _energy(self) -> Callable[..., list[Array]]:
+        return on_arrays(read(self._driver.choices.codes[0].program.energy))
+
+    @cached_property
+    def _native(self) -> NativeEvaluator:
+        return NativeEvaluator(self._driver.choices.codes[0], self.lanes, self.options.cache)
+
+    def _accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
+        """Of one program, and whether its pivots serve."""
+        if k == 0 and self.backend == "llvm":
+            return self._native.accelerations(t, np.concatenate([q, v], axis=1), p)
+        a, margin = self._driver.choices.accelerations(k, t, q, v, p)
+        return a, margin >= 1.0
+
+    def _multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
+        choices = self._driver.choices
+        if k not in self._forces:
+            self._forces[k] = on_arrays(read(choices.codes[k].program.multipliers))
+        return self._forces[k](t[:, None], q, v, p)[0], choices.accelerations(k, t, q, v, p)[1] >= 1.0
+
+    @cached_property
+    def _forces(self) -> dict[int, Callable[..., list[Array]]]:
+        return {}
+
+    def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
+        single = np.ndim(q) == 1
+        q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
+        p = self._spread(self._values if parameters is None else np.asarray(parameters, dtype=float), len(q))
+        return (np.broadcast_to(np.asarray(t, dtype=float), len(q)), q, v, p), single
+
+    def _at_states(self, evaluate: Any, by_rank: str, q: Array, v: Array, t: float | Array, parameters: Array | None) -> Array:
+        """Evaluate by the first program, and where its pivots fail by another, or by rank decision."""
+        at, single = self._rows(q, v, t, parameters)
+        found, sound = evaluate(0, *at)
+        for row in np.flatnonzero(~sound):
+            one = [x[row : row + 1] for x in at]
+            k = self._driver.choices.best(float(one[0][0]), np.concatenate([one[1][0], one[2][0]]), one[3][0], {0})
+            if k is not None:
+                found[row] = evaluate(k, *one)[0][0]
+            elif self._driver.nominal(one[3][0]):
+                found[row] = getattr(self._driver.library, by_rank)(float(one[0][0]), one[1][0], one[2][0])
+            else:
+                found[row] = np.nan
+        return np.asarray(found[0] if single else found)

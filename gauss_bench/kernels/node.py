@@ -1,0 +1,302 @@
+"""Expressions that know their values: a graph in which equal things are one thing.
+
+Every node carries its values at states of the linkage, where pivots are chosen, and at a few random points off the constraints
+(but not far off, where the factors of a long chain would overflow).
+Two expressions that agree at the random points agree everywhere (an identity of analytic functions that fails, fails almost
+everywhere), so a new node is first looked for among the old ones by these values: c^2 + s^2 becomes 1, what cancels becomes 0, and
+a multiple k x of a known x becomes k times x, whatever path led there. Source of the argument: Schwartz, Fast probabilistic
+algorithms for verification of polynomial identities, J. ACM 27 (1980).
+
+Signs and constant factors are kept outside: -(x y), never (-x) y, so that sums can absorb them.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from heapq import heapify, heappop, heappush
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.terms import Array
+
+GENERIC = 3  # random points: an accidental agreement in one ratio has a chance of 1e-10, in two of 1e-20
+VANISHES = 1e-13  # of the larger summand: a few hundred rounding units
+SAME = 1e-12  # relative; values of equal expressions differ by rounding alone
+
+# Cycles until a result can be used, Zen 4/5 and about the same on other recent machines; sin and cos branch-free, side by side.
+LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 45.0, "COS": 45.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
+STEP = 4.0  # of everything else
+
+VALUE: dict[str, Callable[..., Array]] = {
+    "ADD": np.add,
+    "SUB": np.subtract,
+    "MUL": np.multiply,
+    "INV": np.reciprocal,
+    "SQRT": np.sqrt,
+    "SIN": np.sin,
+    "COS": np.cos,
+}
+
+
+class Node:
+    """One expression: operation, operands, values at the samples followed by those at the random points, and when it is ready."""
+
+    __slots__ = ("args", "at", "graph", "index", "number", "op", "ready")
+
+    def __init__(self, graph: "Graph", op: str, args: tuple[Any, ...], at: Array, number: float | None, ready: float):
+        self.graph, self.op, self.args, self.at, self.number, self.ready = graph, op, args, at, number, ready
+        self.index = graph.count
+        graph.count += 1
+
+    def __add__(self, other: "Node | float") -> "Node":
+        return self.graph.add(self, self.graph.node(other))
+
+    def __sub__(self, other: "Node | float") -> "Node":
+        return self.graph.add(self, self.graph.neg(self.graph.node(other)))
+
+    def __mul__(self, other: "Node | float") -> "Node":
+        return self.graph.mul(self, self.graph.node(other))
+
+    def __truediv__(self, other: "Node | float") -> "Node":
+        return self.graph.mul(self, self.graph.inverse(self.graph.node(other)))
+
+    def __rsub__(self, other: float) -> "Node":
+        return self.graph.node(other) - self
+
+    def __neg__(self) -> "Node":
+        return self.graph.neg(self)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    @property
+    def zero(self) -> bool:
+        return self.number == 0.0
+
+    @property
+    def unit(self) -> bool:
+        return self.number is not None and abs(self.number) == 1.0
+
+
+class Graph:
+    """All expressions of one program over a number of sample states."""
+
+    def __init__(self, samples: int):
+        self.samples = samples
+        self.count = 0
+        self.known: dict[tuple[Any, ...], Node] = {}
+        self.ratios: dict[tuple[str, ...], Node] = {}
+        self.trail: list[tuple[dict[Any, Node], Any]] = []
+        self.random = np.random.default_rng(19800427)
+
+    def node(self, x: "Node | float") -> Node:
+        return x if isinstance(x, Node) else self.constant(float(x))
+
+    def constant(self, number: float) -> Node:
+        number += 0.0  # no negative zero
+        found = self.known.get(("CONST", number))
+        if found is None:
+            at = np.full(self.samples + GENERIC, number)
+            found = self._keep(Node(self, "CONST", (), at, number, 0.0), ("CONST", number))
+        return found
+
+    def input(self, name: str, index: int, values: Array, size: float) -> Node:
+        """An input with its values at the samples; the random points lie off some of these by a part of `size`."""
+        found = self.known.get(("INPUT", name, index))
+        if found is None:
+            near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
+            at = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
+            found = self._new("INPUT", (name, index), at, 0.0, ("INPUT", name, index))
+        return found
+
+    def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
+        """An operation with kinks or jumps: at the random points it counts as one more input."""
+        key = (op, *(a.index for a in args))
+        found = self.known.get(key)
+        if found is None:
+            if all(a.number is not None for a in args):
+                return self.constant(float(at[0]))
+            values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
+            found = self._new(op, args, values, max(a.ready for a in args) + STEP, key)
+        return found
+
+    def neg(self, a: Node) -> Node:
+        if a.number is not None:
+            return self.constant(-a.number)
+        if a.op == "NEG":
+            return a.args[0]  # type: ignore[no-any-return]
+        key = ("NEG", a.index)
+        return self.known.get(key) or self._keep(Node(self, "NEG", (a,), -a.at, None, a.ready), key)
+
+    def add(self, a: Node, b: Node) -> Node:
+        if a.zero or b.zero:
+            return b if a.zero else a
+        if a.number is not None and b.number is not None:
+            return self.constant(a.number + b.number)
+        if a.op == "NEG":
+            if b.op == "NEG":
+                return self.neg(self.add(a.args[0], b.args[0]))
+            a, b = b, a
+        if b.op == "NEG":
+            return self._made("SUB", a, b.args[0])
+        return self._made("ADD", a, b) if a.index <= b.index else self._made("ADD", b, a)
+
+    def mul(self, a: Node, b: Node) -> Node:
+        if a.number is not None or b.number is not None:
+            return self.scaled(a.number, b) if a.number is not None else self.scaled(b.number or 0.0, a)
+        if a.op == "NEG" or b.op == "NEG":
+            product = self.mul(a.args[0] if a.op == "NEG" else a, b.args[0] if b.op == "NEG" else b)
+            return product if a.op == b.op else self.neg(product)
+        return self._made("MUL", a, b) if a.index <= b.index else self._made("MUL", b, a)
+
+    def scaled(self, factor: float, x: Node) -> Node:
+        """factor x, with the factors of x multiplied out and the sign outside."""
+        if x.number is not None or factor == 0.0:
+            return self.constant(factor * (x.number or 0.0))
+        own, base = factored(x)
+        factor *= own
+        size = abs(factor)
+        product = base
+        if abs(size - 1.0) > SAME:
+            number = self.constant(size)
+            key = ("MUL", number.index, base.index)
+            product = self.known.get(key) or self._keep(
+                Node(self, "MUL", (number, base), size * base.at, None, base.ready + STEP), key
+            )
+        return product if factor > 0 else self.neg(product)
+
+    def inverse(self, a: Node) -> Node:
+        if a.number is not None:
+            return self.constant(1.0 / a.number)
+        own, base = factored(a)
+        return self.scaled(1.0 / own, self._made("INV", base))
+
+    def sqrt(self, a: Node) -> Node:
+        return self._made("SQRT", a)
+
+    def sin(self, a: Node) -> Node:
+        return self._made("SIN", a)
+
+    def cos(self, a: Node) -> Node:
+        return self._made("COS", a)
+
+    def _made(self, op: str, *args: Node) -> Node:
+        """By its form or by its values: an old node, a multiple of one, a constant, or a new node."""
+        key = (op, *(a.index for a in args))
+        found = self.known.get(key)
+        if found is not None:
+            return found
+        at = VALUE[op](*(a.at for a in args))
+        if all(a.number is not None for a in args):
+            return self.constant(float(at[0]))
+        known = self.recognised(at, args[0].at if op in ("ADD", "SUB") else None)
+        if known is not None:
+            return self._keep(known, key)
+        ready = _sum_ready(*args) if op in ("ADD", "SUB") else max(a.ready for a in args) + LATENCY.get(op, STEP)
+        return self._new(op, args, at, ready, key)
+
+    def recognised(self, at: Array, summand: Array | None) -> Node | None:
+        """The node with these values at the random points, as a constant or a multiple of a known one, or None.
+
+        Of a sum one of the summands tells how much may be left by rounding where it cancels.
+        """
+        g = at[-GENERIC:].tolist()
+        first = g[0]
+        if summand is not None and all(abs(x) <= VANISHES * abs(y) for x, y in zip(g, summand[-GENERIC:].tolist(), strict=True)):
+            return self.constant(0.0)
+        if all(abs(x - first) <= SAME * abs(first) for x in g[1:]):
+            return self.constant(_rounded(first))
+        base = self.ratios.get(_ratio_key(g))
+        if base is None:
+            return None
+        factors = [x / y for x, y in zip(g, base.at[-GENERIC:].tolist(), strict=True)]
+        if max(abs(x - factors[0]) for x in factors) > SAME * abs(factors[0]):
+            return None
+        return self.scaled(_rounded(factors[0]), base)
+
+    def _new(self, op: str, args: tuple[Any, ...], at: Array, ready: float, key: tuple[Any, ...]) -> Node:
+        made = Node(self, op, args, at, None, ready)
+        ratio = _ratio_key(at[-GENERIC:].tolist())
+        if ratio not in self.ratios:
+            self.ratios[ratio] = made
+            self.trail.append((self.ratios, ratio))
+        return self._keep(made, key)
+
+    def _keep(self, node: Node, key: tuple[Any, ...]) -> Node:
+        self.known[key] = node
+        self.trail.append((self.known, key))
+        return node
+
+    def forget(self, mark: int) -> None:
+        """Forget every node made since the trail was `mark` long, so that another attempt starts from the same ground."""
+        while len(self.trail) > mark:
+            where, key = self.trail.pop()
+            del where[key]
+
+    def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
+        """The sum of the terms: multiples of the same node joined, neighbours whose sum is known replaced, earliest first."""
+        joined = self._joined(terms)
+        if len(joined) > 2:
+            joined = self._joined(self._paired(joined, pairs))
+        heap = [(x.ready, x.index, x) for x in joined]
+        heapify(heap)
+        while len(heap) > 1:
+            a, b = heappop(heap)[2], heappop(heap)[2]
+            x = self.add(a, b)
+            heappush(heap, (x.ready, x.index, x))
+        return heap[0][2] if heap else self.constant(0.0)
+
+    def _joined(self, terms: Iterable[Node]) -> list[Node]:
+        factors: dict[int, float] = {}
+        bases: dict[int, Node] = {}
+        for term in terms:
+            own, base = (term.number, self.constant(1.0)) if term.number is not None else factored(term)
+            factors[base.index] = factors.get(base.index, 0.0) + own
+            bases[base.index] = base
+        scaled = (self.scaled(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
+        return [x for x in scaled if not x.zero]
+
+    def _paired(self, terms: Sequence[Node], reach: int) -> list[Node]:
+        """Terms with every pair of near neighbours whose sum is known, zero or constant replaced by that sum."""
+        left, done = list(terms), []
+        while left:
+            a = left.pop(0)
+            for k, b in enumerate(left[:reach]):
+                known = self.recognised(a.at + b.at, a.at)
+                if known is not None:
+                    left[k] = known
+                    break
+            else:
+                done.append(a)
+        return done
+
+
+def factored(x: Node) -> tuple[float, Node]:
+    """x as a number times a node without a constant factor."""
+    sign = 1.0
+    if x.op == "NEG":
+        sign, x = -1.0, x.args[0]
+    if x.op == "MUL" and x.args[0].number is not None:
+        return sign * x.args[0].number, x.args[1]
+    return sign, x
+
+
+def _ratio_key(g: list[float]) -> tuple[str, ...]:
+    """Ratios of the values at the random points, to ten digits."""
+    first = g[0] or 1e-300
+    return tuple([f"{x / first:.9e}" for x in g[1:]])
+
+
+def _rounded(x: float) -> float:
+    """x, or the number of few digits that it is up to rounding."""
+    short = float(f"{x:.12g}")
+    return short if abs(short - x) <= SAME * abs(x) and len(f"{x:.12g}") < 9 else x
+
+
+def _sum_ready(a: Node, b: Node) -> float:
+    """When a + b is ready, a product among the two fused with the addition."""
+    fused = [max(_operands_ready(x), y.ready) for x, y in ((a, b), (b, a)) if x.op == "MUL"]
+    return min([max(a.ready, b.ready), *fused]) + STEP
+
+
+def _operands_ready(x: Node) -> float:
+    return float(max(a.ready for a in x.args))

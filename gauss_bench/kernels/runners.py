@@ -1,0 +1,168 @@
+"""Whoever steps trajectories, and what they say of it; here the native code, by groups of lanes and on several threads.
+
+A runner knows one program, one integrator and one reach. It never decides what follows when a trajectory stops: driver.py does.
+"""
+
+import ctypes
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.kernels import loops, native_code
+from gauss_bench.kernels.native_code import NativeCode
+from gauss_bench.kernels.steps import Code, Reach
+from gauss_bench.terms import Array
+
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What is to be stepped.
+
+    Attributes:
+        states: (k, 2n) q and v.
+        parameters: (k, n_p).
+        t0, h: start and step [s]; n: steps; every: steps between samples, at least 1.
+    """
+
+    states: Array
+    parameters: Array
+    t0: float
+    h: float
+    n: int
+    every: int
+
+    @property
+    def slots(self) -> int:
+        """Samples of each trajectory: every `every` steps and the last."""
+        return max(1, -(-self.n // self.every))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a batch.
+
+    Attributes:
+        states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
+        samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
+        done: (k,) steps that count.
+        complete: (k,) whether that is all of them.
+        far: (k,) whether it stopped because the angles moved further than the code can follow, and for no other reason.
+    """
+
+    states: Array
+    samples: Array
+    done: NDArray[np.integer[Any]]
+    complete: Flags
+    far: Flags
+
+
+class Runner(Protocol):
+    """Steps trajectories by one program, integrator and reach."""
+
+    def run(self, batch: Batch, threads: int = 1) -> Outcome: ...
+
+
+def in_lanes(x: Array, lanes: int) -> Array:
+    """(k, rows) as (groups, rows, lanes); the last state is repeated to fill the last group."""
+    missing = -len(x) % lanes
+    full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
+    return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
+
+
+def out_of_lanes(x: Array, count: int) -> Array:
+    """(groups, ..., rows, lanes) as (k, ..., rows)."""
+    moved = np.moveaxis(x, -1, 1)
+    return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
+
+
+def address(x: Array) -> int:
+    return int(x.__array_interface__["data"][0])
+
+
+class NativeRunner:
+    """Machine code: one lane for a single trajectory, `lanes` of them for many.
+
+    Attributes:
+        loaded: the code that has been compiled or loaded so far, by lanes.
+    """
+
+    def __init__(self, code: Code, integrator: str, reach: Reach, lanes: int, cached: bool):
+        self.code, self.integrator, self.reach, self.lanes, self.cached = code, integrator, reach, lanes, cached
+        self.loaded: dict[int, NativeCode] = {}
+        self._lock = threading.Lock()
+        self._local = threading.local()
+
+    def native(self, lanes: int) -> NativeCode:
+        with self._lock:
+            if lanes not in self.loaded:
+                listing = loops.rollout(self.code, self.integrator, self.reach, lanes)
+                self.loaded[lanes] = native_code.compile_text(listing.text, "rollout", listing.operations, self.cached)
+            return self.loaded[lanes]
+
+    def run(self, batch: Batch, threads: int = 1) -> Outcome:
+        count = len(batch.states)
+        lanes = 1 if count == 1 else self.lanes
+        y, p = in_lanes(batch.states, lanes), in_lanes(batch.parameters, lanes)
+        groups, rows = y.shape[:2]
+        samples, report = np.empty((groups, batch.slots, rows, lanes)), np.empty((groups, 3, lanes))
+        call = self.native(lanes).call
+
+        def part(bounds: tuple[int, int]) -> None:
+            low, high = bounds
+            arrays = [address(x[low:high]) for x in (y, p, samples, report)]
+            call(*arrays[:2], batch.h, batch.t0, batch.n, batch.every, *arrays[2:], batch.slots, high - low)
+
+        parts = list(pairwise(np.linspace(0, groups, min(threads, groups) + 1).astype(int).tolist()))
+        if len(parts) == 1:
+            part(parts[0])
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(part, parts))
+        done, complete, far = out_of_lanes(report, count).T
+        return Outcome(out_of_lanes(y, count), out_of_lanes(samples, count), done.astype(int), complete > 0, far > 0)
+
+    def run_one(self, state: Array, parameters: Array, t0: float, h: float, n: int) -> Array | None:
+        """The state (2n,) after n steps of one trajectory, or None where it stopped: the shortest way into the code."""
+        local = self._local
+        if not hasattr(local, "call"):
+            local.buffers = [np.empty(max(1, size)) for size in (len(state), len(parameters), len(state), 3)]
+            local.addresses = [ctypes.c_void_p(address(x)) for x in local.buffers]
+            local.call = self.native(1).call
+        y, p, sample, report = local.buffers
+        y[:] = state
+        p[: len(parameters)] = parameters
+        a = local.addresses
+        local.call(a[0], a[1], h, t0, n, max(1, n), a[2], a[3], 1, 1)
+        return sample.copy() if report[1] else None
+
+
+class NativeEvaluator:
+    """Accelerations of single states by machine code."""
+
+    def __init__(self, code: Code, lanes: int, cached: bool):
+        self.code, self.lanes, self.cached = code, lanes, cached
+        self.loaded: dict[int, NativeCode] = {}
+
+    def native(self, lanes: int) -> NativeCode:
+        if lanes not in self.loaded:
+            listing = loops.acceleration(self.code, lanes)
+            self.loaded[lanes] = native_code.compile_text(listing.text, "accelerate", listing.operations, self.cached)
+        return self.loaded[lanes]
+
+    def accelerations(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
+        """Accelerations (k, n), and whether all guards hold (k,), of states (k, 2n) at times (k,)."""
+        count = len(states)
+        lanes = 1 if count == 1 else self.lanes
+        y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
+        out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
+        self.native(lanes).call(address(y), address(p), address(at), address(out), len(y))
+        found = out_of_lanes(out, count)
+        return found[:, :-1], found[:, -1] > 0

@@ -1,0 +1,156 @@
+"""States on the constraints, spread over the motion: where pivots are chosen and programs are checked.
+
+An undriven linkage is walked along its free motion, from its start, a step of at most STEP at a time, until the walk has been round
+or has met a position where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
+WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
+TIMES = 64  # moments at which a driven linkage is closed
+DENSE = 200  # coordinates: beyond, sparse factorisations are cheaper by far
+CLOSED = 1e-12  # [m, rad]
+RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
+SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Times (k,), positions and velocities (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def part(self, which: NDArray[np.bool_]) -> "States":
+        return States(self.t[which], self.q[which], self.v[which])
+
+
+def typical_length(mechanism: Mechanism) -> float:
+    """Mean distance [m] of the joint points from their centres of mass: makes lengths and angles comparable."""
+    arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
+    arms = [x for x in arms if x > 0]
+    return sum(arms) / len(arms) if arms else 1.0
+
+
+def scales(mechanism: Mechanism) -> Array:
+    """(n,) what a change of each coordinate is measured by: the typical length, and 1 rad."""
+    length = typical_length(mechanism)
+    return np.tile([length, length, 1.0], len(mechanism.links))
+
+
+def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
+    """`count` or fewer states spread over the motion, the start first."""
+    rng = np.random.default_rng(seed)
+    constraints, scale = Constraints(mechanism), scales(mechanism)
+    path = _in_time(mechanism, constraints) if mechanism.drivers else _walked(mechanism, constraints, scale, count, rng)
+    which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
+    t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
+    v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
+    return States(t, q, v)
+
+
+Pose = tuple[float, Array]
+Path = list[Pose]
+
+
+def _walked(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
+    """Poses along the free motion, forwards and, where that ends early, backwards too; in the order they are met."""
+    heading = scale * rng.normal(size=mechanism.n)
+    freedom = 2 if mechanism.dof > 1 else 1  # several freedoms: the heading drifts, and both ways are different anyway
+    steps = int(WALK / STEP) if mechanism.n <= DENSE else count
+    path: Path = []
+    for sign in (1.0, -1.0):
+        q, ahead = mechanism.q0, sign * heading
+        found: Path = []
+        for _ in range(steps):
+            J = constraints(0.0, q, np.zeros_like(q)).J[: constraints.holonomic]
+            drift = 0.4 * scale * rng.normal(size=mechanism.n) * (freedom > 1)
+            ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
+            following = _closed(constraints, 0.0, q + STEP * ahead, scale)
+            if following is None or np.abs((following - q) / scale).max() > 3 * STEP:
+                break
+            q = following
+            found.append((0.0, q))
+        path = [*reversed(path), (0.0, mechanism.q0), *found] if not path else [*reversed(found), *path]
+        if len(found) == steps and freedom == 1:
+            break
+    return path
+
+
+def _unit(x: Array) -> Array:
+    size = float(np.abs(x).max(initial=0.0))
+    return x / size if size > 0 else x
+
+
+def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
+    """Poses at even times over the scenario's duration."""
+    h, scale = constraints.holonomic, scales(mechanism)
+    q, path = mechanism.q0, [(0.0, mechanism.q0)]
+    times = np.linspace(0.0, mechanism.duration, TIMES + 1)
+    for before, t in pairwise(times):
+        rows = constraints(before, q, np.zeros_like(q))
+        ahead = q - (t - before) * scale * shortest(rows.J[:h] * scale, rows.phi_t[:h])
+        closed = _closed(constraints, float(t), ahead, scale)
+        if closed is None:
+            break
+        q = closed
+        path.append((float(t), q))
+    return path
+
+
+def _closed(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
+    """The nearest position on the constraints, or None where Newton does not find one."""
+    for _ in range(12):
+        rows = constraints(t, q, np.zeros_like(q))
+        phi, J = rows.phi[: constraints.holonomic], rows.J[: constraints.holonomic]
+        if np.abs(phi).max(initial=0.0) < CLOSED:
+            return q
+        q = q - scale * shortest(J * scale, phi)
+    return None
+
+
+def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
+    """A random velocity that meets all rows, no faster than SPEED beyond what drivers prescribe."""
+    t, q = pose
+    rows = constraints(t, q, np.zeros_like(q))
+    J = rows.J * scale
+    free = _unit(_free_part(J, rng.normal(size=len(q)))) if len(J) < len(q) else np.zeros_like(q)
+    return scale * (SPEED * free * rng.uniform(0.3, 1.0) - shortest(J, rows.phi_t))
+
+
+def _free_part(J: Array, x: Array) -> Array:
+    """x without its part across the constraints; twice, because the first pass leaves rounding behind."""
+    for _ in range(2):
+        x = x - shortest(J, J @ x)
+    return x
+
+
+def shortest(J: Array, r: Array) -> Array:
+    """The shortest x of J x = r; J (m, n) may have redundant rows."""
+    if not len(J):
+        return np.zeros(J.shape[1])
+    if J.shape[1] <= DENSE:
+        return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
+    S = sp.csc_matrix(J)
+    return np.asarray(S.T @ _normal(S).solve(r))
+
+
+def _normal(S: sp.csc_matrix) -> "splu":
+    """Factors of J J^T, shifted by rounding so that redundant rows do not stop it."""
+    A = (S @ S.T).tocsc()
+    return splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max()))

@@ -1,0 +1,128 @@
+"""The command line's options: every verb, what it takes, and nothing of what it does."""
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from gauss_bench import __version__
+
+Verb = Callable[[argparse.Namespace], int]
+
+
+def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
+    """All verbs with their options; `actions` maps the name of a verb to what it does."""
+    top = argparse.ArgumentParser(
+        prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics."
+    )
+    top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
+    verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
+    for name, (help, options) in VERBS.items():
+        verb = verbs.add_parser(name, help=help, description=help)
+        verb.set_defaults(verb=actions[name])
+        options(verb)
+    return top
+
+
+def _list(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--json", action="store_true")
+
+
+def _show(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--scenario")
+    verb.add_argument("--svg", type=Path, metavar="FILE", help="draw the linkage, with the paths of its observed points")
+    verb.add_argument("--json", action="store_true")
+
+
+def _simulate(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--engine", default="gauss")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--settings", help="of the engine: default, tuned, ...")
+    verb.add_argument("--integrator", help="of the engine; its first by default")
+    verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
+    verb.add_argument("--dt", type=float, default=1e-3, metavar="H", help="step in seconds (default 0.001)")
+    verb.add_argument("--at", type=_times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _kinematics(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--scenario", help="a driven one (default: the first)")
+    verb.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
+    verb.add_argument("--steps", type=int, default=360, metavar="N", help="equal parts of the duration (default 360)")
+    verb.add_argument(
+        "--points", type=lambda text: text.split(","), metavar="LINK.POINT,...", help="default: those the file observes"
+    )
+    verb.add_argument("--method", choices=("loop", "basic"), default="loop", help="link units, or point coordinates")
+    verb.add_argument("--plot", type=Path, metavar="SVG", help="paths, velocities and accelerations of the points")
+    verb.add_argument("--animate", type=Path, metavar="SVG", help="the linkage moving")
+    form = verb.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true")
+    form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
+
+
+def _certify(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--digits", type=int, default=12, metavar="D", help="of positions and velocities to vouch for (default 12)")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds, instead of the scenario's duration")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="where to write the certificate (.npz); else it is only described")
+    verb.add_argument("--built-in", action="store_true", help="every scenario of every built-in linkage, in place")
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes for --built-in (default 2)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _verify(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("certificates", nargs="*", type=Path, metavar="FILE", help="default: those of the built-in linkages")
+    verb.add_argument("--linkage", metavar="FILE-OR-NAME", help="default: the one beside the certificate's folder, or built-in")
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _run(verb: argparse.ArgumentParser) -> None:
+    _suite(verb)
+    verb.add_argument("--suite", choices=("quick", "full", "gate"), default="quick")
+    verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
+    verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
+    verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
+
+
+def _report(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
+
+
+def _check(verb: argparse.ArgumentParser) -> None:
+    _suite(verb)
+    verb.add_argument("--baseline", type=Path, default=Path("reports/baseline.csv"), metavar="CSV")
+    verb.add_argument("--accept", metavar="REASON", help="write a new baseline, dated, with this reason")
+    verb.add_argument("--plant-inertia", type=float, metavar="FACTOR", help="scale the crank's inertia in every engine: must fail")
+
+
+def _suite(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkages", nargs="*", metavar="FILE-OR-NAME", help="default: the four built-in ones")
+    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME", help="may be repeated; default: all")
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _times(text: str) -> list[float]:
+    """Argument of --at."""
+    found = [float(x) for x in text.split(",")]
+    if not all(math.isfinite(x) and x >= 0 for x in found):
+        raise argparse.ArgumentTypeError("times must be numbers that are not negative")
+    return found
+
+
+VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
+    "list": ("linkages, engines, integrators and settings", _list),
+    "show": ("check a linkage file and say what it describes", _show),
+    "simulate": ("run one linkage in one engine", _simulate),
+    "kinematics": ("move one linkage through a law, without forces", _kinematics),
+    "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
+    "verify": ("check certificates in double precision", _verify),
+    "run": ("run a suite and write its tables; finished cases are not repeated", _run),
+    "report": ("write the pages from the tables of a run", _report),
+    "check": ("hold the accuracy cases against the committed baseline", _check),
+}

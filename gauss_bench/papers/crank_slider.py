@@ -1,0 +1,128 @@
+"""The example of Yuan & Ge (2016), section 4, in the paper's own seven coordinates, written down with its misprints corrected.
+
+    q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, place of the slider
+
+The paper leaves the slider's height and angle out, which are zero; the linkage file `crank_slider` keeps them. `states` are motions
+of that file, computed in the crank angle alone, and therefore know nothing of the equations here. All functions take one state (7,)
+and, where they are made of elementary functions, complex numbers too: that is how derivatives are taken to rounding.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+
+Number = NDArray[Any]
+
+KEPT = (0, 1, 2, 3, 4, 5, 6)  # of the nine coordinates of the linkage file: all but the slider's y and theta
+TINY = 1e-30  # imaginary step: it is squared away, so that nothing cancels
+M1, M2, M3 = 0.37, 0.77, 0.1  # [kg]
+L1, L2 = 0.15, 0.56  # [m]
+STIFFNESS, DAMPING, TORQUE = 5.0, 1.0, -0.5  # [N/m], [N s/m], [N m]
+I1, I2 = M1 * L1**2 / 12, M2 * L2**2 / 12  # [kg m^2] not given: uniform bars are assumed
+GRAVITY = 9.81  # [m/s^2] not given
+START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A motion of the linkage file at one instant, in the seven coordinates, with its generalised applied force."""
+
+    q: Array
+    v: Array
+    a: Array
+    Q: Array
+
+
+@cache
+def linkage() -> Mechanism:
+    """The linkage file in the paper's scenario."""
+    return load("crank_slider", "paper")
+
+
+@cache
+def states(count: int = 24) -> tuple[State, ...]:
+    """The paper's start and seeded random states at crank speeds up to 30 rad/s, with their true accelerations."""
+    mechanism, kept = linkage(), list(KEPT)
+    applied = Evaluator(mechanism).applied
+    found = random_states(mechanism, count)
+    rows = [start_state(mechanism), *zip(found.q, found.v, found.a, strict=True)]
+    return tuple(State(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
+
+
+def start_state(mechanism: Mechanism) -> tuple[Array, Array, Array]:
+    """q, v, a (9,) at the start."""
+    motion = MinimalCoordinate(mechanism)
+    theta, w = mechanism.q0[2:3], mechanism.v0[2:3]
+    q, v, a = motion.state(theta, w, motion.acceleration(theta, w))
+    return q[0], v[0], a[0]
+
+
+def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:
+    """d/dt of function(x + t direction) at t = 0, to rounding."""
+    return np.asarray(function(x + 1j * TINY * direction).imag / TINY)
+
+
+def gradient(function: Callable[[Any], Number], x: Array) -> Array:
+    """Derivatives (..., n) of a function of x (n,), to rounding."""
+    return np.stack([derivative(function, x, unit) for unit in np.eye(len(x))], axis=-1)
+
+
+def residual(q: Number) -> Number:
+    """Eq. (21): crank pin and crank's centre, rod's centre from the crank, slider and its guide from the rod."""
+    x1, y1, t1, x2, y2, t2, x3 = q
+    crank, rod = (L1 * np.cos(t1), L1 * np.sin(t1)), (L2 * np.cos(t2), L2 * np.sin(t2))
+    return np.array(
+        [
+            x1 - crank[0] / 2,
+            y1 - crank[1] / 2,
+            crank[0] - x2 + rod[0] / 2,
+            crank[1] - y2 + rod[1] / 2,
+            x2 + rod[0] / 2 - x3,
+            y2 + rod[1] / 2,
+        ]
+    )
+
+
+def jacobian(q: Number) -> Number:
+    """Eq. (22) with its entry (6, 6) as it should be."""
+    s1, c1 = L1 * np.sin(q[2]), L1 * np.cos(q[2])
+    s2, c2 = L2 / 2 * np.sin(q[5]), L2 / 2 * np.cos(q[5])
+    return np.array(
+        [
+            [1, 0, s1 / 2, 0, 0, 0, 0],
+            [0, 1, -c1 / 2, 0, 0, 0, 0],
+            [0, 0, -s1, -1, 0, -s2, 0],
+            [0, 0, c1, 0, -1, c2, 0],
+            [0, 0, 0, 1, 0, -s2, -1],
+            [0, 0, 0, 0, 1, c2, 0],
+        ]
+    )
+
+
+def bias(q: Array, v: Array) -> Array:
+    """Eq. (23), right-hand side of J a = g, with rows 3, 5 and 6 as they should be."""
+    x1, y1 = L1 * np.cos(q[2]) * v[2] ** 2, L1 * np.sin(q[2]) * v[2] ** 2
+    x2, y2 = L2 / 2 * np.cos(q[5]) * v[5] ** 2, L2 / 2 * np.sin(q[5]) * v[5] ** 2
+    return np.array([-x1 / 2, -y1 / 2, x1 + x2, y1 + y2, x2, y2])
+
+
+def mass() -> Array:
+    """Eq. (17): the diagonal of M (7,)."""
+    return np.array([M1, M1, I1, M2, M2, I2, M3])
+
+
+def forces(q: Array, v: Array) -> Array:
+    """Eq. (19): weights, the torque, spring and damper of the slider (7,)."""
+    push = STIFFNESS * (L1 + L2 - q[6]) - DAMPING * v[6]
+    return np.array([0.0, -M1 * GRAVITY, TORQUE, 0.0, -M2 * GRAVITY, 0.0, push])

@@ -1,0 +1,138 @@
+"""The running regime of the crank-slider: what it takes in and loses on each turn once every turn is like the one before.
+
+Counted along the turned angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u; time and
+the energy lost in the damper are integrated along with it:
+
+    dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
+
+The speed that a turn starts and ends with alike is found by the secant method. A constant torque gives 2 pi |tau| a turn for ever;
+at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import newton
+
+from gauss_bench.papers.crank_motion import RTOL, CrankMotion
+from gauss_bench.terms import Array
+
+TURN = 2 * np.pi
+SAMPLES = 2001  # of a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
+STEADY = 1e-2  # relative: speeds within this of the last one are called steady
+TURNS = 500  # at most; the paper's example needs some 50 to become steady
+POINTS = 4096  # of a turn, for an integral of a smooth periodic function: exact to rounding
+
+
+@dataclass(frozen=True)
+class Regime:
+    """One turn of the steady motion, and the way there from rest.
+
+    Attributes:
+        mean, slowest, fastest: crank speed over a turn in time, and its extremes, signed [rad/s].
+        period: [s]; taken, lost: energy of the torque and in the damper [J] over a turn.
+        first_speed, first_time: at the end of the first turn from rest [rad/s], [s].
+        steady_after: time from rest [s] after which each turn starts within STEADY of the last speed.
+    """
+
+    mean: float
+    slowest: float
+    fastest: float
+    period: float
+    taken: float
+    lost: float
+    first_speed: float
+    first_time: float
+    steady_after: float
+
+
+def swept(motion: CrankMotion) -> float:
+    """Integral of (dx3/dtheta)^2 over a turn [m^2]."""
+    theta = np.arange(POINTS) * TURN / POINTS
+    return float((motion.positions(theta)[1][6] ** 2).mean() * TURN)
+
+
+def balance_speed(motion: CrankMotion) -> float:
+    """Constant crank speed [rad/s] at which the damper would take what the torque gives."""
+    return TURN * motion.torque / (motion.c * swept(motion))
+
+
+def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
+    """Time and speed at the end of the first turn from rest.
+
+    Raises:
+        ArithmeticError: the crank does not complete it.
+    """
+
+    def completed(t: float, y: Array) -> float:
+        return TURN - abs(float(y[0]))
+
+    completed.terminal = True  # type: ignore[attr-defined]
+    course = motion.run(10.0, rtol=rtol, event=completed)
+    if not course.stopped:
+        raise ArithmeticError("the crank does not complete a turn from rest")
+    return float(course.t[-1]), float(course.w[-1])
+
+
+def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
+    """|w|, time and lost energy (3, samples) along a turn that starts at theta = 0 with speed w."""
+    direction = np.sign(w)
+
+    def rate(s: float, y: Array) -> list[float]:
+        theta, speed = direction * s, direction * y[0]
+        slope = float(motion.positions(theta)[1][6])
+        return [direction * float(motion.acceleration(theta, speed)) / y[0], 1 / y[0], motion.c * slope**2 * y[0]]
+
+    start, places = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
+    found = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=places)
+    if not found.success:
+        raise ArithmeticError(f"the crank does not complete the turn it starts with {w:.6g} rad/s")
+    return np.asarray(found.y)
+
+
+def regime(motion: CrankMotion, rtol: float = RTOL) -> Regime:
+    """The running regime that a start from rest leads to.
+
+    Raises:
+        ArithmeticError: the crank does not complete a turn, or its turns do not become alike.
+    """
+    first_time, first_speed = first_turn(motion, rtol)
+    direction = float(np.sign(first_speed))
+
+    def gain(u: float) -> float:
+        return float(turn(motion, direction * u, rtol)[0, -1]) - u
+
+    try:
+        guess = abs(balance_speed(motion))
+        steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
+    except RuntimeError as error:
+        raise ArithmeticError("no speed that a turn starts and ends with") from error
+    last = turn(motion, direction * steady, rtol, SAMPLES)
+    period = float(last[1, -1])
+    return Regime(
+        mean=direction * TURN / period,
+        slowest=direction * float(last[0].min()),
+        fastest=direction * float(last[0].max()),
+        period=period,
+        taken=TURN * abs(motion.torque),
+        lost=float(last[2, -1]),
+        first_speed=first_speed,
+        first_time=first_time,
+        steady_after=first_time + approach(motion, first_speed, steady, rtol),
+    )
+
+
+def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
+    """Time [s] from the first turn's end to the first turn that starts within STEADY of the steady speed; later ones are nearer.
+
+    Raises:
+        ArithmeticError: no turn does.
+    """
+    t, direction, u = 0.0, float(np.sign(w)), abs(w)
+    for _ in range(TURNS):
+        if abs(u / steady - 1) < STEADY:
+            return t
+        end = turn(motion, direction * u, rtol)[:, -1]
+        t, u = t + float(end[1]), float(end[0])
+    raise ArithmeticError(f"the turns of the crank are not alike after {TURNS}")

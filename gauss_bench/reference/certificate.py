@@ -1,0 +1,144 @@
+"""A certificate: the samples of a motion, how far each can be trusted, and what they hold for.
+
+The stored doubles are the correctly rounded values of the more exact pipeline; beside them stand, for every time, the largest
+disagreement of the two pipelines so far and the floor below which engines in double precision cannot be told apart. Files are
+compressed npz archives; the digest of the linkage inside makes them worthless for any other.
+"""
+
+import io
+import json
+import os
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.generate import generated
+from gauss_bench.mechanism.load import built_in_folder
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+FORMAT = "gauss-bench certificate/1"
+ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
+
+
+class CertificateError(ValueError):
+    """A file that is no certificate, or not one of this linkage."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A certified motion from 0 to its last sample.
+
+    Attributes:
+        name, scenario, digest: of the linkage it holds for.
+        t: (k,) [s]; q, v, a: (k, n); multipliers: (k, m) of M a + J^T lambda = Q, (k, 0) where redundant rows leave them open.
+        error_q, error_v, error_a, error_multipliers: (k,) largest disagreement of the pipelines up to each time.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time when the parameters change by 1e-16 of themselves.
+        digits: how many decimal digits of positions and velocities are vouched for to the last sample.
+        duration: [s] that was asked for.
+        stopped: why it ends before that, or empty.
+        facts: methods, versions, drifts, steps and what the closed form says, as plain data.
+    """
+
+    name: str
+    scenario: str
+    digest: str
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    multipliers: Array
+    error_q: Array
+    error_v: Array
+    error_a: Array
+    error_multipliers: Array
+    floor_q: Array
+    floor_v: Array
+    floor_a: Array
+    digits: int
+    duration: float
+    stopped: str
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def until(self) -> float:
+        """The last time [s] vouched for."""
+        return float(self.t[-1])
+
+
+def write_certificate(certificate: Certificate, path: Path) -> None:
+    """Write the file whole or not at all; the same certificate gives the same bytes."""
+    header = {k: getattr(certificate, k) for k in ("name", "scenario", "digest", "digits", "duration", "stopped", "facts")}
+    text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in {"header": np.array(text), **{x: getattr(certificate, x) for x in ARRAYS}}.items():
+            content = io.BytesIO()
+            np.save(content, array, allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
+    part.replace(path)
+
+
+def read_certificate(path: Path) -> Certificate:
+    """A certificate as written.
+
+    Raises:
+        CertificateError: the file is missing, damaged or something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            header = json.loads(str(data["header"]))
+            arrays = {name: data[name] for name in ARRAYS}
+    except FileNotFoundError as error:
+        raise CertificateError(f"{path}: no such certificate") from error
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise CertificateError(f"{path}: not a certificate, or damaged") from error
+    if header.pop("format", None) != FORMAT:
+        raise CertificateError(f"{path}: not of the format {FORMAT!r}")
+    return Certificate(**header, **arrays)
+
+
+def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> None:
+    """Refuse a certificate of another linkage.
+
+    Raises:
+        CertificateError: the linkage or its scenario has changed since.
+    """
+    asked = f"{mechanism.name} in scenario {mechanism.scenario}"
+    if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):
+        raise CertificateError(f"{path}: certifies {certificate.name} in scenario {certificate.scenario}, not {asked}")
+    if certificate.digest != mechanism.digest:
+        raise CertificateError(
+            f"{path}: made for another version of {asked}; the linkage has changed since, so that the certificate no longer holds; "
+            "make a new one with `gauss-bench certify`"
+        )
+
+
+def certificate_path(mechanism: Mechanism) -> Path | None:
+    """Where the certificate of a linkage is looked for: certificates/NAME.SCENARIO.npz beside its file.
+
+    For a linkage that is generated by its name, among those of the suite; None for one that has no place.
+    """
+    source = Path(mechanism.source)
+    folder = source.parent if source.is_file() else built_in_folder() if generated(mechanism.source) else None
+    return folder / "certificates" / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
+
+
+def as_reference(certificate: Certificate, t_end: float) -> Reference:
+    """The certified motion up to `t_end`; to the pipelines' disagreement comes the rounding of what is stored."""
+    k = int(np.searchsorted(certificate.t, t_end * (1 + 1e-12), side="right"))
+    levels = {x: getattr(certificate, x)[:k] for x in ("q", "v", "a")}
+    bars = {f"error_{x}": getattr(certificate, f"error_{x}")[:k] + rounding(values) for x, values in levels.items()}
+    floors = {f"floor_{x}": getattr(certificate, f"floor_{x}")[:k] for x in levels}
+    method = f"certified: {certificate.facts['method']}"
+    return Reference(certificate.t[:k], **levels, **bars, **floors, method=method)
+
+
+def rounding(values: Array) -> Array:
+    """(k,) half a unit in the last place of the largest value so far."""
+    return np.asarray(np.spacing(np.maximum.accumulate(np.abs(values).max(axis=-1))) / 2)

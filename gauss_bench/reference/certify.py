@@ -1,0 +1,200 @@
+"""Certifies a motion: two pipelines that share neither integrator nor equations, and what their disagreement vouches for.
+
+Pipeline A, a Taylor series in 128 bit, gives the values; pipeline B, collocation in long double, the error bars, at a step that is
+halved until its own error no longer shows. Where the motion has a closed form that is the truth, and both pipelines are held
+against it. The certificate ends where fewer digits than asked for are left, or where a pipeline says that it cannot go on.
+"""
+
+import platform
+from collections.abc import Callable, Sequence
+from decimal import Decimal
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.mechanism.load import decimal_document, load, merge
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.certificate import Certificate
+from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.extended import extended_motion
+from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.sensitivity import floors
+from gauss_bench.reference.taylor import taylor_motion
+from gauss_bench.terms import Array
+
+DIGITS = 12
+SAMPLES = 500  # at most, so that a file stays small
+FINEST = 50  # at least: a motion over milliseconds is sampled more often than every hundredth of a second
+SPACING = Decimal("0.01")  # [s]
+STEPS = 100  # of the collocation at least; it halves its steps itself where the motion needs it
+HALVINGS = 2
+ENOUGH = 2.0**-54  # relative: what rounding to double leaves anyway
+LEVELS = ("q", "v", "a")
+
+Report = Callable[[str, float], None]  # told the stage and the time reached [s]
+
+
+class Uncertified(ArithmeticError):
+    """Nothing of the motion can be vouched for."""
+
+
+class Split(NamedTuple):
+    """Numbers of extended precision as two doubles: the nearest one, and the rest."""
+
+    high: Array
+    low: Array
+
+
+def certify(
+    linkage: str | Path, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, report: Report | None = None
+) -> Certificate:
+    """The certificate of a linkage in one scenario, from 0 to its duration, or to `until` [s].
+
+    Args:
+        linkage: a file, or a name.
+        scenario: of the file; the first with a start where not given.
+        digits: to vouch for, of positions and velocities relative to their largest values.
+        until: [s] instead of the scenario's duration.
+        report: told how far it is.
+
+    Raises:
+        LinkageError: the file has faults.
+        Uncertified: nothing can be vouched for.
+        ImportError: the extra that generates certificates is not installed.
+    """
+    mechanism = load(linkage, scenario)
+    document = decimal_document(linkage)
+    document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
+    duration = mechanism.duration if until is None else until
+    times = sample_times(duration)
+    said = report or (lambda stage, t: None)
+    first = taylor_motion(document, mechanism.scenario, times, progress=lambda t: said("Taylor series", t))
+    exact = closed_form(mechanism, times)
+    truth = first if exact is None else exact
+    second, step = _collocation(document, mechanism, first, truth, said)
+    bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
+    kept, worst, reason = _vouched(truth, bars, (first, second), digits) if exact is None else (len(times), 0.0, "")
+    if kept < min(2, len(times)):
+        raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: nothing can be vouched for: {reason}")
+    stored = {level: split(getattr(truth, level)).high[:kept] for level in LEVELS}
+    forces = first.multipliers if len(first.times) >= kept else None  # a closed form has none; those of the pipeline are as exact
+    stored["multipliers"] = np.zeros((kept, 0)) if forces is None else split(forces).high[:kept]
+    said("sensitivity", 0.0)
+    floor = floors(document, mechanism, truth.times[:kept])
+    arrays: dict[str, Any] = stored | {f"floor_{level}": floor[level] for level in LEVELS}
+    for level, bar in bars.items():
+        proven = level in LEVELS and exact is not None
+        arrays[f"error_{level}"] = np.zeros(kept) if proven or not stored[level].size else bar[:kept]
+    return Certificate(
+        name=mechanism.name,
+        scenario=mechanism.scenario,
+        digest=mechanism.digest,
+        t=np.array([float(t) for t in truth.times[:kept]]),
+        digits=int(np.floor(-np.log10(max(worst, ENOUGH)))),
+        duration=duration,
+        stopped=reason,
+        facts=_facts(truth, exact, first, second, step),
+        **arrays,
+    )
+
+
+def sample_times(duration: float) -> list[str]:
+    """Decimal texts: multiples of a hundredth of a second, fewer for long motions and more for short ones, and the end."""
+    end = Decimal(repr(float(duration)))
+    spacing = SPACING
+    while end / spacing > SAMPLES:
+        spacing += SPACING
+    while end > 0 and end / spacing < FINEST:
+        spacing /= 10
+    times = [k * spacing for k in range(int(end / spacing) + 1)]
+    return [str(t) for t in (times if times[-1] == end else [*times, end])]
+
+
+def split(values: NDArray[Any]) -> Split:
+    """Numbers of any type as high and low part."""
+    if values.dtype == object:
+        high = np.array([float(x) for x in values.ravel()]).reshape(values.shape)
+        low = np.array([float(x - h) for x, h in zip(values.ravel(), high.ravel().tolist(), strict=True)]).reshape(values.shape)
+        return Split(high, low)
+    high = values.astype(float)
+    return Split(high, (values - high.astype(values.dtype)).astype(float))
+
+
+def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
+    """(k,) largest difference at each time that both have, right to far below double precision."""
+    k = min(len(one), len(other))
+    a, b = split(one[:k]), split(other[:k])
+    return np.asarray(np.abs((a.high - b.high) + (a.low - b.low)).max(axis=-1, initial=0.0))
+
+
+def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
+    """Level -> (k,) largest distance from the truth up to each time that the other motion reached."""
+    found = {}
+    for level in (*LEVELS, "multipliers"):
+        one, two = getattr(truth, level), getattr(other, level)
+        known = one is not None and two is not None
+        found[level] = np.maximum.accumulate(distance(one, two)) if known else np.zeros(len(other.times))
+    return found
+
+
+def relative(motion: Motion, level: str, bars: Array) -> Array:
+    """(k,) error bars relative to the largest value so far, or to 1 where all are smaller."""
+    largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
+    return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
+
+
+def _collocation(
+    document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, said: Report
+) -> tuple[Motion, float]:
+    """Pipeline B at the step from which halving no longer brings it nearer, and that step [s]."""
+    step = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS)
+    best: tuple[Motion, float] | None = None
+    before = np.inf
+    for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
+
+        def progress(t: float, h: float = step) -> None:
+            said(f"collocation at {h:.2g} s", t)
+
+        found = extended_motion(document, mechanism.scenario, truth.times, step, progress)
+        bars = disagreement(truth, found)
+        worst = max(float(relative(truth, level, bars[level]).max()) for level in ("q", "v"))
+        longer = best is None or len(found.times) > len(best[0].times)
+        if longer or worst < before:
+            best = found, step
+        if worst <= ENOUGH or (worst > before / 4 and not longer):
+            break
+        before, step = worst, step / 2
+    assert best is not None
+    return best
+
+
+def _vouched(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
+    """How many samples have the digits asked for, their largest relative error bar, and why there are no more."""
+    worst = np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v")))
+    lost = np.flatnonzero(~(worst <= 10.0**-digits))
+    kept = int(lost[0]) if len(lost) else len(worst)
+    if kept == len(truth.times) and not truth.stopped:
+        return kept, float(worst.max(initial=0.0)), ""
+    last = truth.times[kept - 1] if kept else "0"
+    grown = f"the pipelines agree to {digits} digits until t = {last} s and to fewer after: small errors grow in this motion"
+    said = [m.stopped for m in pipelines if m.stopped and len(m.times) <= kept]
+    return kept, float(worst[:kept].max(initial=0.0)), "; ".join(said) or grown
+
+
+def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
+    """What made the certificate, as plain data."""
+    pipelines = []
+    for motion in (first, second):
+        entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
+        if exact is not None:
+            entry["off_closed_form"] = float(relative(exact, "q", disagreement(exact, motion)["q"]).max())
+        pipelines.append(entry)
+    return {
+        "method": truth.method,
+        "pipelines": pipelines,
+        "collocation_step": step,
+        "versions": {name: version(name) for name in ("gauss-bench", "heyoka", "numpy")} | {"python": platform.python_version()},
+    }

@@ -1,0 +1,132 @@
+"""Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
+
+The order is chosen at one state, in double precision, and the elimination then written once for all states near it. Chosen is the
+pivot that fills in least among those not small in their row (Markowitz). A rectangular system A x = b of full row rank leaves
+some unknowns without a pivot; these are free, and x = x0 + N u with u their values.
+
+    x0    the solution in which the free unknowns vanish
+    N     its columns solve A N = 0 with one free unknown equal to one and the others zero
+
+Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed. 2017), sections 5.4 and 7.2.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.reference.arithmetic import Value, add, div, literal, mul, neg, sub
+from gauss_bench.terms import Array
+
+Entries = Mapping[int, Value]  # column -> value
+Order = tuple[tuple[int, int], ...]  # (row, column) of every pivot
+SMALL = 0.3  # of the largest entry of its row, and
+TINY = 0.1  # of the largest entry of all: a pivot smaller than that waits, so that of dependent rows the better one is kept
+
+
+class Pivots(NamedTuple):
+    """An order of pivots, its smallest pivot with the row it is in, and the largest entry in the rows that got none."""
+
+    order: Order
+    smallest: float
+    weakest: int
+    left: float
+
+
+def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivots:
+    """The order for a matrix (m, n) with the given pattern of entries; rows without an entry above `floor` get no pivot."""
+    A, structure = A.astype(float).copy(), structure.copy()
+    rows, columns = list(range(A.shape[0])), list(range(A.shape[1]))
+    order: list[tuple[int, int]] = []
+    smallest, weakest = np.inf, 0
+    while rows:
+        part = np.abs(A[np.ix_(rows, columns)])
+        largest = part.max(axis=1, initial=0.0)
+        pattern = structure[np.ix_(rows, columns)]
+        fill = (pattern.sum(axis=1) - 1)[:, None] * (pattern.sum(axis=0) - 1)[None, :]
+        usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
+        if not usable.any():
+            return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
+        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of equal ones the larger
+        i, j = np.unravel_index(int(cost.argmin()), cost.shape)
+        r, c = rows.pop(int(i)), columns.pop(int(j))
+        order.append((r, c))
+        smallest, weakest = min((smallest, weakest), (float(abs(A[r, c])), r))
+        for other in rows:
+            if structure[other, c]:
+                A[other] -= A[other, c] / A[r, c] * A[r]
+                structure[other] |= structure[r]
+    return Pivots(tuple(order), float(smallest), weakest, 0.0)
+
+
+class Factors(NamedTuple):
+    """Rows after elimination in pivot order, without their pivots, and the row operations (target, source, factor)."""
+
+    order: Order
+    rows: list[dict[int, Value]]
+    pivots: list[Value]
+    steps: list[tuple[int, int, Value]]
+
+
+def factorised(entries: Sequence[Entries], order: Order) -> Factors:
+    """Forward elimination of the rows that have a pivot."""
+    rows = [dict(entries[r]) for r, _ in order]
+    pivots: list[Value] = []
+    steps: list[tuple[int, int, Value]] = []
+    for k, (_, c) in enumerate(order):
+        pivots.append(rows[k].pop(c))
+        for i in range(k + 1, len(rows)):
+            if c in rows[i]:
+                factor = div(rows[i].pop(c), pivots[k])
+                steps.append((i, k, factor))
+                for j, value in rows[k].items():
+                    rows[i][j] = sub(rows[i].get(j, 0), mul(factor, value))
+    return Factors(order, rows, pivots, steps)
+
+
+def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
+    """x0 by column, for right-hand sides (m,) of all rows; free unknowns are left out."""
+    y = [b[r] for r, _ in factors.order]
+    for i, k, factor in factors.steps:
+        y[i] = sub(y[i], mul(factor, y[k]))
+    x: dict[int, Value] = {}
+    for (_, c), row, pivot, value in reversed(list(zip(factors.order, factors.rows, factors.pivots, y, strict=True))):
+        for j, a in row.items():
+            value = sub(value, mul(a, x.get(j, 0)))
+        x[c] = div(value, pivot)
+    return x
+
+
+def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
+    """Column of N -> its entries by unknown; the columns are named by the free unknowns among n."""
+    bound = {c for _, c in factors.order}
+    N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
+    for (_, c), row, pivot in reversed(list(zip(factors.order, factors.rows, factors.pivots, strict=True))):
+        for column in N.values():
+            value: Value = 0
+            for j, a in row.items():
+                value = add(value, mul(a, column.get(j, 0)))
+            if not literal(value, 0):
+                column[c] = neg(div(value, pivot))
+    return N
+
+
+def solve_positive(A: list[list[Any]], b: list[Any]) -> list[Value]:
+    """x (f,) of A x = b for a symmetric positive definite matrix, which needs no choice of pivots (Cholesky without roots)."""
+    A, b = [list(row) for row in A], list(b)
+    f = len(b)
+    for k in range(f):
+        for i in range(k + 1, f):
+            if literal(A[i][k], 0):
+                continue
+            factor = div(A[i][k], A[k][k])
+            for j in range(k + 1, i + 1):
+                A[i][j] = sub(A[i][j], mul(factor, A[j][k]))
+            b[i] = sub(b[i], mul(factor, b[k]))
+    for k in reversed(range(f)):
+        value = b[k]
+        for j in range(k + 1, f):
+            value = sub(value, mul(A[j][k], b[j]))
+        b[k] = div(value, A[k][k])
+    return b

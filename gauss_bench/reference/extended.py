@@ -1,0 +1,208 @@
+"""The second pipeline of a certificate: collocation of order 20 in long double, in absolute coordinates.
+
+The unknowns of a step are accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes, of which positions and velocities
+follow, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i. They solve at every node
+
+    M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
+
+by corrections x_i += P_i r_i with residuals in long double and P_i the double inverse where the last step's polynomial expects the
+node. One correction serves at once as iterative refinement of the linear system and as fixed-point iteration of the nodes; the
+slower of both, about h times the largest rate of the motion, sets the pace. After every step the state is projected onto positions
+and velocities that fit together, so that no drift enters. Where everything is driven, that projection is all there is to do.
+
+Steps between two samples are equal, and halved until the nodes resolve the accelerations: their Legendre coefficients fall
+geometrically, and what Gauss quadrature leaves out begins at twice the degree of the last one. Steps end where a motion law has
+less than smooth derivatives.
+
+Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
+Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
+Approximation Practice (2013), chapters 8 (coefficients) and 19 (quadrature).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
+from gauss_bench.reference.extended_linkage import LONG, Linkage, check_platform, start
+from gauss_bench.reference.motion import Motion, Progress
+from gauss_bench.reference.refinement import EPS, Unsolved, corrected
+from gauss_bench.terms import Array
+
+STAGES = 10
+ITERATIONS = 40
+SETTLED = 1e-15  # relative: corrections of the nodes this small that shrink no more are rounding
+HALVINGS = 8
+RESOLVED = 1e-9  # last coefficients relative to the accelerations: at twice their degree, 1e-18 and less is left out of a step
+SMOOTH = 1e-13  # steps twice as long would be resolved too: nine powers of two, and some to spare
+MOVED = 1e-2  # a correction so large leaves the inverse behind
+HOPELESS = 0.1  # still as large after PATIENCE corrections
+PATIENCE = 6
+NEAR = 1e-3  # relative singular value worth a word where the nodes are not found
+
+
+def extended_motion(
+    document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
+) -> Motion:
+    """The motion at the sample times, up to where it has to stop.
+
+    Args:
+        document: with decimals as written (`decimal_document`) and the scenario's override merged.
+        times: decimal texts [s], ascending from "0".
+        step: largest step [s]; equal ones between two samples, halved where the motion needs it.
+        progress: told the sample time reached.
+
+    Raises:
+        ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
+    """
+    check_platform()
+    linkage, q0, v0 = start(document, scenario)
+    samples = {LONG(x) for x in times}
+    grid = sorted(samples | {x for x in _breaks(document["scenarios"][scenario]) if 0 < x < max(samples)})
+    move = driven_states if linkage.freedom == 0 else collocated_states
+    states: list[tuple[Array, ...]] = []
+    stopped = ""
+    try:
+        for t, (q, v) in zip(grid, move(linkage, grid, q0, v0, step), strict=True):
+            if t in samples:
+                states.append((q, v, *linkage.loads(t, q, v)))
+                if progress:
+                    progress(float(t))
+    except ArithmeticError as error:
+        if not states:
+            raise
+        stopped = str(error)
+    return _sampled(linkage, times, states, stopped, step)
+
+
+def _breaks(scenario: dict[str, Any]) -> list[Any]:
+    """Times [s] at which the motion laws of a scenario are not smooth: the end of a rise, the knots of a table."""
+    tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
+    ends = [table["time"] for table in tables if "time" in table]
+    knots = [row[0] for table in tables for row in table.get("rows", [])]
+    return [LONG(str(x)) for x in (*ends, *knots)]
+
+
+def driven_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
+    """Positions and velocities at the times of a linkage without freedom, each from the one a step before."""
+    yield q, v
+    for begin, end in pairwise(times):
+        count = step_count(end - begin, step)
+        h = (end - begin) / count
+        for k in range(count):
+            a, _ = linkage.loads(begin + k * h, q, v)
+            t = end if k + 1 == count else begin + (k + 1) * h
+            q, v = linkage.project(t, q + h * (v + h / 2 * a), v + h * a)
+        yield q, v
+
+
+@dataclass(frozen=True, eq=False)
+class Stepped:
+    """State after a step of length h, with the accelerations (s, n) at its nodes.
+
+    Attributes:
+        halvings: how often the steps had to be halved to get here.
+        tail: last Legendre coefficients of the accelerations, relative to these: what the nodes leave unresolved.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    h: Any
+    halvings: int = 0
+    tail: float = 0.0
+
+
+def collocated_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
+    """Positions and velocities at the times of a linkage that moves freely, at least in part."""
+    method = gauss_tableau(STAGES, LONG)
+    a, _ = linkage.loads(times[0], q, v)
+    state = Stepped(q, v, np.tile(a, (STAGES, 1)), LONG(step))
+    yield q, v
+    for begin, end in pairwise(times):
+        state = _interval(linkage, method, begin, end, state, step_count(end - begin, step))
+        yield state.q, state.v
+
+
+def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Stepped, count: int) -> Stepped:
+    """From one sample to the next in `count` equal steps, or in twice as many until they resolve the motion."""
+    for halvings in range(max(0, state.halvings - (state.tail < SMOOTH)), HALVINGS + 1):
+        try:
+            h, moved, tail = (end - begin) / (count << halvings), state, 0.0
+            for k in range(count << halvings):
+                moved = _step(linkage, method, begin + k * h, h, moved)
+                tail = max(tail, moved.tail)
+            return replace(moved, halvings=halvings, tail=tail)
+        except (NoConvergence, Unsolved) as error:
+            last = error
+    raise last
+
+
+def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Stepped:
+    """One step.
+
+    Raises:
+        NoConvergence: its nodes are not found, or do not resolve the motion.
+        Unsolved: it ends in a singular position, or cannot be projected.
+    """
+    a = _nodes(linkage, method, t, h, state)
+    tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))
+    if tail > RESOLVED:
+        raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s resolve the accelerations only to {tail:.1e}")
+    q = state.q + h * (state.v + h * (method.bA @ a))
+    q, v = linkage.project(t + h, q, state.v + h * (method.b @ a))
+    return Stepped(q, v, a, h, tail=tail)
+
+
+def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Array:
+    """Accelerations (s, n) at the nodes of the step that begins at t.
+
+    Multipliers start from zero, and so stay the shortest where rows are redundant; one more correction is all it costs.
+
+    Raises:
+        NoConvergence: the corrections do not shrink to rounding.
+        Unsolved: a node is a singular position.
+    """
+    n = len(state.q)
+    drift, times = state.q + np.outer(method.c * h, state.v), t + method.c * h
+    A, AA = h * method.A, h * h * method.AA
+    x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
+    x[:, :n] = method.forecast(h / state.h) @ state.a
+    size, found = np.inf, None
+    for k in range(ITERATIONS):
+        q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
+        if found is None or size > MOVED:
+            found = linkage.inverse(times, linkage.rows(times, q, v).J)
+        step = corrected(found.inverse, linkage.imbalance(times, q, v, x))
+        x, before = x + step, size
+        size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
+        pace = size / before if k else 1.0
+        if size * pace <= EPS or (k > 1 and size < SETTLED and pace > 0.5):  # the next correction would be rounding
+            return x[:, :n]
+        if k >= PATIENCE and not size < HOPELESS:
+            break
+    near = f", near a singular position (relative singular value {found.smallest:.1e})" if found and found.smallest < NEAR else ""
+    raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
+
+
+def _sampled(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
+    q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
+    rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
+    rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t
+    way = "Newton's method at every step" if linkage.freedom == 0 else "Gauss-Legendre collocation of order 20 with projection"
+    value, when = linkage.nearest
+    near = f"; nearest to a singular position at {when:.4g} s (relative singular value {value:.1e})" if value < NEAR else ""
+    return Motion(
+        times=tuple(times[: len(q)]),
+        q=q,
+        v=v,
+        a=a,
+        multipliers=None if linkage.rank < rows.phi.shape[-1] else multipliers,
+        drift=(float(np.abs(rows.phi).max(initial=0.0)), float(np.abs(rate).max(initial=0.0))),
+        stopped=stopped,
+        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); {way}, steps of at most {step:g} s; numpy "
+        f"{np.__version__}{near}",
+    )

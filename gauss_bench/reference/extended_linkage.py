@@ -1,0 +1,144 @@
+"""A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state that fits.
+
+Every number comes from the decimals of the file; the double-precision assembly only tells where to look. All solves are those of
+`refinement.py`, with a double inverse at the same or a nearby position.
+"""
+
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.build import build_mechanism
+from gauss_bench.mechanism.closure import RANK_TOLERANCE, assemble, held_coordinates, joint_residual
+from gauss_bench.mechanism.constraints import Constraints, Rows
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, saddle
+from gauss_bench.terms import Array
+
+MANTISSA = 60  # bits; long double is no longer than double on some platforms
+SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, leaves a double nothing
+LONG = np.longdouble
+
+
+def check_platform() -> None:
+    """Refuse a platform whose long double is no longer than double.
+
+    Raises:
+        ArithmeticError: saying how long it is.
+    """
+    bits = np.finfo(LONG).nmant
+    if bits <= MANTISSA:
+        raise ArithmeticError(f"long double has {bits} bits of mantissa on this platform, and needs more than {MANTISSA} here")
+
+
+@dataclass(eq=False)
+class Linkage:
+    """A mechanism with what its solves need, all in long double.
+
+    Attributes:
+        rank: of the constraint rows, as the linkage has it; singular values beyond are rounding.
+        nearest: smallest relative singular value met so far, and when [s].
+    """
+
+    mechanism: Mechanism
+    evaluator: Evaluator
+    rank: int
+    nearest: tuple[float, float] = (1.0, 0.0)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom that nothing drives."""
+        return self.mechanism.n - self.rank
+
+    def rows(self, t: Any, q: Array, v: Array) -> Rows:
+        return self.evaluator.constraints(t, q, v)
+
+    def inverse(self, t: Any, J: Array) -> Saddle:
+        """The double inverse at rows J (..., m, n).
+
+        Raises:
+            Unsolved: the position is singular.
+        """
+        found, when = saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        if not found.smallest > SINGULAR:
+            raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {found.smallest:.1e})")
+        self.nearest = min(self.nearest, (found.smallest, when))
+        return found
+
+    def imbalance(self, t: Any, q: Array, v: Array, x: Array) -> Array:
+        """Residual (..., n + m) of accelerations and multipliers x at state(s) q, v."""
+        rows = self.rows(t, q, v)
+        return imbalance(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
+
+    def loads(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """Accelerations (n,) and multipliers (m,) at one state.
+
+        Raises:
+            Unsolved: the position is singular.
+        """
+        rows = self.rows(t, q, v)
+        mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
+        x = np.zeros(len(q) + len(rows.phi), dtype=LONG)
+        x = chord(lambda x: -imbalance(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
+        return x[: len(q)], x[len(q) :]
+
+    def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """The nearest positions, then velocities, that fit the constraints.
+
+        Raises:
+            Unsolved: there are none nearby, or the position is singular.
+        """
+        h = self.evaluator.constraints.holonomic
+        rows = self.rows(t, q, v)
+        lift = hold = self.inverse(t, rows.J).lift
+        if edges := len(self.mechanism.knife_edges):
+            hold = saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
+        try:
+            q = chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
+            rows = self.rows(t, q, v)
+            return q, chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
+        except Unsolved as error:
+            raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
+
+
+def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
+    """The linkage with q and v (n,) of its start.
+
+    Raises:
+        ArithmeticError: dry friction acts, or the start is singular.
+    """
+    rough = _doubles(document)
+    guess = assemble(build_mechanism(rough, scenario, "", ""), rough)
+    mechanism = build_mechanism(document, scenario, "", "", LONG)
+    if mechanism.has_friction:
+        raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
+    free = replace(mechanism, drivers=())
+    close = joint_residual(Constraints(replace(free, knife_edges=())))
+    held = held_coordinates(mechanism, document["scenarios"][scenario], LONG)
+
+    def gap(q: Array) -> Array:
+        return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
+
+    q = guess.q0.astype(LONG)
+    q = chord(gap, _pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
+    b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
+    v = chord(lambda v: A @ v - b, _pseudo_inverse(A), guess.v0.astype(LONG))
+    rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
+    return Linkage(mechanism, Evaluator(mechanism), rank), q, v
+
+
+def _pseudo_inverse(A: Array) -> Array:
+    return np.linalg.pinv(A.astype(float), rcond=RANK_TOLERANCE)
+
+
+def _doubles(value: Any) -> Any:
+    """The document with every Decimal as the nearest double."""
+    if isinstance(value, dict):
+        return {key: _doubles(x) for key, x in value.items()}
+    if isinstance(value, list):
+        return [_doubles(x) for x in value]
+    return float(value) if isinstance(value, Decimal) else value

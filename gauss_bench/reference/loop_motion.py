@@ -1,0 +1,121 @@
+"""Equations of motion in loop coordinates, reduced to as many unknowns as there are freedoms.
+
+The rows A x' = rate, A x'' = gamma leave free coordinates with speeds u:
+
+    x' = n0 + N u,        x'' = a0 + N u'
+
+and with J_b the Jacobian of centre of mass and angle of link b, m_b its mass or inertia and F_b the force on it, Gauss's principle
+of least constraint asks for the u' that minimises sum_b |m_b z_b'' - F_b|^2 / m_b, which is
+
+    T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
+
+The state is (x, u): velocities obey the rows to rounding, and only positions can drift.
+Source: Yuan and Ge, Multibody System Dynamics 37 (2016), and Udwadia and Kalaba, Analytical Dynamics (1996), for Gauss's principle;
+Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6, for the reduction to free coordinates.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gauss_bench.reference.arithmetic import Value, add, dot, literal, minus, mul, plus, scaled, sub, total
+from gauss_bench.reference.elimination import Order, Pivots, choose_pivots, factorised, null_space, particular, solve_positive
+from gauss_bench.reference.loop_forces import Loads
+from gauss_bench.reference.loop_rows import Law, LoopRows
+from gauss_bench.reference.loop_solve import dense
+from gauss_bench.reference.moving_vectors import Instant
+from gauss_bench.reference.vector_sums import NONE
+from gauss_bench.terms import Array
+
+REDUNDANT = 1e-9  # of entries of order one: far above what double precision leaves, far below a usable pivot
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Which coordinates are free, by the order of pivots of the others.
+
+    Attributes:
+        scale: (n,) what a unit of each coordinate moves the loops by [m or 1]; pivots are judged in these units.
+    """
+
+    order: Order
+    free: tuple[int, ...]
+    scale: Array
+
+
+class Rates(NamedTuple):
+    """What follows from a state: x' and x'' by coordinate, and u' by free coordinate."""
+
+    velocity: dict[int, Value]
+    acceleration: dict[int, Value]
+    free: list[Value]
+
+
+def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
+    """The chart for one state, given by arrays (1,), and how good it is; the scale is that of the state where not given."""
+    n = rows.coordinates.n
+    entries = rows.entries(at)
+    A = dense(entries, 1, n)[0]
+    pattern = np.zeros(A.shape, dtype=bool)
+    for r, row in enumerate(entries):
+        pattern[r, list(row)] = True
+    if scale is None:
+        loops = 2 * len(rows.closures)
+        vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # do not change as the loop turns
+        largest = np.maximum(vectors.max(axis=0, initial=0.0), np.abs(A[loops:]).max(axis=0, initial=0.0))
+        scale = np.where(largest > REDUNDANT, largest, 1.0)
+    pivots = choose_pivots(A / scale, pattern, REDUNDANT)
+    bound = {c for _, c in pivots.order}
+    return Chart(pivots.order, tuple(j for j in range(n) if j not in bound), scale), pivots
+
+
+def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
+    """x', x'' and u' of a state (x, u), x given by the instant."""
+    factors = factorised(rows.entries(at), chart.order)
+    N = null_space(factors, rows.coordinates.n)
+    prescribed = rows.rates(laws)
+    steady = particular(factors, prescribed) if any(not literal(x, 0) for x in prescribed) else {}
+    velocity = _combined(steady, N, dict(zip(chart.free, u, strict=True)))
+    a0 = particular(factors, rows.biases(at, velocity, laws))
+    if not chart.free:
+        return Rates(velocity, a0, [])
+    T, r = _reduced(rows, at, velocity, N, a0)
+    found = solve_positive(T, r)
+    return Rates(velocity, _combined(a0, N, dict(zip(chart.free, found, strict=True))), found)
+
+
+def _combined(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, Value]) -> dict[int, Value]:
+    found = dict(x0)
+    for j, column in N.items():
+        for k, value in column.items():
+            found[k] = add(found.get(k, 0), mul(value, u[j]))
+    return found
+
+
+def _reduced(
+    rows: LoopRows, at: Instant, v: dict[int, Value], N: dict[int, dict[int, Value]], a0: dict[int, Value]
+) -> tuple[list[list[Value]], list[Value]]:
+    """T (f, f) and r (f,)."""
+    coordinates = rows.coordinates
+    loads = Loads(coordinates, at, v)
+    columns = [N[j] for j in sorted(N)]
+    moves = [at.variation(column) for column in columns]
+    linear, bias = at.variation(a0), at.bias(v)
+    f = len(columns)
+    T: list[list[list[Value]]] = [[[] for _ in range(f)] for _ in range(f)]
+    r: list[list[Value]] = [[] for _ in range(f)]
+    for i, link in enumerate(coordinates.mechanism.links):
+        centre, angle = coordinates.centres[i], coordinates.angle[i]
+        mass, inertia = at.arithmetic.of(link.mass), at.arithmetic.of(link.inertia)
+        z, w = [at.combined(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
+        b = plus(at.combined(centre, linear), at.combined(centre, bias))
+        force = minus(loads.force[i], scaled(mass, b))
+        moment = sub(loads.moment[i], mul(inertia, 0 if angle == NONE else a0.get(angle, 0)))
+        for j in range(f):
+            r[j] += [dot(z[j], force), mul(w[j], moment)]
+            for k in range(j + 1):
+                T[j][k] += [mul(mass, dot(z[j], z[k])), mul(inertia, mul(w[j], w[k]))]
+    lower = [[total(T[max(j, k)][min(j, k)]) for k in range(f)] for j in range(f)]
+    return lower, [total(x) for x in r]

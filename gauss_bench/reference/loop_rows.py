@@ -1,0 +1,128 @@
+"""What loop coordinates must satisfy: closures of the loops, drivers and knife edges, and two derivatives of each.
+
+    closure      P = 0                                     two rows, x and y
+    angle        theta + turn - law(t) = 0
+    slide        s - law(t) = 0
+    length       (d . d - law(t)^2) / 2 = 0                d from one point to the other
+    knife edge   n . P' = 0                                n turns with the link; no position level
+
+A row reads A x' = rate at the level of velocities and A x'' = gamma at that of accelerations.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
+from gauss_bench.mechanism.numbers import direction
+from gauss_bench.reference.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
+from gauss_bench.reference.moving_vectors import Instant
+from gauss_bench.reference.vector_sums import NONE, LoopCoordinates, Sum, merged
+
+Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
+
+
+class Prescribed(NamedTuple):
+    """A quantity that is given: the coordinate itself (less a constant), or the length of a vector."""
+
+    name: str
+    index: int
+    turn: object
+    gap: Sum
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRows:
+    """The rows of one mechanism: two per closure, then drivers, then knife edges; `names` says where each comes from.
+
+    Attributes:
+        edges: (angle coordinate of the link, point, normal) of every knife edge.
+    """
+
+    coordinates: LoopCoordinates
+    closures: tuple[Sum, ...]
+    prescribed: tuple[Prescribed, ...]
+    edges: tuple[tuple[int, Sum, Sum], ...]
+    names: tuple[str, ...]
+
+    @property
+    def m(self) -> int:
+        return len(self.names)
+
+    def entries(self, at: Instant) -> list[dict[int, Value]]:
+        """Rows of A: coordinate -> derivative, without entries that always vanish."""
+        rows: list[dict[int, Value]] = []
+        for closure in self.closures:
+            gradient = at.gradient(closure)
+            rows += [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
+        for given in self.prescribed:
+            if given.gap:
+                d = at.combined(given.gap, at)
+                rows.append({j: dot(d, g) for j, g in at.gradient(given.gap).items()})
+            else:
+                rows.append({} if given.index == NONE else {given.index: 1})
+        for _, point, normal in self.edges:
+            n = at.combined(normal, at)
+            rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
+        return [{j: x for j, x in row.items() if not literal(x, 0)} for row in rows]
+
+    def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
+        """What the rows with a position level leave open: closures, then drivers [m, rad; a length times its error]."""
+        found = [x for closure in self.closures for x in at.combined(closure, at)]
+        for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
+            if given.gap:
+                d = at.combined(given.gap, at)
+                found.append((dot(d, d) - value * value) / 2)
+            else:
+                found.append(add(given.turn, 0 if given.index == NONE else at.x[given.index]) - value)
+        return found
+
+    def rates(self, laws: Sequence[Law]) -> list[Value]:
+        """Right-hand side of A x' = rate."""
+        driven = [mul(value, rate) if given.gap else rate for given, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
+        return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
+
+    def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
+        """Right-hand side of A x'' = gamma, for rates v of the coordinates."""
+        rate, bias = at.variation(v), at.bias(v)
+        found = [neg(x) for closure in self.closures for x in at.combined(closure, bias)]
+        for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
+            if given.gap:
+                d, u, b = (at.combined(given.gap, of) for of in (at, rate, bias))
+                found.append(sub(add(mul(first, first), mul(value, second)), add(dot(u, u), dot(d, b))))
+            else:
+                found.append(second)
+        for angle, point, normal in self.edges:
+            n = at.combined(normal, at)
+            u, b = (at.combined(point, of) for of in (rate, bias))
+            found.append(neg(add(dot(n, b), mul(v.get(angle, 0), cross(n, u)))))
+        return found
+
+
+def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
+    """The rows of a mechanism, with its drivers."""
+    mechanism = coordinates.mechanism
+    edges = []
+    for edge in mechanism.knife_edges:
+        u = direction(edge.angle)
+        normal = coordinates.turned(np.array([-u[1], u[0]]), edge.point.link)
+        edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
+    names = [f"joint {name}" for name, _ in coordinates.closures for _ in (0, 1)]
+    names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]
+    given = tuple(prescribed(coordinates, d) for d in mechanism.drivers)
+    return LoopRows(coordinates, tuple(x for _, x in coordinates.closures), given, tuple(edges), tuple(names))
+
+
+def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
+    """What a driver prescribes."""
+    match driver:
+        case AngleDriver():
+            return Prescribed(driver.name, coordinates.angle[driver.link], coordinates.turn[driver.link], ())
+        case SlideDriver():
+            return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
+        case LengthDriver():
+            return Prescribed(driver.name, NONE, 0, merged(coordinates.point(driver.b), coordinates.point(driver.a)))
+
+

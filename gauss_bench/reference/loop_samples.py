@@ -1,0 +1,88 @@
+"""States in loop coordinates as samples of a motion in absolute coordinates, with joint forces and what the loops leave open."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.numbers import Number
+from gauss_bench.reference.absolute_rows import joint_forces
+from gauss_bench.reference.arithmetic import NUMBERS, Value
+from gauss_bench.reference.loop_forces import Loads
+from gauss_bench.reference.loop_rows import LoopRows
+from gauss_bench.reference.loop_solve import Long, applied, columns, epsilon, stacked
+from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.moving_vectors import Instant, Vectors
+from gauss_bench.reference.vector_sums import NONE, LoopCoordinates
+
+BALANCE = 1e-25  # relative residual of the equations of motion in 128 bit: rounding, accelerations and condition of the linkage
+DRIFT = 1e-3  # times the root of rounding, 1e-20 in 128 bit: usual drifts are 1e-30, contradictions in the decimals of a file 1e-12
+ROUNDING = 2.0**-112  # of those numbers; the limit is in proportion where they are shorter
+
+
+class Inconsistent(ArithmeticError):
+    """Loops that came open, or forces that do not balance: the motion is worthless."""
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Loop coordinates x and their rates v, a (k, n) at times t (k,), all in one type of number."""
+
+    t: Long
+    x: Long
+    v: Long
+    a: Long
+
+
+def joined(parts: Sequence[States]) -> States:
+    return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
+
+
+def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, turned: Mapping[int, Value], like: Long) -> Long:
+    """(k, n) of all links: a vector of every centre of mass, and a value of every angle coordinate."""
+    values: list[Value] = []
+    for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
+        values += [*at.combined(centre, vectors), 0 if index == NONE else turned.get(index, 0)]
+    return stacked(values, like)
+
+
+def sampled(
+    rows: LoopRows, states: States, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
+) -> Motion:
+    """The motion of states at times (decimal texts), `redundant` of the rows in absolute coordinates depending on the others.
+
+    Raises:
+        Inconsistent: the equations of motion or the loops are not met to what rounding explains.
+    """
+    coordinates, eps = rows.coordinates, epsilon(number)
+    mechanism = coordinates.mechanism
+    at = Instant(columns(states.x), NUMBERS)
+    v, a = (dict(enumerate(columns(x))) for x in (states.v, states.a))
+    like = states.t - states.t
+    q = _absolute(coordinates, at, at, dict(enumerate(at.x)), like)
+    for i, turn in enumerate(coordinates.turn):
+        q[:, 3 * i + 2] = q[:, 3 * i + 2] + turn
+    linear, bias = at.variation(a), at.bias(v)
+    velocity = _absolute(coordinates, at, at.variation(v), v, like)
+    acceleration = _absolute(coordinates, at, linear, a, like) + _absolute(coordinates, at, bias, {}, like)
+    loads = Loads(coordinates, at, v)
+    Q = stacked([x for force, moment in zip(loads.force, loads.moment, strict=True) for x in (*force, moment)], like)
+    drift = residuals(rows, states, at)
+    if not max(drift) < DRIFT * eps**0.5:
+        raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
+    multipliers, off = joint_forces(mechanism, q, Q - mechanism.mass * acceleration, redundant, eps)
+    if not off < BALANCE / ROUNDING * eps:
+        raise Inconsistent(f"the equations of motion are met only to {off:.1e} of the joint forces")
+    return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, drift, stopped, method)
+
+
+def residuals(rows: LoopRows, states: States, at: Instant) -> tuple[float, float]:
+    """Largest residual of positions and of velocities over all states, redundant rows and circles of slides included."""
+    laws = [driver.law(states.t) for driver in rows.coordinates.mechanism.drivers]
+    like = states.t - states.t
+    gaps: list[Any] = [gap for _, gap in rows.coordinates.turn_gaps]
+    position = stacked([*rows.residuals(at, laws), *gaps], like)
+    rate = applied(rows.entries(at), states.v) - stacked(rows.rates(laws), like)
+    return tuple(float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))  # type: ignore[return-value]
+

@@ -1,0 +1,102 @@
+"""The start of a motion to the last digit: loop coordinates and rates that obey the rows and the decimals of the file.
+
+The assembly in double precision is the first guess; angles, slides, points and drivers are then held at exactly what is written.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gauss_bench.mechanism.build import angle_of
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.numbers import Number, exact, pair, radians
+from gauss_bench.reference.arithmetic import NUMBERS, Value
+from gauss_bench.reference.loop_rows import LoopRows
+from gauss_bench.reference.loop_solve import Long, applied, columns, corrected, dense, epsilon, pseudo_inverse, stacked
+from gauss_bench.reference.moving_vectors import Instant
+from gauss_bench.reference.vector_sums import NONE, Sum
+from gauss_bench.terms import Array
+
+
+class Held(NamedTuple):
+    """A coordinate (plus a constant) or a point that starts at a target, with a rate: one value each, or two."""
+
+    index: int
+    turn: Any
+    point: Sum
+    target: tuple[Any, ...]
+    rate: tuple[Any, ...]
+
+    def entries(self, at: Instant) -> list[dict[int, Value]]:
+        if self.point:
+            gradient = at.gradient(self.point)
+            return [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
+        return [{} if self.index == NONE else {self.index: 1}]
+
+    def residual(self, at: Instant) -> list[Value]:
+        here = at.combined(self.point, at) if self.point else ((0 if self.index == NONE else at.x[self.index]) + self.turn,)
+        return [x - target for x, target in zip(here, self.target, strict=True)]
+
+
+def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]:
+    """What the start of a scenario holds, besides its drivers."""
+    coordinates, start = rows.coordinates, scenario.get("start", {})
+    mechanism = coordinates.mechanism
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
+    found = []
+    for link, (target, rate) in _held_angles(mechanism, start, index, number).items():
+        found.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
+    for name, target in start.get("slides", {}).items():
+        rate = exact(number, start.get("slide_speeds", {}).get(name, 0))
+        found.append(Held(coordinates.slides[name], number("0"), (), (exact(number, target),), (rate,)))
+    for reference, target in start.get("points", {}).items():
+        owner, name = reference.split(".")
+        point = coordinates.point(mechanism.point(index[owner], name))
+        rate = start.get("point_velocities", {}).get(reference, (0, 0))
+        found.append(Held(NONE, 0, point, tuple(pair(number, target)), tuple(pair(number, rate))))
+    return found
+
+
+def _held_angles(mechanism: Mechanism, start: dict[str, Any], index: dict[str, int], number: Number) -> dict[int, tuple[Any, Any]]:
+    """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
+    angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
+    angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
+    speeds = {name: exact(number, x) for name, x in start.get("speeds", {}).items()}
+    if mechanism.crank is not None:
+        crank = mechanism.links[mechanism.crank].name
+        if "crank" in start or "crank_deg" in start:
+            angles[crank] = angle_of(start, "crank", number)
+        if "speed" in start:
+            speeds.setdefault(crank, exact(number, start["speed"]))
+    return {index[name]: (x, speeds.get(name, number("0"))) for name, x in angles.items()}
+
+
+def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:
+    """Coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
+
+    Raises:
+        Unsolved: the rows and the held values cannot be met together near the guess.
+    """
+    n, eps = rows.coordinates.n, epsilon(number)
+    holds = held(rows, scenario, number)
+    laws = [driver.law(number("0")) for driver in rows.coordinates.mechanism.drivers]
+    x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
+    like = np.array([number("0")])
+
+    def entries(x: Long, holds: Sequence[Held]) -> list[dict[int, Value]]:
+        at = Instant(columns(x), NUMBERS)
+        return [*rows.entries(at), *(row for hold in holds for row in hold.entries(at))]
+
+    def residual(x: Long, holds: Sequence[Held]) -> Long:
+        at = Instant(columns(x), NUMBERS)
+        found = [*rows.residuals(at, laws), *(0 for _ in rows.edges), *(y for hold in holds for y in hold.residual(at))]
+        return stacked(found, like)
+
+    for group in (holds, []):  # what is held may contradict the loops in its last digits; the loops must close to the last
+        P = pseudo_inverse(dense(entries(x, group), 1, n))
+        x = corrected(lambda y, group=group: residual(y, group), P, x, eps)
+    A = entries(x, holds)
+    rates = stacked([*rows.rates(laws), *(y for hold in holds for y in hold.rate)], like)
+    P = pseudo_inverse(dense(A, 1, n))
+    return x, corrected(lambda v: applied(A, v) - rates, P, np.zeros((1, n), dtype=like.dtype), eps)

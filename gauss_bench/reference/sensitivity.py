@@ -1,0 +1,70 @@
+"""The floor of double precision: how far a motion moves when every parameter of its linkage moves by 1e-16 of itself.
+
+0.37 is not a double. An engine that rounds it to one solves a neighbouring linkage, and no two engines that round differently can
+be told apart below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
+-1..1; the change of the motion, divided by delta / 1e-16, is the floor. delta stands far above the rounding of the runs compared
+and far below where the change stops being proportional to it.
+"""
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.taylor import taylor_motion
+from gauss_bench.terms import Array
+
+ROUNDING = 1e-16
+DELTA = 1e-9
+DRAWS = 6
+SEED = 20161231
+DYNAMIC = ("mass", "inertia", "kg_per_m", "value", "k", "c", "rest")
+TABLES = ("ground", "links", "joints", "constraints", "forces", "gravity")
+STARTS = ("start", "driver", "drivers")
+
+
+def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
+    """Level -> (k,) largest change up to each time for a relative change of 1e-16; nan beyond what the runs reach.
+
+    Where rows are redundant the geometry stays: a parallelogram of unequal bars would not be one.
+    """
+    rng = np.random.default_rng(SEED)
+    base = taylor_motion(document, mechanism.scenario, times, double=True)
+    found = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
+    for _ in range(DRAWS):
+        try:
+            moved = taylor_motion(perturbed(document, mechanism, rng), mechanism.scenario, base.times, double=True)
+        except (LinkageError, ArithmeticError):
+            continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
+        k = min(len(base.times), len(moved.times))
+        for level, floor in found.items():
+            change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
+            floor[:k] = np.fmax(floor[:k], np.maximum.accumulate(change) * (ROUNDING / DELTA))
+    return found
+
+
+def perturbed(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
+    """A copy of the document with its numbers moved."""
+    moved = copy.deepcopy(document)
+    scenario = moved["scenarios"][mechanism.scenario]
+    rigid = mechanism.redundant > 0
+
+    def move(item: Any, key: str) -> Any:
+        if isinstance(item, dict):
+            return {k: move(v, k) for k, v in item.items()}
+        if isinstance(item, list):
+            return [move(v, key) for v in item]
+        if isinstance(item, (str, bool)) or (rigid and key not in DYNAMIC):
+            return item
+        return float(item) * (1.0 + DELTA * rng.uniform(-1.0, 1.0))
+
+    for table in TABLES:
+        if table in moved:
+            moved[table] = move(moved[table], table)
+    for table in STARTS:
+        if table in scenario and not rigid:
+            scenario[table] = move(scenario[table], table)
+    return moved

@@ -1,0 +1,100 @@
+"""The three papers, statement by statement: what is printed, what is right, and how far off each is when computed."""
+
+from collections.abc import Sequence
+
+from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.tables import Block, Cell, Section, Table, Text, columns, count, error, listed, text_cell
+
+WORDS = (
+    "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "
+    "fails, as it should read, both against a truth that knows neither. The verdict follows from the two discrepancies. The papers "
+    "were read as texts taken from their pages, so that a **misprint** may be the extraction's; **wrong** is what fails as a "
+    "statement, **loose** what holds under a condition that is not stated, **not given** what is left out and assumed here."
+)
+NOTE = "Off: discrepancy of the form when computed; what it is and why the tolerance is what it is stands in `audit.csv`."
+BY_HAND = "Single numbers that follow from the forms, for a reader who wants to check one."
+SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out"}
+TONES = {"ok": "good", "wrong": "bad", "misprint": "warn", "loose": "warn"}
+
+
+def section(run: Run) -> Section:
+    if not run.audit:
+        return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
+    blocks: list[Block] = [Text(WORDS), Text(summary(run.audit))]
+    for paper, rows in grouped(run.audit, lambda row: str(row["paper"])).items():
+        off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
+        sound = [row for row in rows if row not in off]
+        if off:
+            blocks.append(faulty(f"{paper}: what is not right as printed", off))
+        if sound:
+            blocks.append(right(f"{paper}: what is right as printed", sound))
+    numbers = [row for row in run.audit if row["example"]]
+    if numbers:
+        blocks += [Text(BY_HAND), by_hand(numbers)]
+    return Section("The papers, audited", "papers", tuple(blocks))
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """How many statements of each paper came out how, and whether a verdict does not agree with its measurement."""
+    parts = []
+    for paper, group in grouped(rows, lambda row: str(row["paper"])).items():
+        verdicts = grouped(group, lambda row: str(row["verdict"]))
+        counts = listed(f"{len(found)} {SAID.get(verdict, verdict)}" for verdict, found in verdicts.items())
+        parts.append(f"{paper}: {count(len(group), 'statement')}, {counts}.")
+    fallen = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
+    return " ".join(parts) + (f" **Verdicts that the measurement contradicts: {listed(fallen)}.**" if fallen else "")
+
+
+def verdict_cell(row: Row) -> Cell:
+    if not row["stands"]:
+        return text_cell(f"{row['verdict']}, contradicted: {row['faults']}", "bad")
+    return text_cell(row["verdict"], TONES.get(str(row["verdict"]), ""))
+
+
+def off_cell(row: Row, column: str) -> Cell:
+    x = number(row, column)
+    return Cell("0" if x == 0 else error(x), x if known(x) else "")
+
+
+def faulty(title: str, rows: Sequence[Row]) -> Table:
+    names = ("equation", "what", "printed", "right", "verdict", "printed off", "right off", "tolerance", "remark")
+    head, numeric = columns(names, 5, last_text=1)
+    lines = tuple(
+        (
+            *(text_cell(row[key]) for key in ("equation", "name", "printed", "intended")),
+            verdict_cell(row),
+            *(off_cell(row, key) for key in ("printed_off", "intended_off", "tolerance")),
+            text_cell(row["sentence"]),
+        )
+        for row in rows
+    )
+    return Table(title, head, lines, numeric, note=NOTE)
+
+
+def right(title: str, rows: Sequence[Row]) -> Table:
+    head, numeric = columns(("equation", "what", "printed", "off", "tolerance", "remark"), 3, last_text=1)
+    lines = tuple(
+        (
+            *(text_cell(row[key]) for key in ("equation", "name", "printed")),
+            *(off_cell(row, key) for key in ("printed_off", "tolerance")),
+            text_cell(row["sentence"]),
+        )
+        for row in rows
+    )
+    return Table(title, head, lines, numeric, folded=True, note=NOTE)
+
+
+def by_hand(rows: Sequence[Row]) -> Table:
+    head, numeric = columns(("paper", "equation", "what", "number", "as printed", "as it should read", "truth"), 4)
+    lines = tuple(
+        (
+            *(text_cell(row[key]) for key in ("paper", "equation", "name", "example")),
+            *(value_cell(number(row, key)) for key in ("example_printed", "example_intended", "example_true")),
+        )
+        for row in rows
+    )
+    return Table("Numbers to check by hand", head, lines, numeric)
+
+
+def value_cell(x: float) -> Cell:
+    return Cell(f"{x:.7g}", x) if known(x) else Cell("-")

@@ -1,0 +1,216 @@
+"""The paper's crank-slider run again: against the general library, against energy, and with data for which it does stop."""
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism, Torque
+from gauss_bench.papers import method_forms, problems
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
+from gauss_bench.papers.crank_slider import linkage, states
+from gauss_bench.papers.motion_table import paper_motion
+from gauss_bench.papers.reproduction import claims, heavier
+from gauss_bench.papers.running import first_turn, regime, turn
+from gauss_bench.papers.settling import bound, settles
+from gauss_bench.papers.statics import equilibria, torque_range
+from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.trajectory import Reference
+from tests.papers_tables import reproduced
+
+ROUNDING = 1e-12  # relative: accelerations of the general library are closed to 1e-15, times the growth in both
+
+
+@pytest.fixture(scope="module")
+def motion() -> CrankMotion:
+    return motion_of(linkage())
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, dict[str, Any]]:
+    return {row["key"]: row for row in reproduced()}
+
+
+@pytest.fixture(scope="module")
+def reference() -> Reference:
+    return build_reference(linkage(), 0.4)
+
+
+def twisted(torque: float) -> Mechanism:
+    """The linkage file with another torque."""
+    mechanism = linkage()
+    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
+    return replace(mechanism, forces=forces)
+
+
+def comes_round(mechanism: Mechanism) -> bool:
+    """Whether the crank of the general library completes a turn from rest within 10 s."""
+    general = MinimalCoordinate(mechanism)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], float(general.acceleration(y[:1], y[1:])[0])]
+
+    def decided(t: float, y: np.ndarray) -> float:
+        return min(-y[1], 2 * np.pi + y[0]) if t > 0.01 else 1.0
+
+    decided.terminal = True  # type: ignore[attr-defined]
+    return bool(solve_ivp(rate, (0.0, 10.0), [0.0, 0.0], rtol=1e-9, atol=1e-11, events=decided).y[0, -1] < -6.0)
+
+
+def test_the_closed_form_is_the_linkage_file(motion: CrankMotion) -> None:
+    for state in states():
+        q, d, e = motion.positions(state.q[2])
+        w, found = state.v[2], motion.acceleration(state.q[2], state.v[2])
+        assert found == pytest.approx(state.a[2], rel=ROUNDING)
+        assert np.abs(q - state.q).max() < ROUNDING
+        assert np.abs(d * w - state.v).max() < ROUNDING * (1 + np.abs(state.v).max())
+        assert np.abs(d * found + e * w * w - state.a).max() < ROUNDING * (1 + np.abs(state.a).max())
+
+
+def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankMotion) -> None:
+    for state, problem in zip(states(), problems.crank_problems(), strict=True):
+        for formula, full in (
+            (EQ_16, yuan_ge_eq16(problem.terms).a),
+            (EQS_10_11, method_forms.acceleration(problem, method_forms.pair_as_printed(problem))),
+        ):
+            found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
+            assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3
+
+
+def test_the_motion_is_that_of_the_reference(motion: CrankMotion, reference: Reference) -> None:
+    course = motion.run(0.4)
+    assert course.theta[-1] == pytest.approx(reference.q[-1, 2], abs=1e-9)  # the tolerance, a few steps
+    assert course.w[-1] == pytest.approx(reference.v[-1, 2], abs=1e-7)
+
+
+def test_another_linkage_is_refused() -> None:
+    with pytest.raises(ValueError, match="not the crank-slider"):
+        motion_of(load("four_bar"))
+
+
+def test_static_torque_is_the_slope_of_the_energy(motion: CrankMotion) -> None:
+    evaluator, general, h = Evaluator(linkage()), MinimalCoordinate(linkage()), 1e-5
+    theta = np.linspace(-3.0, 3.0, 13)
+    V = [np.array([evaluator.energy(general.geometry(np.array([x]))[0][0], np.zeros(9)) for x in theta + s * h]) for s in (1, -1)]
+    assert np.abs(motion.static_torque(theta) + (V[0] - V[1]) / (2 * h)).max() < 1e-9  # differences of second order: h^2
+
+
+def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
+    low, high = torque_range(motion)
+    assert low.torque == pytest.approx(-(0.37 + 0.77) * 9.81 * 0.15 / 2, rel=1e-12)  # both weights, half the crank's arm
+    for torque in (motion.torque, 0.0, 0.8, -0.85):
+        other = replace(motion, torque=torque)
+        places = equilibria(other)
+        assert sorted(place.stable for place in places) == [False, True]
+        for place in places:
+            nudged = other.run(3.0, (place.theta + 1e-3, 0.0))
+            assert (np.abs(nudged.theta - place.theta).max() < 3e-3) == place.stable
+    assert not equilibria(replace(motion, torque=-low.torque + 1e-6))
+    assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
+
+
+@pytest.mark.parametrize("side", [1e-4, -1e-4])
+def test_the_bound_of_the_torque_is_that_of_the_general_library(rows: dict[str, dict[str, Any]], side: float) -> None:
+    torque = rows["settles_above"]["value"] + side
+    assert comes_round(twisted(torque)) == (side < 0)
+
+
+def test_the_upper_bound_is_the_static_one(rows: dict[str, dict[str, Any]]) -> None:
+    assert rows["settles_below"]["value"] == pytest.approx(-rows["force_least"]["value"], abs=2 * rows["settles_below"]["bracket"])
+
+
+@pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
+def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, stops: bool) -> None:
+    other = replace(motion, torque=torque, c=c)
+    assert settles(other) == stops
+    if stops:
+        course = other.run(120.0, rtol=1e-7)
+        (place,) = (p.theta for p in equilibria(other) if p.stable)
+        assert abs(course.w[-1]) < 1e-3
+        assert course.theta[-1] == pytest.approx(place, abs=1e-3)
+    else:
+        speeds = [0.0, abs(first_turn(other)[1])]
+        while len(speeds) < 8:
+            speeds.append(float(turn(other, -speeds[-1])[0, -1]))
+        assert all(later > earlier for earlier, later in pairwise(speeds))
+
+
+def test_turns_of_the_printed_motion_get_ever_faster_up_to_the_regime(motion: CrankMotion) -> None:
+    speeds = [abs(regime(motion).first_speed)]
+    while len(speeds) < 20:
+        speeds.append(float(turn(motion, -speeds[-1])[0, -1]))
+    assert all(later > earlier for earlier, later in pairwise(speeds))
+
+
+def test_the_regime_is_that_of_a_long_run(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
+    course = motion.run(16.0, rtol=1e-8)
+    round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
+    assert 10 / (round_at[1] - round_at[0]) == pytest.approx(1 / rows["period"]["value"], rel=2e-3)  # not quite steady yet
+    assert rows["mean"]["value"] == pytest.approx(-2 * np.pi / rows["period"]["value"], rel=1e-12)
+    assert rows["slowest"]["value"] > rows["mean"]["value"] > rows["fastest"]["value"]
+
+
+def test_a_steady_turn_loses_what_it_takes(rows: dict[str, dict[str, Any]]) -> None:
+    assert rows["taken"]["value"] == pytest.approx(2 * math.pi * 0.5, rel=1e-15)
+    assert rows["lost"]["value"] == pytest.approx(rows["taken"]["value"], abs=2 * rows["lost"]["bracket"])
+
+
+def test_the_damper_that_makes_it_stop(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
+    c, bracket = rows["damping"]["value"], rows["damping"]["bracket"]
+    assert settles(replace(motion, c=c + 10 * bracket))
+    assert not settles(replace(motion, c=c - 10 * bracket))
+    assert all(settles(replace(motion, c=more)) for more in (5.0, 20.0, 50.0, 100.0))
+
+
+def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
+    with pytest.raises(ValueError, match="no bound"):
+        bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
+
+
+def test_no_inertia_of_the_rods_makes_it_stop(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
+    low, high = (rows[f"settles_above_{x}"]["value"] for x in ("lowest", "highest"))
+    assert motion.torque < low < rows["settles_above"]["value"] < high
+    rng = np.random.default_rng(5)
+    for crank, rod in rng.uniform(0.0, 3.0, size=(10, 2)):
+        assert settles(heavier(motion, crank, rod, high + 1e-3))
+        assert not settles(heavier(motion, crank, rod, low - 1e-3))
+
+
+def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:
+    printed = {c.key: c.verdict for c in claims(motion)}
+    other = {c.key: c.verdict for c in claims(replace(motion, torque=-motion.torque))}
+    assert printed["stops"] == printed["decreases"] == "refuted"
+    assert other["stops"] == other["decreases"] == "holds"
+    assert other["any_inertia"] == "refuted"
+    assert printed["formula"] == "refuted"
+    assert {c.key: c.verdict for c in claims(replace(motion, torque=-1.0))}["rests"] == "refuted"
+
+
+def test_rows_are_plain(rows: dict[str, dict[str, Any]]) -> None:
+    json.dumps(list(rows.values()), allow_nan=False)
+    assert all(row["bracket"] is None or 0 <= row["bracket"] < 1e-2 * abs(row["value"]) + 1e-7 for row in rows.values())
+    assert all(row["unit"] for row in rows.values() if row["value"] is not None)
+
+
+def test_the_table_of_the_figures_is_the_reference(motion: CrankMotion, reference: Reference) -> None:
+    table = paper_motion(linkage(), reference)["paper_motion"]
+    last = table[-1]
+    assert last["t"] == reference.t[-1]
+    found = [last[key] for key in ("x1", "x1_rate", "y1", "theta1", "theta1_rate", "x3", "x3_rate")]
+    expected = [x[-1, k] for x, k in zip("qvqqvqv", (0, 0, 1, 2, 2, 6, 6), strict=True) for x in (getattr(reference, x),)]
+    assert found == pytest.approx(expected, abs=1e-12)
+    between = table[len(table) // 3]
+    course = motion.run(between["t"])
+    assert between["theta1"] == pytest.approx(course.theta[-1], abs=1e-7)  # the pen's width is 1e-3
+    assert between["theta1_rate"] == pytest.approx(course.w[-1], abs=1e-4)
+    with pytest.raises(ValueError, match="not the crank-slider"):
+        paper_motion(load("four_bar"), reference)

@@ -1,0 +1,336 @@
+"""The second pipeline of a certificate, held against closed forms, the double-precision reference and itself.
+
+Long double carries 64 bits: EPS is 1.1e-19. Where nothing else is said, tolerances are some roundings of the values compared.
+"""
+
+from copy import deepcopy
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench.reference.extended_linkage as extended_linkage
+from gauss_bench.mechanism.build import build_mechanism
+from gauss_bench.mechanism.closure import held_coordinates
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import decimal_document, load, load_document, merge
+from gauss_bench.mechanism.numbers import PI
+from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.collocation import gauss_legendre, gauss_tableau
+from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.extended import extended_motion
+from gauss_bench.reference.extended_linkage import start
+from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.refinement import Unsolved, chord, imbalance, saddle
+from tests.conftest import DATA
+
+LONG = np.longdouble
+EPS = float(np.finfo(LONG).eps)
+STEP = 1e-2  # [s] steps are halved wherever the motion needs it
+
+pytestmark = pytest.mark.skipif(np.finfo(LONG).nmant <= 60, reason="long double is no longer than double on this platform")
+
+
+def decimals(linkage: Any, scenario: str) -> dict[str, Any]:
+    """The document with decimals as written and the scenario's override merged."""
+    document = decimal_document(linkage)
+    return merge(document, document["scenarios"][scenario].get("override", {}))
+
+
+def samples(until: str, spacing: str = "0.01") -> list[str]:
+    return [str(k * Decimal(spacing)) for k in range(int(Decimal(until) / Decimal(spacing)) + 1)]
+
+
+def run(linkage: Any, scenario: str, until: str, step: float = STEP, spacing: str = "0.01") -> Motion:
+    return extended_motion(decimals(linkage, scenario), scenario, samples(until, spacing), step)
+
+
+def distance(one: Any, other: Any) -> float:
+    """Largest difference relative to the largest value, or to 1."""
+    return float(np.abs(one - other).max() / max(1.0, np.abs(other).max()))
+
+
+@pytest.mark.parametrize("stages", [2, 8, 10])
+def test_weights_and_matrix_integrate_powers_exactly(stages: int) -> None:
+    method = gauss_tableau(stages, LONG)
+    assert method.A.dtype == method.b.dtype == method.c.dtype == LONG
+    for k in range(2 * stages):
+        assert abs(method.b @ method.c**k - 1 / LONG(k + 1)) < 4 * EPS
+    assert abs(method.b @ method.c ** (2 * stages) - 1 / LONG(2 * stages + 1)) > 1e-13  # ten stages end at degree 19
+    for k in range(stages):
+        assert np.abs(method.A @ method.c**k - method.c ** (k + 1) / (k + 1)).max() < 4 * EPS
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1, 2])
+def test_the_forecast_continues_polynomials_into_the_next_step(ratio: float) -> None:
+    method = gauss_tableau(10, LONG)
+    matrix = method.forecast(LONG(ratio))
+    for k in range(10):
+        values = (1 + ratio * method.c) ** k
+        assert np.abs(matrix @ method.c**k - values).max() < 4 * EPS * np.abs(matrix).sum(axis=1).max()  # its own amplification
+
+
+def test_the_expansion_finds_the_degree_of_a_polynomial() -> None:
+    method = gauss_tableau(10, LONG)
+    found = method.expansion @ method.c**7
+    assert np.abs(found[:8]).min() > 1e-5
+    assert np.abs(found[8:]).max() < 20 * EPS  # sums of ten terms of size 2 k + 1
+
+
+@pytest.mark.parametrize(("stages", "dtype", "steps"), [(2, np.float64, (0.1, 0.05)), (8, LONG, (3, 2)), (10, LONG, (4, 3))])
+def test_the_error_falls_with_twice_the_stages(stages: int, dtype: Any, steps: tuple[float, float]) -> None:
+    """An oscillator at steps long enough, up to two thirds of a period, for the error to stand far above rounding."""
+    times = np.array([0.0, 24.0], dtype=dtype)
+    one, none = np.ones(1, dtype=dtype), np.zeros(1, dtype=dtype)
+    errors = []
+    for h in steps:
+        q, v = gauss_legendre(lambda t, q, v: -q, times, one, none, h, stages)
+        errors.append(float(np.hypot(q[-1, 0] - np.cos(times[-1]), v[-1, 0] + np.sin(times[-1]))))
+    order = np.log(errors[0] / errors[1]) / np.log(steps[0] / steps[1])
+    assert order == pytest.approx(2 * stages, abs=0.5)
+
+
+def test_refinement_finds_the_digits_a_double_inverse_does_not_have(rng: np.random.Generator) -> None:
+    n, m = 9, 6
+    mass = rng.uniform(0.5, 2.0, n).astype(LONG) / 3
+    J = rng.normal(size=(4, m, n)).astype(LONG) / 3
+    J[:, 1] = J[:, 0] + J[:, 1] / 1000  # a condition of some thousands
+    x = rng.normal(size=(4, n + m)).astype(LONG) / 7
+    rhs = -imbalance(mass, J, np.zeros((4, n), dtype=LONG), np.zeros((4, m), dtype=LONG), x)
+    P = saddle(mass, J, m).inverse
+    found = chord(lambda x: -imbalance(mass, J, rhs[:, :n], rhs[:, n:], x), P, np.zeros_like(x))
+    double = (P @ rhs.astype(float)[..., None])[..., 0]
+    assert distance(found[:, :n], x[:, :n]) < 1e-15 < distance(double[:, :n], x[:, :n])  # the condition times rounding
+    assert distance(found, x) < 1e-11 < distance(double, x)  # its square, for the multipliers
+    with pytest.raises(Unsolved):
+        chord(lambda x: -imbalance(mass, J, rhs[:, :n], rhs[:, n:], x), -P, np.zeros_like(x))
+
+
+TERMS = ["crank_slider", "shaper", "five_bar", "jansen", "excavator", "sleigh", DATA / "everything.toml", DATA / "all_kinds.toml"]
+
+
+@pytest.mark.parametrize("linkage", TERMS, ids=str)
+def test_terms_in_long_double_are_those_in_double_and_more(linkage: Any, rng: np.random.Generator) -> None:
+    short = load(linkage)
+    document = decimals(linkage, short.scenario)
+    long = build_mechanism(document, short.scenario, "", "", LONG)
+    q, v = short.q0 + rng.normal(0.0, 0.1, short.n), rng.normal(size=short.n)
+    one, other = (
+        Evaluator(m).terms(t, *s) for m, t, s in ((short, 0.3, (q, v)), (long, LONG("0.3"), (q.astype(LONG), v.astype(LONG))))
+    )
+    finer = []
+    for level, value in vars(other).items():
+        expected = vars(one)[level]
+        assert value.dtype == LONG, level
+        scale = np.abs(value).max(initial=1.0)
+        assert np.abs(value - expected).max(initial=0.0) < 1e-14 * scale, level
+        finer.append(bool((value != value.astype(float)).any()))
+    energy = Evaluator(long).energy(q.astype(LONG), v.astype(LONG))
+    assert abs(energy - Evaluator(short).energy(q, v)) < 1e-14 * (1 + abs(energy))
+    assert any(finer)
+
+
+@pytest.mark.parametrize("linkage", [*TERMS, DATA / "pushed.toml"], ids=str)
+def test_terms_are_smooth_to_the_last_digit(linkage: Any) -> None:
+    """Third differences at steps of 2^-24 are rounding alone: a detour through double anywhere would leave 1e-16 of them."""
+    short = load(linkage)
+    evaluator = Evaluator(build_mechanism(decimals(linkage, short.scenario), short.scenario, "", "", LONG))
+    q, v = short.q0.astype(LONG), (1 + np.arange(short.n, dtype=LONG)) / short.n
+    found = [vars(evaluator.terms(LONG(1) / 3, q + k * LONG(2) ** -24 * v, v)) for k in range(4)]
+    for level in ("J", "gamma", "Q", "phi", "phi_dot"):
+        first, second, third, fourth = (x[level] for x in found)
+        rest = fourth - 3 * third + 3 * second - first
+        assert np.abs(rest).max(initial=0.0) < 8 * 16 * EPS * np.abs(first).max(initial=1.0), level  # 1 + 3 + 3 + 1 roundings
+
+
+STARTS = [
+    ("crank_slider", "paper"),
+    ("six_bar", "torque"),
+    ("parallelogram", "torque"),
+    ("jansen", "walk"),
+    ("five_bar", "spring"),
+    ("sleigh", "glide"),
+    ("excavator", "dig"),
+    (DATA / "pushed.toml", "push"),
+    (DATA / "everything.toml", "free"),
+    (DATA / "all_kinds.toml", "all"),
+]
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), STARTS, ids=str)
+def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: str) -> None:
+    document = decimals(linkage, scenario)
+    found, q, v = start(document, scenario)
+    rows = found.rows(LONG(0), q, v)
+    size = 1 + float(np.abs(q).max())
+    assert np.abs(rows.phi).max(initial=0.0) < 4 * EPS * size
+    assert np.abs(rows.J @ v + rows.phi_t).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))
+    held = held_coordinates(found.mechanism, document["scenarios"][scenario], LONG)
+    value, J = held.of(q)
+    assert held.target.dtype == LONG
+    assert np.abs(value - held.target).max(initial=0.0) < 4 * EPS * size
+    assert np.abs(J @ v - held.rate).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))
+    double = load(linkage, scenario)
+    assert np.abs(q - double.q0).max() < 1e-13
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), [(DATA / "all_kinds.toml", "all"), ("excavator", "dig")], ids=str)
+def test_held_slides_points_and_lengths_keep_their_digits(linkage: Any, scenario: str) -> None:
+    document = decimals(linkage, scenario)
+    found, q, _ = start(document, scenario)
+    held = held_coordinates(found.mechanism, document["scenarios"][scenario], LONG)
+    value, J = held.of(q)
+    assert J.dtype == value.dtype == LONG
+    moved = held.of(q + J[-1] * LONG(2) ** -20)[0] - held.of(q - J[-1] * LONG(2) ** -20)[0]
+    assert np.abs(moved * LONG(2) ** 19 - J @ J[-1]).max() < 1e-11  # the square of the step, and rounding divided by it
+    assert (J.astype(float) != J).any()
+
+
+def test_held_angles_are_the_decimals_of_the_file() -> None:
+    _, q, _ = start(decimals("parallelogram", "torque"), "torque")
+    assert abs(q[2] - LONG(PI) / 6) < 2 * EPS
+    assert abs(float(q[2] - LONG(np.radians(30.0)))) > 1e-18  # which the double is not
+
+
+MOTIONS = [
+    ("crank_slider", "paper", "0.3"),
+    ("six_bar", "torque", "0.1"),
+    ("eight_bar", "torque", "0.1"),
+    ("shaper", "conservative", "0.1"),
+    ("four_bar", "conservative", "0.2"),
+    ("parallelogram", "torque", "0.3"),
+    ("five_bar", "spring", "0.2"),
+    ("jansen", "walk", "0.1"),
+    ("six_bar", "cycloid", "0.3"),
+    ("parallelogram", "driven", "0.2"),
+    ("excavator", "dig", "0.3"),
+    (DATA / "everything.toml", "free", "0.1"),
+]
+
+
+@pytest.mark.parametrize(("linkage", "scenario", "until"), MOTIONS, ids=str)
+def test_the_motion_agrees_with_the_double_reference_and_does_not_drift(linkage: Any, scenario: str, until: str) -> None:
+    motion = run(linkage, scenario, until)
+    assert motion.stopped == ""
+    assert motion.times == tuple(samples(until))
+    assert motion.drift[0] < 8 * EPS * (1 + np.abs(motion.q).max())
+    assert motion.drift[1] < 8 * EPS * (1 + np.abs(motion.v).max())
+    mechanism = load(linkage, scenario)
+    reference = build_reference(mechanism, float(until))
+    for level in ("q", "v", "a"):
+        value, bar = getattr(reference, level), getattr(reference, f"error_{level}")
+        # the bars leave out that decimals become doubles, and of driven motions the condition of the closure: some 100 a derivative
+        floor = {"q": 1e-14, "v": 1e-13, "a": 1e-12}[level] * (1 + np.abs(value).max())
+        assert (np.abs(getattr(motion, level) - value).max(axis=-1) <= bar + floor).all(), level
+
+
+@pytest.mark.parametrize(("linkage", "scenario", "until"), MOTIONS[:8], ids=str)
+def test_halving_the_step_changes_rounding_only(linkage: Any, scenario: str, until: str) -> None:
+    one, other = run(linkage, scenario, until), run(linkage, scenario, until, STEP / 2)
+    for level, bound in (("q", 1e-17), ("v", 1e-16), ("a", 1e-15)):  # roundings, times the 10 .. 100 that motions grow by
+        assert distance(getattr(one, level), getattr(other, level)) < bound, level
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "until"), [("sleigh", "glide", "2"), ("n_four_bar_2", "fall", "0.5"), ("pendulum", "swing", "1")]
+)
+def test_the_motion_follows_closed_forms_in_forty_digits(name: str, scenario: str, until: str) -> None:
+    motion = run(name, scenario, until, spacing="0.1")
+    exact = closed_form(load(name, scenario), motion.times)
+    assert exact is not None
+    for level, bound in (("q", 1e-17), ("v", 1e-16), ("a", 1e-15)):
+        error = [
+            abs(x - type(x)(float(y)) - float(y - LONG(float(y))))
+            for x, y in zip(getattr(exact, level).ravel(), getattr(motion, level).ravel(), strict=True)
+        ]
+        assert max(error) < bound * max(1.0, float(np.abs(getattr(motion, level)).max())), level
+
+
+def test_a_singular_position_ends_the_motion_with_its_time() -> None:
+    motion = run("n_four_bar_2", "fall", "0.8")
+    assert "singular position" in motion.stopped
+    assert motion.stopped.startswith("t = 0.714")  # the bars lie down 0.7143 s after the start, by the closed form
+    assert motion.times[-1] == "0.71"
+    assert len(motion.q) == len(motion.a) == len(motion.times)
+
+
+def rocker() -> dict[str, Any]:
+    """A four-bar whose crank can be driven to about 68 degrees, where coupler and rocker stand in line."""
+    bars = {"a": ("A", "B", "0.3"), "b": ("B", "C", "0.2"), "c": ("D", "C", "0.25")}
+    return {
+        "format": "planar-linkage/1",
+        "name": "rocker",
+        "crank": "a",
+        "ground": {"points": {"A": [0, 0], "D": [Decimal("0.4"), 0]}},
+        "links": {
+            name: {"points": {p: [0, 0], r: [Decimal(x), 0]}, "bars": [[p, r]], "mass": 1} for name, (p, r, x) in bars.items()
+        },
+        "joints": {
+            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
+            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
+            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
+            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
+        },
+        "assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}},
+        "scenarios": {"push": {"duration": 1.0, "driver": {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}}},
+    }
+
+
+def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
+    motion = extended_motion(rocker(), "push", samples("1"), STEP)
+    limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
+    assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
+    assert motion.stopped
+    assert motion.drift[0] < 8 * EPS
+
+
+def test_multipliers_balance_the_forces() -> None:
+    motion = run("shaper", "torque", "0.1")
+    assert motion.multipliers is not None
+    mechanism = build_mechanism(decimals("shaper", "torque"), "torque", "", "", LONG)
+    evaluator = Evaluator(mechanism)
+    for k in range(len(motion.q)):
+        terms = evaluator.terms(LONG(motion.times[k]), motion.q[k], motion.v[k])
+        rest = terms.M @ motion.a[k] + terms.J.T @ motion.multipliers[k] - terms.Q
+        assert np.abs(rest).max() < 32 * EPS * (1 + np.abs(motion.multipliers[k]).max())
+    assert run("parallelogram", "torque", "0.02").multipliers is None
+
+
+def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
+    """The jerk of a cycloid jumps at its end: a step across it would be good to a few digits only."""
+    document = decimals("five_bar", "spring")
+    chosen = deepcopy(document["scenarios"]["spring"])
+    law = {"link": "left", "law": "sine", "start_deg": 100, "travel_deg": 20, "time": Decimal("0.037")}
+    chosen |= {"driver": law, "start": {"angles_deg": {"right": 80}, "speeds": {"right": -1}}}
+    document["scenarios"] = {"half": chosen}
+    one, other = (extended_motion(document, "half", samples("0.1"), h) for h in (STEP, STEP / 2))
+    assert one.stopped == ""
+    left = 2 + 3 * list(document["links"]).index("left")
+    assert np.abs(one.q[4:, left] - LONG(PI) * 120 / 180).max() < 8 * EPS
+    assert distance(one.q, other.q) < 1e-17
+    assert distance(one.a, other.a) < 1e-15
+
+
+def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    friction = load(DATA / "friction.toml").scenario
+    with pytest.raises(ArithmeticError, match="friction"):
+        run(DATA / "friction.toml", friction, "0.02")
+    monkeypatch.setattr(extended_linkage, "MANTISSA", 1000)
+    with pytest.raises(ArithmeticError, match="mantissa"):
+        run("four_bar", "torque", "0.02")
+
+
+def test_progress_is_told_at_every_sample() -> None:
+    told: list[float] = []
+    extended_motion(decimals("four_bar", "torque"), "torque", ["0", "0.02", "0.03"], STEP, told.append)
+    assert told == [0.0, 0.02, 0.03]
+
+
+def test_a_document_of_doubles_means_its_shortest_decimals() -> None:
+    document = rocker()
+    text = deepcopy(document)
+    text["ground"]["points"]["D"] = [0.4, 0]
+    one, other = (extended_motion(x, "push", samples("0.02"), STEP).q for x in (document, text))
+    np.testing.assert_array_equal(one, other)
+    assert load_document(text, "push").dof == 1
