@@ -22,7 +22,8 @@ from tests.conftest import DATA, everything, redundant
 FILES = ("all_kinds", "loaded", "pushed", "slides", "swinging_block", "wedge")
 FORMULATIONS = ("gauss", "lagrange")
 ROUNDING = 1e-11  # relative, after eliminations of condition up to 1e4
-ALLOWED = "INPUT OUTPUT CONST ADD SUB MUL DIV NEG SQ TWICE INV SQRT SIN COS FABS FMIN FMAX LT LE IF_ELSE_ZERO".split()
+ALLOWED = {"INPUT", "OUTPUT", "CONST", "ADD", "SUB", "MUL", "DIV", "NEG", "SQ", "TWICE", "INV", "SQRT", "SIN", "COS"}
+ALLOWED |= {"FABS", "FMIN", "FMAX", "LT", "LE", "IF_ELSE_ZERO"}
 
 
 @cache
@@ -94,14 +95,16 @@ def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: 
     assert len(usable) >= 0.9 * len(tried)
     for t, q, v in usable:
         terms = evaluator.terms(t, q, v)
-        a, multipliers, energy = (values(f, t, q, v, p.values)[0] for f in (p.acceleration, p.multipliers, lambda t, *x: p.energy(*x)))
+        a, multipliers, energy = (
+            values(f, t, q, v, p.values)[0] for f in (p.acceleration, p.multipliers, lambda t, *x: p.energy(*x))
+        )
         true = truth.acceleration(np.array([t]), q[None], v[None])[0]
         size = max(np.abs(true).max(), np.abs(terms.Q / evaluator.mass).max())  # a driven linkage can stand still under gravity
         assert np.abs(a - true).max() <= ROUNDING * size
         force = terms.Q - evaluator.mass * a
         loads = np.abs(terms.J).T @ np.abs(multipliers)
         assert np.abs(terms.J.T @ multipliers - force).max() <= ROUNDING * max(loads.max(), np.abs(terms.Q).max())
-        assert energy[0] == pytest.approx(float(evaluator.energy(q, v)), rel=1e-13, abs=1e-13)
+        assert values(p.energy, q, v, p.values)[0][0] == pytest.approx(float(evaluator.energy(q, v)), rel=1e-13, abs=1e-13)
 
 
 @pytest.mark.parametrize(("name", "scenario"), CASES)
@@ -167,12 +170,9 @@ def test_redundant_rows_are_dropped_by_name_and_carry_nothing() -> None:
 
 
 def test_redundant_drivers_are_refused() -> None:
-    document = tomllib.loads(built_in()["four_bar"].read_text(encoding="utf-8"))
-    driver = document["scenarios"]["driven"].pop("driver")
-    other = {"link": "rocker", "law": "constant", "start": float(load("four_bar", "driven").q0[8]), "speed": 0.0}
-    document["scenarios"]["driven"]["drivers"] = [driver | {"speed": 0.0}, other]
+    mechanism = linkage("four_bar", "driven")
     with pytest.raises(KernelError, match="redundant"):
-        generate(load_document(document, "driven"))
+        generate(replace(mechanism, drivers=mechanism.drivers * 2))
 
 
 def crank_slider_at(angle: float) -> np.ndarray:
@@ -186,10 +186,10 @@ def crank_slider_at(angle: float) -> np.ndarray:
 def test_the_guard_falls_where_the_partition_is_singular(independent: tuple[int, ...], dead: float, good: float) -> None:
     """Slider position: both dead centres; rod angle and crank height: crank upright."""
     mechanism = linkage("crank_slider", "paper")
-    p, evaluator, v = generate(mechanism, "gauss", independent=independent), Evaluator(mechanism), np.zeros(9)
+    p, v = generate(mechanism, "gauss", independent=independent), np.zeros(9)
 
     def guard(angle: float) -> float:
-        a, found = values(p.acceleration, 0.0, crank_slider_at(angle), v, p.values)
+        found = values(p.acceleration, 0.0, crank_slider_at(angle), v, p.values)[1]
         return float((np.abs(found) / p.thresholds).min())
 
     for off in (0.0, 1e-8, 1e-5):
@@ -199,7 +199,6 @@ def test_the_guard_falls_where_the_partition_is_singular(independent: tuple[int,
         a = values(p.acceleration, 0.0, crank_slider_at(angle), v, p.values)[0]
         true = AbsoluteCoordinates(mechanism).acceleration(np.zeros(1), crank_slider_at(angle)[None], v[None])[0]
         assert np.abs(a - true).max() <= 1e-9 * np.abs(true).max()  # two or three digits are lost where the guard is near
-    assert evaluator.mechanism.n == 9
 
 
 @pytest.mark.parametrize("name", [*built_in(), "n_four_bar_3"])
@@ -220,7 +219,7 @@ def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None
 def test_a_large_chain_costs_as_much_a_cell_as_a_small_one() -> None:
     small, large = (costs(program(f"n_four_bar_{n}", None, "gauss")).operations for n in (4, 24))
     assert large <= 1.1 * 6 * small
-    assert program("n_four_bar_24", None, "gauss").thresholds.size <= 3 * 24
+    assert program("n_four_bar_24", None, "gauss").thresholds.size <= 3 * 24  # two unknowns a window, one pivot each, some extra
 
 
 PROTOTYPE = {"crank_slider": (125, 3), "six_bar": (289, 12), "shaper": (264, 7), "eight_bar": (548, 20)}  # gravity alone
@@ -251,7 +250,7 @@ def test_the_same_linkage_gives_the_same_program() -> None:
 def test_programs_hold_only_operations_the_emitters_know(name: str) -> None:
     p = program(name, None, "gauss")
     functions = (p.acceleration, p.position_correction, p.velocity_correction, p.multipliers, p.energy, p.residual)
-    assert set().union(*(operations(f) for f in functions)) <= set(ALLOWED)
+    assert set().union(*(operations(f) for f in functions)) <= ALLOWED
 
 
 LAWS = [

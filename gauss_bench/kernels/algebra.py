@@ -4,6 +4,9 @@ Gauss: J = [Jd Ju] with the independent coordinates u, n - m of them. One factor
 
     a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
 
+Any basis of the null space serves as N. Where it has one column, that may be multiplied by a pivot p of Jd, so that it holds minors
+of J in place of quotients and all that follows from it need not wait for 1/p.
+
 Lagrange: the n + m equations
 
     [ M  J^T ] [   a    ]   [   Q   ]
@@ -70,9 +73,15 @@ class Gauss:
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
         self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search)
-        one = terms.graph.constant(1.0)
-        self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
+        self.N = [self._column(J, k, terms.graph.constant(1.0)) for k in self.independent]
+        waited = max((p for p in self.factors.pivots if p.node.number is None), key=lambda p: p.node.ready, default=None)
+        if search.undivided and waited and len(self.N) == 1:
+            self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
         self.reduced = self._reduced_mass(search)
+
+    def _column(self, J: Matrix, k: int, size: Node) -> Right:
+        """The motion in which the independent coordinate k has the speed `size`."""
+        return self.factors.solve({r: -(e * size) for (r, c), e in J.items() if c == k}) | {k: size}
 
     def _reduced_mass(self, search: Search) -> Factors:
         unknowns, graph = range(len(self.N)), self.terms.graph

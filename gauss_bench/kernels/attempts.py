@@ -6,6 +6,7 @@ search is seeded and its length depends on the linkage alone, so that a linkage 
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 from gauss_bench.kernels.algebra import Algebra, Gauss, Lagrange, Terms
 from gauss_bench.kernels.elimination import Search
@@ -19,8 +20,8 @@ from gauss_bench.kernels.symbol_forces import generalised_force
 from gauss_bench.kernels.symbols import Row, rows_of
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
-ATTEMPTS = 40
-NOISES, PATIENCES = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0)
+ATTEMPTS = 72
+NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def vector(graph: Graph, values: dict[int, Node], size: int) -> list[Node]:
 
 def searches(count: int) -> list[Search]:
     """The ways in which ties are broken, the plain one first."""
-    ways = [(noise, patience) for noise in NOISES for patience in PATIENCES]
+    ways = list(product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED))
     return [Search(seed, *ways[seed % len(ways)]) for seed in range(count)]
 
 

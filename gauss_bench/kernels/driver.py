@@ -6,7 +6,7 @@ always serves, its slider not at the dead centres). Programs for further partiti
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -36,6 +36,9 @@ class Options:
     cache: bool
 
 
+known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often compiled under several stabilisations
+
+
 class Choices:
     """The programs of one mechanism: the best first, further ones when asked for.
 
@@ -53,14 +56,14 @@ class Choices:
     def _generated(self) -> Iterator[Program]:
         o = self.options
         damping = o.baumgarte if o.stabilization == "baumgarte" else None
-        first = generate(self.mechanism, o.formulation, o.open_parameters, o.independent, damping)
+        first = known_program(self.mechanism, o.formulation, o.open_parameters, o.independent, damping)
         yield first
         others: list[tuple[str, tuple[int, ...] | None]] = [
             ("gauss", p) for p in partitions(self.mechanism) if p != first.independent
         ]
         for formulation, independent in [*others, *([("lagrange", None)] if first.formulation != "lagrange" else [])]:
             try:
-                yield generate(self.mechanism, formulation, o.open_parameters, independent, damping)
+                yield known_program(self.mechanism, formulation, o.open_parameters, independent, damping)
             except KernelError:
                 continue  # not every partition can be eliminated everywhere; the first one could
 
@@ -125,7 +128,7 @@ class Driver:
         if self.options.backend != "llvm":
             return len(REACHES[integrator]) - 1
         speeds = states[..., [self.mechanism.n + i for i in self.choices.codes[0].angles]]
-        way = MARGIN * abs(h) * float(np.sqrt((speeds * speeds).sum(-1).max(initial=0.0)))
+        way = MARGIN * abs(h) * float(np.hypot.reduce(speeds, axis=-1).max(initial=0.0))
         return next((k for k, reach in enumerate(REACHES[integrator]) if way <= reach.step), len(REACHES[integrator]) - 1)
 
     def runner(self, k: int, integrator: str, level: int) -> Runner:
@@ -242,17 +245,20 @@ class Course:
             self.found.samples[self.row, self.stored] = self.state
             self.stored += 1
         else:
-            with np.errstate(all="ignore"):
-                self.state = np.concatenate(driver.library.step(self.integrator, self.t, q, v, batch.h))
-            self.at += 1
+            try:
+                with np.errstate(all="ignore"):
+                    self.state = np.concatenate(driver.library.step(self.integrator, self.t, q, v, batch.h))
+                self.at += 1
+            except np.linalg.LinAlgError:  # numbers beyond all bounds
+                self._lose()
             if not np.isfinite(self.state).all():
                 self._lose()
 
     def _lose(self) -> None:
         """What cannot go on is not a number from here, rather than a wrong one."""
+        self.driver.tally.lost += self.stored < self.batch.slots
         self.found.samples[self.row, self.stored :] = np.nan
         self.stored = self.batch.slots
-        self.driver.tally.lost += 1
 
 
 def before(step: int, every: int) -> int:

@@ -7,8 +7,9 @@ no branches, and a guard on the pivots tells where it must not be used. A consta
     A = L U,   x: L y = b, U x = y,   lambda: U^T z = b, L^T lambda = z
 
 Of each pivot p = L_kk U_kk one factor is 1. Which, is a matter of cost: either the entries of the pivot's column are multiplied by
-1/p, or those of its row. Entries are sums whose summands are kept until the entry is needed, so that they can be added in the order
-in which they become ready.
+1/p, or those of its row. A short row may instead be multiplied by p before p's row is taken off it, as in a determinant: the next
+pivot then need not wait for a division. Entries are sums whose summands are kept until the entry is needed, so that they can be
+added in the order in which they become ready.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
@@ -24,6 +25,7 @@ from gauss_bench.terms import Array
 RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
 SMALLEST = 1e-9
 GUARD = 1e-3  # of the largest entry in the pivot's row: below, a pivot costs more than three digits
+CROSSED = 3  # entries of a row that are multiplied by a pivot at most; once per row, since sizes multiply too
 LOOKED_AT = 8  # rows and columns with the fewest entries among which a pivot is sought
 
 Matrix = dict[tuple[int, int], Node]
@@ -32,11 +34,20 @@ Right = dict[int, Node]
 
 @dataclass(frozen=True)
 class Search:
-    """How ties between pivots are broken: `noise` added to Markowitz's count, `patience` charged per 100 cycles of waiting."""
+    """How choices are made that Markowitz's count leaves open.
+
+    Attributes:
+        noise: added to the count at random.
+        patience: charged per 100 cycles that a pivot is waited for.
+        crossing: share of the steps done without division, where that is possible.
+        undivided: whether the single column of a null space is multiplied by the pivot it would wait for.
+    """
 
     seed: int = 0
     noise: float = 0.0
     patience: float = 0.0
+    crossing: float = 0.0
+    undivided: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,44 +63,63 @@ class Pivot:
 
 
 @dataclass(frozen=True, eq=False)
+class Step:
+    """One row operation: row <- scale row - factor (pivot row), the scale None for 1."""
+
+    pivot_row: int
+    factor: Node
+    scale: Node | None
+
+
+@dataclass(frozen=True, eq=False)
 class Factors:
-    """L by row and U by row without their diagonals; pivots in order of elimination."""
+    """The row operations that made A upper triangular, and what they made of it; pivots in order of elimination."""
 
     graph: Graph
     pivots: tuple[Pivot, ...]
-    lower: dict[int, list[tuple[int, Node]]]
+    steps: dict[int, list[Step]]
     upper: dict[int, list[tuple[int, Node]]]
 
     def solve(self, b: Right) -> Right:
         """x by column, of A x = b by row; zeros are left out of both."""
         y: Right = {}
         for p in self.pivots:
-            known = _less(b.get(p.row), ((f, y.get(k)) for k, f in self.lower[p.row]))
-            _put(y, p.row, known, p.inverse if p.row_divided else None)
+            _put(y, p.row, self._reduced(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
         x: Right = {}
         for p in reversed(self.pivots):
             known = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
             _put(x, p.column, known, None if p.row_divided else p.inverse)
         return x
 
+    def _reduced(self, b: Node | None, steps: list[Step], y: Right) -> Node | None:
+        """What the row operations make of an entry of the right-hand side."""
+        products: list[tuple[Node, Node | None]] = []
+        for step in steps:
+            if step.scale is not None:
+                b, products = _less(b, products), []
+                b = None if b is None else b * step.scale
+            products.append((step.factor, y.get(step.pivot_row)))
+        return _less(b, products)
+
     def solve_transposed(self, b: Right) -> Right:
-        """lambda by row, of A^T lambda = b by column."""
-        position = {p.row: k for k, p in enumerate(self.pivots)}
+        """lambda by row, of A^T lambda = b by column: U^T z = b, then the row operations transposed, the last one first."""
         above: dict[int, list[tuple[int, Node]]] = {p.column: [] for p in self.pivots}
-        below: dict[int, list[tuple[int, Node]]] = {p.row: [] for p in self.pivots}
         for p in self.pivots:
             for c, u in self.upper[p.row]:
                 above[c].append((p.row, u))
-            for k, f in self.lower[p.row]:
-                below[k].append((p.row, f))
         z: Right = {}
         for p in self.pivots:
             known = _less(b.get(p.column), ((u, z.get(r)) for r, u in above[p.column]))
             _put(z, p.row, known, None if p.row_divided else p.inverse)
+        pending: dict[int, list[tuple[Node, Node | None]]] = {p.row: [] for p in self.pivots}
         found: Right = {}
         for p in reversed(self.pivots):
-            known = _less(z.get(p.row), ((f, found.get(r)) for r, f in sorted(below[p.row], key=lambda x: position[x[0]])))
-            _put(found, p.row, known, p.inverse if p.row_divided else None)
+            _put(found, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
+            load = found.get(p.row)
+            for step in reversed(self.steps[p.row]):
+                pending[step.pivot_row].append((step.factor, load))
+                load = load if load is None or step.scale is None else load * step.scale
+            _put(found, p.row, load, None)
         return found
 
 
@@ -161,7 +191,7 @@ class _Elimination:
         for c in self.columns:
             self.by_column.set(c, len(self.columns[c]))
         self.pivots: list[Pivot] = []
-        self.lower: dict[int, list[tuple[int, Node]]] = {r: [] for r in self.rows}
+        self.steps: dict[int, list[Step]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
 
     def _values(self, e: _Entry) -> Array:
@@ -173,7 +203,7 @@ class _Elimination:
     def factors(self) -> Factors:
         for _ in range(len(self.rows)):
             self._eliminate(*self._choose())
-        return Factors(self.graph, tuple(self.pivots), self.lower, self.upper)
+        return Factors(self.graph, tuple(self.pivots), self.steps, self.upper)
 
     def _choose(self) -> tuple[int, int, Array]:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
@@ -221,7 +251,8 @@ class _Elimination:
         pivot = row.pop(c)
         others = sorted(self.columns.pop(c) - {r})
         inverse = self.graph.inverse(pivot)
-        row_divided = pivot.number is None and len(row) < len(others)
+        crossed = self._is_crossed(pivot, others)
+        row_divided = pivot.number is None and not crossed and len(row) < len(others)
         if row_divided:
             row = {k: u * inverse for k, u in row.items()}
         self.by_row.drop(r)
@@ -230,8 +261,10 @@ class _Elimination:
             self.columns[k].discard(r)
         for other in others:
             entry = self.rows[other].pop(c).node()
-            f = entry if row_divided else entry * inverse
-            self.lower[other].append((r, f))
+            if crossed:
+                self.rows[other] = {k: _Entry(e.node() * pivot) for k, e in self.rows[other].items()}
+            f = entry if row_divided or crossed else entry * inverse
+            self.steps[other].append(Step(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
             self.by_row.set(other, len(self.rows[other]))
         for k in row:
@@ -239,6 +272,13 @@ class _Elimination:
         threshold = GUARD * self.scale[c] * float(np.median(largest))
         self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
         self.upper[r] = list(row.items())
+
+    def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
+        """Whether the other rows are multiplied by the pivot, and nothing is divided by it."""
+        if not self.search.crossing or pivot.number is not None or not others:
+            return False
+        few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
+        return few and self.random.random() < self.search.crossing
 
     def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
         target = self.rows[other]

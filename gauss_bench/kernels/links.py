@@ -1,15 +1,15 @@
 """Positions and velocities of link-fixed points as expressions, one sine and cosine per link at most.
 
-An arm r = exp(i theta) s has constant components s in the link's frame. The frame is turned by a constant phase where most of the
-link's points then lie on an axis, which saves four multiplications a point:
+An arm r = exp(i theta) s has constant components s in the link's frame. Slides tie the angles of links together,
+theta_b = theta_g + turn, and the constant part is folded into s:
 
-    r = exp(i (theta + phi)) (exp(-i phi) s)
+    r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-Slides tie the angles of links together, theta_b = theta_g + turn. Tied links share one sine and cosine, and one that is tied to
-the ground has none: on the constraints nothing changes, and the motion never leaves these rows, which are linear.
+Tied links share one sine and cosine, and one that is tied to the ground has none: on the constraints nothing changes, and the
+motion never leaves these rows, which are linear. Sines and cosines are those of coordinates as they stand, so that a loop over steps
+can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,19 +18,7 @@ from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.parameters import Parameters
 from gauss_bench.kernels.planar import Vector
 from gauss_bench.kernels.sampling import SPEED, scales
-from gauss_bench.mechanism.model import (
-    GROUND,
-    AngleDriver,
-    AxisSpringDamper,
-    JointDamping,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    Revolute,
-    SlideDriver,
-    SpringDamper,
-)
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 
 AXIS = 1e-14  # of a vector's length: less is rounding of a right angle
 
@@ -61,54 +49,6 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
-def points_of(mechanism: Mechanism) -> list[Point]:
-    """The points at which something acts, once each."""
-    found: list[Point] = [x for e in mechanism.knife_edges for x in (e.point,)]
-    pairs = [*mechanism.joints, *(p for f in mechanism.forces if isinstance(f, JointDamping) for p in f.pairs)]
-    for joint in pairs:
-        found += [joint.a, joint.b] if isinstance(joint, Revolute) else [joint.guide, joint.block]
-    for driver in mechanism.drivers:
-        if not isinstance(driver, AngleDriver):
-            found += [driver.joint.guide, driver.joint.block] if isinstance(driver, SlideDriver) else [driver.a, driver.b]
-    for force in mechanism.forces:
-        match force:
-            case PointForce():
-                found.append(force.point)
-            case SpringDamper():
-                found += [force.a, force.b]
-            case AxisSpringDamper():
-                found += [force.point, force.origin]
-    return list({(p.link, *map(float, p.local)): p for p in found}.values())
-
-
-def directions_of(mechanism: Mechanism) -> list[tuple[int, float]]:
-    """Link and angle of every link-fixed line that something acts along."""
-    found = [(j.guide.link, j.angle) for j in mechanism.joints if isinstance(j, Prismatic)]
-    found += [(e.point.link, e.angle) for e in mechanism.knife_edges]
-    found += [(f.origin.link, f.angle) for f in mechanism.forces if isinstance(f, AxisSpringDamper)]
-    return found + [(f.frame, float(np.arctan2(f.value[1], f.value[0]))) for f in mechanism.forces if isinstance(f, PointForce)]
-
-
-def phases(mechanism: Mechanism, ties: Sequence[Tie]) -> dict[int, float]:
-    """For every root the angle [rad] of the frame in which most vectors lie on an axis; 0 unless another is better."""
-    vectors: dict[int, list[complex]] = {}
-    fixed = [(p.link, complex(*map(float, p.local))) for p in points_of(mechanism)]
-    fixed += [(link, complex(np.cos(x), np.sin(x))) for link, x in directions_of(mechanism)]
-    for link, s in fixed:
-        if link != GROUND and abs(s) > 0 and ties[link].root != GROUND:
-            vectors.setdefault(ties[link].root, []).append(s / abs(s) * np.exp(1j * ties[link].offset))
-    return {root: _best_phase(found) for root, found in vectors.items()}
-
-
-def _best_phase(vectors: list[complex]) -> float:
-    def off_axis(phase: float) -> int:
-        turned = [s * np.exp(-1j * phase) for s in vectors]
-        return sum(min(abs(s.real), abs(s.imag)) > AXIS for s in turned)
-
-    candidates = [0.0, *(float(np.angle(s)) for s in vectors)]
-    return min(candidates, key=lambda x: (off_axis(x), abs(x)))
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """Names of the inputs that hold time, positions and velocities, and their values at the samples (k,), (k, n), (k, n)."""
@@ -127,7 +67,6 @@ class Links:
     def __init__(self, graph: Graph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
-        self.phases = phases(mechanism, self.ties)
         self.scale = [float(x) for x in scales(mechanism)]
         self.zero = graph.constant(0.0)
         self.arms: dict[tuple[object, ...], Vector] = {}
@@ -176,11 +115,10 @@ class Links:
     def rotated(self, link: int, s: Vector) -> Vector:
         """A link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
-        phase = self.phases.get(tie.root, 0.0)
-        s = s.rotated(self._unit(tie.offset - phase))
+        s = s.rotated(self._unit(tie.offset))
         if tie.root == GROUND:
             return s
-        theta = self.coordinate(3 * tie.root + 2) + phase
+        theta = self.coordinate(3 * tie.root + 2)
         return s.rotated(Vector(self.graph.cos(theta), self.graph.sin(theta)))
 
     def _unit(self, theta: float) -> Vector:

@@ -19,7 +19,7 @@ from gauss_bench.terms import Array
 STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
 WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
 TIMES = 64  # moments at which a driven linkage is closed
-DENSE = 200  # coordinates: beyond, sparse factorisations are cheaper by far
+DENSE = 100  # coordinates: beyond, sparse factorisations are cheaper by far
 CLOSED = 1e-12  # [m, rad]
 RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
 SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate

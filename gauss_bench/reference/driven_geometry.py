@@ -56,7 +56,7 @@ class Closures:
         return y
 
     def matrix(self, x: Array) -> Array:
-        return dense(self.rows.entries(self._instant(x)), 1, len(x))[0]
+        return np.asarray(dense(self.rows.entries(self._instant(x)), 1, len(x))[0])
 
     def rates(self, t: float, x: Array) -> tuple[Array, Array]:
         """x' and x'' (n,)."""
@@ -116,7 +116,7 @@ def followed(closures: Closures, times: Array, x: Array) -> Iterator[Array]:
             if not crossed:
                 t, x, step = float(reached), found, 2 * step
             elif step < SHORTEST * whole:
-                raise Unsolved(f"the driven linkage cannot follow beyond t = {t:.6g} s: a singular position, or a limit of its motion")
+                raise Unsolved(f"the driven linkage is singular, or at a limit of its motion, at t = {t:.6g} s")
             else:
                 step /= 2
         yield x

@@ -103,5 +103,3 @@ def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) 
     zero = number("0")
     knots = sorted({x for table in tables for x in breaks(table, number) if x > zero})
     return [Piece(pairs, begin, end, number) for begin, end in zip([zero, *knots], [*knots, None], strict=True)]
-
-

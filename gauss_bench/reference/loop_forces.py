@@ -136,5 +136,3 @@ class Loads:
         torque = neg(mul(self.of(c), sub(self._speed(pair.b.link), self._speed(pair.a.link))))
         self._twist(pair.b.link, torque)
         self._twist(pair.a.link, neg(torque))
-
-

@@ -11,7 +11,7 @@ A row reads A x' = rate at the level of velocities and A x'' = gamma at that of 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,8 @@ class Prescribed(NamedTuple):
     """A quantity that is given: the coordinate itself (less a constant), or the length of a vector."""
 
     name: str
-    index: int
-    turn: object
+    coordinate: int
+    turn: Any
     gap: Sum
 
 
@@ -62,7 +62,7 @@ class LoopRows:
                 d = at.combined(given.gap, at)
                 rows.append({j: dot(d, g) for j, g in at.gradient(given.gap).items()})
             else:
-                rows.append({} if given.index == NONE else {given.index: 1})
+                rows.append({} if given.coordinate == NONE else {given.coordinate: 1})
         for _, point, normal in self.edges:
             n = at.combined(normal, at)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
@@ -76,7 +76,7 @@ class LoopRows:
                 d = at.combined(given.gap, at)
                 found.append((dot(d, d) - value * value) / 2)
             else:
-                found.append(add(given.turn, 0 if given.index == NONE else at.x[given.index]) - value)
+                found.append(add(given.turn, 0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
         return found
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
@@ -124,5 +124,3 @@ def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
             return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
         case LengthDriver():
             return Prescribed(driver.name, NONE, 0, merged(coordinates.point(driver.b), coordinates.point(driver.a)))
-
-

@@ -85,4 +85,3 @@ def residuals(rows: LoopRows, states: States, at: Instant) -> tuple[float, float
     position = stacked([*rows.residuals(at, laws), *gaps], like)
     rate = applied(rows.entries(at), states.v) - stacked(rows.rates(laws), like)
     return tuple(float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))  # type: ignore[return-value]
-

@@ -4,6 +4,7 @@ The assembly in double precision is the first guess; angles, slides, points and 
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from gauss_bench.terms import Array
 class Held(NamedTuple):
     """A coordinate (plus a constant) or a point that starts at a target, with a rate: one value each, or two."""
 
-    index: int
+    coordinate: int
     turn: Any
     point: Sum
     target: tuple[Any, ...]
@@ -32,10 +33,10 @@ class Held(NamedTuple):
         if self.point:
             gradient = at.gradient(self.point)
             return [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
-        return [{} if self.index == NONE else {self.index: 1}]
+        return [{} if self.coordinate == NONE else {self.coordinate: 1}]
 
     def residual(self, at: Instant) -> list[Value]:
-        here = at.combined(self.point, at) if self.point else ((0 if self.index == NONE else at.x[self.index]) + self.turn,)
+        here = at.combined(self.point, at) if self.point else ((0 if self.coordinate == NONE else at.x[self.coordinate]) + self.turn,)
         return [x - target for x, target in zip(here, self.target, strict=True)]
 
 
@@ -88,14 +89,14 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
         at = Instant(columns(x), NUMBERS)
         return [*rows.entries(at), *(row for hold in holds for row in hold.entries(at))]
 
-    def residual(x: Long, holds: Sequence[Held]) -> Long:
+    def residual(holds: Sequence[Held], x: Long) -> Long:
         at = Instant(columns(x), NUMBERS)
         found = [*rows.residuals(at, laws), *(0 for _ in rows.edges), *(y for hold in holds for y in hold.residual(at))]
         return stacked(found, like)
 
     for group in (holds, []):  # what is held may contradict the loops in its last digits; the loops must close to the last
         P = pseudo_inverse(dense(entries(x, group), 1, n))
-        x = corrected(lambda y, group=group: residual(y, group), P, x, eps)
+        x = corrected(partial(residual, group), P, x, eps)
     A = entries(x, holds)
     rates = stacked([*rows.rates(laws), *(y for hold in holds for y in hold.rate)], like)
     P = pseudo_inverse(dense(A, 1, n))
