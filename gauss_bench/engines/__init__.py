@@ -11,6 +11,7 @@ FOREIGN = {
     "exudyn": "gauss_bench.engines.exudyn:Exudyn",
     "mujoco": "gauss_bench.engines.mujoco:Mujoco",
 }
+COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 
 
@@ -20,8 +21,8 @@ def _from(target: str) -> Callable[[], Engine]:
 
 
 def names() -> list[str]:
-    """All engines: own formulations, foreign engines, then what other packages add in the group gauss_bench.engines."""
-    return [*OWN, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
+    """All engines: own formulations, the compiled ones, foreign engines, then what others add in the group gauss_bench.engines."""
+    return [*OWN, *COMPILED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
 
 
 def get(name: str) -> Engine:
@@ -35,6 +36,10 @@ def get(name: str) -> Engine:
         from gauss_bench.engines.native import Native
 
         return Native(name)
+    if name in COMPILED:
+        from gauss_bench.engines.compiled import Compiled
+
+        return Compiled(name)
     if name in FOREIGN:
         return _from(FOREIGN[name])()
     for point in entry_points(group="gauss_bench.engines"):

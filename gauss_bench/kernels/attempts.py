@@ -1,110 +1,29 @@
 """The search for a cheap elimination: partitions and pivot orders are tried, and the cheapest acceleration is kept.
 
 Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
-operations is. A single trajectory waits for that chain, a batch for the number of operations; `Costs.estimate` weighs both. The
-search is seeded and its length depends on the linkage alone, so that a linkage always gives the same program.
+operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
+trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
+its length depends on the linkage alone, so that a linkage always gives the same program.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 
-from gauss_bench.kernels.algebra import Algebra, Gauss, Lagrange, Terms
+import numpy as np
+
 from gauss_bench.kernels.elimination import Search
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.export import Costs, costs_of
-from gauss_bench.kernels.links import Links, State
-from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.parameters import Parameters
-from gauss_bench.kernels.partition import USABLE, Study, candidates, conditions, covering
-from gauss_bench.kernels.symbol_forces import generalised_force
-from gauss_bench.kernels.symbols import Row, rows_of
+from gauss_bench.kernels.partition import Study, candidates, covering
+from gauss_bench.kernels.workspace import Plan, Workspace, workspace
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
-ATTEMPTS = 72
+ATTEMPTS = 96
+REPEATED = 4  # ways that are repeated
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A formulation and, for gauss, its independent coordinates."""
-
-    formulation: str
-    independent: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """The equations of motion of one mechanism, before elimination, at the samples one plan can use.
-
-    Attributes:
-        rows: all rows at the state; kept: indices of those that are eliminated.
-        mark: how much the graph knew before elimination.
-    """
-
-    plan: Plan
-    links: Links
-    rows: list[Row]
-    terms: Terms
-    kept: tuple[int, ...]
-    mark: int
-
-    def algebra(self, search: Search) -> Algebra:
-        """An elimination from a clean slate; what an earlier one made is forgotten."""
-        self.terms.graph.forget(self.mark)
-        if self.plan.formulation == "gauss":
-            return Gauss(self.terms, self.plan.independent, search)
-        return Lagrange(self.terms, search)
-
-
-def workspace(found: Study, parameters: Parameters, plan: Plan) -> Workspace:
-    """Terms of a mechanism for a plan.
-
-    Raises:
-        KernelError: the plan's partition is singular at every sample.
-    """
-    states, mechanism = found.states, found.mechanism
-    if plan.formulation == "gauss":
-        states = states.part(conditions(found, plan.independent) > USABLE)
-        if not len(states):
-            raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
-    graph = Graph(len(states))
-    here = State("t", "q", "v", states.t, states.q, states.v)
-    links = Links(graph, mechanism, parameters, here)
-    rows = rows_of(links)
-    mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
-    terms = Terms(graph, tuple(mass), [rows[k] for k in found.kept], generalised_force(links))
-    return Workspace(plan, links, rows, terms, found.kept, len(graph.trail))
-
-
-def plain_links(work: Workspace) -> Links:
-    """The links at the same state, every angle for itself: for energy and residuals, which must be right off the constraints."""
-    links = work.links
-    return Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
-
-
-def moved_links(work: Workspace) -> Links:
-    """The links at the state that a position correction starts from, inputs t_new and q_new: every angle for itself."""
-    links = work.links
-    there = replace(links.state, t="t_new", q="q_new", v="v_new")
-    return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
-
-
-def vector(graph: Graph, values: dict[int, Node], size: int) -> list[Node]:
-    """All components of a sparse vector."""
-    zero = graph.constant(0.0)
-    return [values.get(k, zero) for k in range(size)]
-
-
-def searches(count: int) -> list[Search]:
-    """The ways in which ties are broken, the plain one first."""
-    ways = list(product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED))
-    return [Search(seed, *ways[seed % len(ways)]) for seed in range(count)]
-
-
-def attempt(work: Workspace, search: Search) -> Costs:
-    """Costs of the acceleration and its guards under one way of breaking ties."""
-    algebra = work.algebra(search)
-    return costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
+PLAIN = Search()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,45 +35,69 @@ class Best:
     costs: Costs
 
 
-def best_of(work: Workspace, tries: list[Search]) -> Best:
-    """The cheapest of several attempts.
+@dataclass(frozen=True)
+class Wanted:
+    """What is searched for: least `Costs.single` or `Costs.batch`, in so many attempts."""
+
+    aim: str
+    attempts: int
+
+    def price(self, costs: Costs) -> float:
+        return costs.single if self.aim == "single" else costs.batch
+
+
+def attempted(work: Workspace, searches: Iterable[Search]) -> list[Best]:
+    """Costs of the acceleration and its guards under several searches; those that find no usable pivots are left out.
 
     Raises:
-        KernelError: none of them finds usable pivots.
+        KernelError: none of them does.
     """
-    found: Best | None = None
-    failure: KernelError | None = None
-    for search in tries:
+    found: list[Best] = []
+    failure = KernelError("no attempt was made")
+    for search in searches:
         try:
-            costs = attempt(work, search)
+            algebra = work.algebra(search)
         except KernelError as error:
             failure = error
             continue
-        if found is None or costs.estimate < found.costs.estimate:
-            found = Best(work, search, costs)
-    if found is None:
-        raise failure or KernelError("no attempt was made")
+        costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
+        found.append(Best(work, search, costs))
+    if not found:
+        raise failure
     return found
 
 
-def cheapest(found: Study, parameters: Parameters, formulation: str, independent: tuple[int, ...] | None) -> Best:
+def best_of(work: Workspace, wanted: Wanted) -> Best:
+    """The cheapest of several attempts."""
+    ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED)]
+    order = np.random.default_rng(0).permutation(len(ways))
+    various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
+    found = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
+    leaders, spare = found[:REPEATED], wanted.attempts - len(various)
+    again = [replace(leaders[k % len(leaders)].search, seed=100 + k) for k in range(spare)]
+    return min([found[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
+
+
+def cheapest(found: Study, parameters: Parameters, formulation: str, independent: tuple[int, ...] | None, aim: str) -> Best:
     """The cheapest program of a mechanism among the formulations and partitions that are open.
 
     Raises:
         KernelError: no partition and no pivots are usable.
     """
-    unknowns = found.mechanism.n + len(found.kept)
-    tries = searches(max(1, min(ATTEMPTS, EFFORT // unknowns)))
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (found.mechanism.n + len(found.kept)))))
     results = []
     if formulation in ("gauss", "auto"):
-        results.append(_best_partition(found, parameters, independent, tries))
+        results.append(_best_partition(found, parameters, independent, wanted))
     if formulation in ("lagrange", "auto"):
-        results.append(best_of(workspace(found, parameters, Plan("lagrange", ())), tries))
-    return min(results, key=lambda x: x.costs.estimate)
+        results.append(best_of(workspace(found, parameters, Plan("lagrange", ())), wanted))
+    return min(results, key=lambda x: wanted.price(x.costs))
 
 
-def _best_partition(found: Study, parameters: Parameters, independent: tuple[int, ...] | None, tries: list[Search]) -> Best:
+def _best_partition(found: Study, parameters: Parameters, independent: tuple[int, ...] | None, wanted: Wanted) -> Best:
+    """The best of the two partitions that a plain attempt finds cheapest."""
     choices = (candidates(found) or covering(found)[:1]) if independent is None else [independent]
-    plain = [best_of(workspace(found, parameters, Plan("gauss", x)), tries[:1]) for x in choices]
-    plain = sorted(plain, key=lambda x: x.costs.estimate)
-    return min([plain[0], *(best_of(x.work, tries) for x in plain[:2] if len(tries) > 1)], key=lambda x: x.costs.estimate)
+    plain = [attempted(workspace(found, parameters, Plan("gauss", x)), [PLAIN])[0] for x in choices]
+    plain = sorted(plain, key=lambda x: wanted.price(x.costs))
+    if wanted.attempts == 1:
+        return plain[0]
+    return min((best_of(x.work, wanted) for x in plain[:2]), key=lambda x: wanted.price(x.costs))

@@ -19,9 +19,14 @@ class Costs:
     critical: float
 
     @property
-    def estimate(self) -> float:
-        """Cycles of one evaluation on one core: what must wait for each other, and a quarter of a cycle for all there is."""
+    def single(self) -> float:
+        """Cycles of one evaluation for one trajectory, about: its longest chain, and a quarter of a cycle for every operation."""
         return self.critical + 0.25 * self.operations + 3.0 * self.divisions
+
+    @property
+    def batch(self) -> float:
+        """Cycles of one evaluation for one vector of trajectories, where no chain is waited for: two operations a cycle."""
+        return 0.5 * self.operations + 9.0 * self.divisions
 
 
 def reachable(outputs: Iterable[Node]) -> list[Node]:
@@ -46,12 +51,23 @@ def uses(outputs: Iterable[Node]) -> dict[int, int]:
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """Costs of the outputs before they are a function: a reciprocal used once is no operation of its own."""
+    """Costs of the outputs before they are a function: as of one, a reciprocal with one use being no operation of its own."""
     nodes, count = reachable(outputs), uses(outputs)
-    once = sum(x.op == "INV" and count[x.index] == 1 for x in nodes)
-    operations = sum(x.op not in ("INPUT", "CONST") for x in nodes) - once
-    divisions = sum(x.op in ("DIV", "INV") for x in nodes)
-    return Costs(operations, divisions, max((x.ready for x in outputs), default=0.0))
+    ops: dict[int, tuple[str, tuple[int, ...]]] = {}
+    ready: dict[int, float] = {}
+    merged = 0
+    for x in nodes:
+        args = tuple(a.index for a in x.args if isinstance(a, Node))
+        if x.op == "MUL" and any(ops[k][0] == "INV" and count[k] == 1 for k in args):
+            merged += 1
+            ready[x.index] = max(ready[y] for k in args for y in (ops[k][1] if ops[k][0] == "INV" else (k,))) + LATENCY["DIV"]
+            ops[x.index] = ("DIV", args)
+        else:
+            ops[x.index] = (x.op, args)
+            ready[x.index] = _ready(x.op, args, ops, ready, count)
+    operations = sum(x.op not in ("INPUT", "CONST") for x in nodes) - merged
+    divisions = sum(x.op == "INV" for x in nodes)
+    return Costs(operations, divisions, max((ready[x.index] for x in outputs), default=0.0))
 
 
 class Exporter:
@@ -140,15 +156,16 @@ def function_costs(function: Any) -> Costs:
         else:
             slots[taken[0]] = len(ops)
             ops.append((op, args))
-    ready: list[float] = []
-    for op, args in ops:
-        ready.append(_ready(op, args, ops, ready, used))
+    ready: dict[int, float] = {}
+    for k, (op, args) in enumerate(ops):
+        ready[k] = _ready(op, args, ops, ready, used)
     operations = sum(op not in ("INPUT", "CONST") for op, _ in ops)
     divisions = sum(op in ("DIV", "INV") for op, _ in ops)
     return Costs(operations, divisions, max((ready[k] for k in ends), default=0.0))
 
 
-def _ready(op: str, args: tuple[int, ...], ops: list[Any], ready: list[float], used: dict[int, int]) -> float:
+def _ready(op: str, args: tuple[int, ...], ops: Any, ready: dict[int, float], used: dict[int, int]) -> float:
+    """When a result is ready, given when its operands are."""
     latest = max((ready[x] for x in args), default=0.0)
     if op in ("ADD", "SUB"):
         for x, other in (args, args[::-1]):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kernels.attempts import Best, Workspace, cheapest, moved_links, plain_links, vector
+from gauss_bench.kernels.attempts import Best, cheapest
 from gauss_bench.kernels.check import off_constraints_error, worst_error
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.export import Costs, Exporter, Inputs, function_costs, uses
@@ -20,12 +20,14 @@ from gauss_bench.kernels.partition import Study, covering, study
 from gauss_bench.kernels.sampling import DENSE, manifold_states, scales
 from gauss_bench.kernels.symbol_forces import energy as energy_of
 from gauss_bench.kernels.symbols import Row, rate_of, rows_of
+from gauss_bench.kernels.workspace import Workspace, moved_links, plain_links, vector
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 __all__ = ["Costs", "KernelError", "Program", "costs", "generate", "partitions"]
 
 FORMULATIONS = ("auto", "gauss", "lagrange")
+AIMS = ("single", "batch")
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
 CHECKED = 1e-9  # relative; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
 
@@ -82,6 +84,7 @@ def generate(
     open_parameters: tuple[str, ...] = (),
     independent: tuple[int, ...] | None = None,
     baumgarte: tuple[float, float] | None = None,
+    aim: str = "single",
 ) -> Program:
     """The program of a mechanism.
 
@@ -90,19 +93,22 @@ def generate(
         open_parameters: names of numbers of the file that stay inputs.
         independent: coordinates of the partition (gauss); chosen where None.
         baumgarte: alpha, beta [1/s] of the stabilised variant.
+        aim: "single" for a short chain of operations, "batch" for few operations.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
     """
     if formulation not in FORMULATIONS:
         raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    if aim not in AIMS:
+        raise KernelError(f"no aim {aim}; there are {', '.join(AIMS)}")
     if mechanism.has_friction:
         raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
     parameters = named_parameters(mechanism, open_parameters)
     found = study(mechanism)
     if independent is not None and (len(set(independent)) != found.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {found.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(found, cheapest(found, parameters, formulation, independent), baumgarte)
+    program = _written(found, cheapest(found, parameters, formulation, independent, aim), baumgarte)
     check(program, mechanism)
     return program
 

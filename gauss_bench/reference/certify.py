@@ -178,8 +178,12 @@ def _vouched(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion],
     kept = int(lost[0]) if len(lost) else len(worst)
     if kept == len(truth.times) and not truth.stopped:
         return kept, float(worst.max(initial=0.0)), ""
-    last = truth.times[kept - 1] if kept else "0"
-    grown = f"the pipelines agree to {digits} digits until t = {last} s and to fewer after: small errors grow in this motion"
+    last = float(truth.times[kept - 1]) if kept else 0.0
+    earlier = float(truth.times[int(np.argmax(worst > 10.0 ** -(digits + 3)))])
+    rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
+    grown = (
+        f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after: small errors grow {rate} in this motion"
+    )
     said = [m.stopped for m in pipelines if m.stopped and len(m.times) <= kept]
     return kept, float(worst[:kept].max(initial=0.0)), "; ".join(said) or grown
 

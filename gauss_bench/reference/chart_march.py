@@ -81,21 +81,21 @@ class March:
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[States, str]:
         """States at the sample times from a start (1, n), and why they end before the last of them, or empty."""
         t, state, trust = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]]), WORN
-        parts = [self._states(chart, self.pieces[0], [(t, state)])]
+        parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
             while t < end:
                 leg = self._leg(self._series(chart, k), t, state, end, trust)
                 t, state = leg.t, leg.state
                 if leg.samples:
-                    parts.append(self._states(chart, piece, leg.samples))
+                    parts.append(self._states(chart, leg.samples))
                 if leg.stopped:
                     return joined(parts), leg.stopped
                 if leg.worn:
                     fresh, pivots = self._other_chart(chart, k, state)
                     if len(pivots.order) < len(chart.order) or pivots.smallest < SINGULAR:
                         return joined(parts), self._singular(float(t), pivots)
-                    here = self._states(chart, piece, [(t, state)])
+                    here = self._states(chart, [(t, state)])
                     state = np.concatenate([self._closed(here)[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return joined(parts), ""
@@ -169,12 +169,13 @@ class March:
             self.built[key] = self.compiled(chart, self.pieces[k])
         return self.built[key]
 
-    def _states(self, chart: Chart, piece: Piece, samples: list[tuple[Any, Long]]) -> States:
-        """Full coordinates and rates at times within one chart and piece."""
+    def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> States:
+        """Full coordinates and rates at times within one chart; where a law has a corner the law itself says which side counts."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
         at = Instant(columns(y[:, :n]), NUMBERS)
-        found = rates(self.rows, chart, at, columns(y[:, n:]), piece.laws(t, NUMBERS))
+        laws = [driver.law(t) for driver in self.rows.coordinates.mechanism.drivers]
+        found = rates(self.rows, chart, at, columns(y[:, n:]), laws)
         v, a = (stacked([x.get(j, 0) for j in range(n)], t - t) for x in (found.velocity, found.acceleration))
         return States(t, y[:, :n], v, a)
 

@@ -31,16 +31,15 @@ class Piece:
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        over = self.begin >= last_break(table, self.number)
-        if "time" in table and not over:
-            return self._rise(driver, exact(self.number, table["time"]), t, arithmetic)
         value, rate, second = driver.law(self.begin)
-        third = rate - rate
-        if "rows" in table:
-            if over or self.begin < first_break(table, self.number):
-                rate, second = rate - rate, rate - rate
-            else:
-                third = (driver.law(self.end)[2] - second) / (self.end - self.begin)
+        none = rate - rate
+        third, ends = none, breaks(table, self.number)
+        if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
+            rate, second = none, none
+        elif "time" in table:
+            return self._rise(driver, exact(self.number, table["time"]), t, arithmetic)
+        elif "rows" in table:
+            third = (driver.law(self.end)[2] - second) / (self.end - self.begin)
         return polynomial([value, rate, second / 2, third / 6], sub(t, arithmetic.of(self.begin)), arithmetic)
 
     def _rise(self, driver: Driver, time: Any, t: Value, arithmetic: Arithmetic) -> Law:
@@ -83,17 +82,8 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
 
 
 def breaks(table: dict[str, Any], number: Number) -> list[Any]:
-    """Times [s] at which a driver's law is not smooth, in order."""
-    ends = [table["time"]] if "time" in table else []
-    return [exact(number, x) for x in (*ends, *(row[0] for row in table.get("rows", [])))]
-
-
-def first_break(table: dict[str, Any], number: Number) -> Any:
-    return min(breaks(table, number))
-
-
-def last_break(table: dict[str, Any], number: Number) -> Any:
-    return max(breaks(table, number), default=number("1e300"))
+    """Times [s] at which a driver's law is not smooth: the end of a rise, the knots of a table."""
+    return [exact(number, x) for x in (*([table["time"]] if "time" in table else []), *(row[0] for row in table.get("rows", [])))]
 
 
 def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
@@ -101,5 +91,6 @@ def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) 
     tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
     pairs = tuple(zip(drivers, tables, strict=True))
     zero = number("0")
-    knots = sorted({x for table in tables for x in breaks(table, number) if x > zero})
+    ends = sorted(x for table in tables for x in breaks(table, number) if x > zero)
+    knots = [x for k, x in enumerate(ends) if k == 0 or x != ends[k - 1]]
     return [Piece(pairs, begin, end, number) for begin, end in zip([zero, *knots], [*knots, None], strict=True)]

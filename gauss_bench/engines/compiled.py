@@ -1,0 +1,107 @@
+"""The suite's own formulations as native code: the same linkage file, generated and compiled instead of interpreted.
+
+Gauss and Lagrange come from the same eliminator, so that what differs between the two is the formulation and nothing else.
+"""
+
+from itertools import groupby
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
+SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": 20.0, "pivot_guard": "on"}}
+
+
+class Compiled:
+    """One formulation, compiled, as an engine."""
+
+    integrators = ("rk4", "semi_implicit_euler")
+    stabilizations = ("none", "baumgarte", "projection")
+    settings = SETTINGS
+    native_loop = True
+    python_loop = True
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def version(self) -> str:
+        from importlib.metadata import PackageNotFoundError, version
+
+        from gauss_bench import __version__
+
+        try:
+            return f"gauss-bench {__version__}, casadi {version('casadi')}, llvmlite {version('llvmlite')}"
+        except PackageNotFoundError as error:
+            raise ImportError(f"the extra 'kernel' is not installed: {error}") from error
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
+        self.version()
+        return CompiledModel(FORMULATIONS[self.name], mechanism, choice)
+
+
+class CompiledModel:
+    """A mechanism compiled under one formulation, integrator and stabilisation."""
+
+    def __init__(self, formulation: str, mechanism: Mechanism, choice: Choice):
+        from gauss_bench.kernels.errors import KernelError
+        from gauss_bench.kernels.kernel import compile
+
+        self.mechanism, self.choice = mechanism, choice
+        try:
+            self.kernel = compile(mechanism, formulation, choice.stabilization, backend="llvm")
+        except KernelError as error:
+            raise RunFailure(Status.ERROR, str(error)) from error
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.kernel.acceleration(q, v, t)
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
+        equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
+        self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
+        self.q = np.tile(self.mechanism.q0, (len(times), 1))
+        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+
+    def run(self) -> None:
+        row = 0
+        for count, h, intervals in self.runs:
+            q, v, t = self.q[row], self.v[row], float(self.times[row])
+            if self.native:
+                whole = slice(row + 1, row + 1 + intervals)
+                self.q[whole], self.v[whole] = self._rolled(q, v, t, h, count * intervals, count)
+            else:
+                for k in range(intervals):
+                    for i in range(count):
+                        (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
+                    self.q[row + 1 + k], self.v[row + 1 + k] = q, v
+            row, self.steps = row + intervals, self.steps + count * intervals
+
+    def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
+        """Samples (n / every, n_q) of n steps."""
+        if n == every:
+            last = self.kernel.rollout(q, v, h, n, t, integrator=self.choice.integrator)
+            found = last[0][None], last[1][None]
+        else:
+            found = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
+        self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
+        return found
+
+    def read(self) -> Trajectory:
+        """The samples; how often the guard changed the partition, or left a step to the library, stands in the note."""
+        if not np.isfinite(self.q).all():
+            lost = self.times[int(np.flatnonzero(~np.isfinite(self.q).all(axis=1))[0])]
+            raise RunFailure(Status.NAN, f"not finite at t = {lost:.6g} s; a smaller step may help")
+        a = self.kernel.acceleration(self.q, self.v, self.times)
+        changed = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
+        stages = 4 if self.choice.integrator == "rk4" else 1
+        return Trajectory(
+            self.times, self.q, self.v, a, self.steps, stages * self.steps, changed if self.switches or self.fallbacks else ""
+        )

@@ -1,0 +1,348 @@
+"""The first pipeline: loop coordinates, elimination, and Taylor series in 128 bit against closed forms and other coordinates."""
+
+import copy
+import tomllib
+from collections.abc import Callable, Sequence
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import built_in, decimal_document, load, load_document, merge
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.reference.arithmetic import NUMBERS
+from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.driver_pieces import pieces
+from gauss_bench.reference.elimination import choose_pivots, factorised, null_space, particular, solve_positive
+from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.loop_motion import choose_chart, rates
+from gauss_bench.reference.loop_rows import loop_rows
+from gauss_bench.reference.loop_samples import States, sampled
+from gauss_bench.reference.loop_solve import columns, stacked
+from gauss_bench.reference.loop_start import start_state
+from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.moving_vectors import Instant
+from gauss_bench.reference.vector_sums import loop_coordinates
+
+DATA = Path(__file__).parent / "data"
+LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
+OTHER_COORDINATES = 1e-10  # double precision, DOP853 at 1e-13 and some growth
+
+
+def every_linkage() -> list[tuple[str, str]]:
+    """All scenarios of the built-in linkages and of those made for tests."""
+    files = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
+    return [(str(path), name) for path in files for name in tomllib.loads(path.read_text(encoding="utf-8"))["scenarios"]]
+
+
+def document_of(linkage: str, scenario: str) -> dict[str, Any]:
+    document = decimal_document(linkage)
+    return merge(document, document["scenarios"][scenario].get("override", {}))
+
+
+def decimals(end: str, count: int) -> list[str]:
+    return [str(Decimal(end) * k / count) for k in range(count + 1)]
+
+
+def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
+    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    pytest.importorskip("heyoka")
+    return taylor.taylor_motion(document_of(linkage, scenario), scenario, times, double)  # type: ignore[no-any-return]
+
+
+def off(one: Any, other: Any) -> float:
+    """Largest difference of numbers of any type, taken before they are rounded."""
+    return float(np.abs(np.asarray(one - other)).astype(float).max(initial=0.0))
+
+
+def to_long(values: Any) -> Any:
+    """Numbers of mpmath in 128 bit."""
+    import heyoka
+    import mpmath
+
+    with mpmath.workdps(40):
+        return np.array([heyoka.real128(mpmath.nstr(x, 38)) for x in values.ravel()]).reshape(values.shape)
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), every_linkage(), ids=lambda x: Path(str(x)).stem)
+def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, scenario: str) -> None:
+    mechanism = load(linkage, scenario)
+    if mechanism.has_friction:
+        pytest.skip("friction is not for this pipeline")
+    rows = loop_rows(loop_coordinates(mechanism))
+    document = document_of(linkage, scenario)
+    x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
+    chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))
+    laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
+    found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
+    a = stacked([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
+    redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
+    here = sampled(rows, States(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
+    wanted = AbsoluteCoordinates(mechanism).acceleration(np.zeros(1), mechanism.q0[None], mechanism.v0[None])
+    assert off(here.q, mechanism.q0) < 1e-14
+    assert off(here.v, mechanism.v0) < 1e-13 * (1.0 + np.abs(mechanism.v0).max())
+    assert off(here.a, wanted) < 1e-11 * (1.0 + np.abs(wanted).max())  # the pseudo-inverse loses some digits at light links
+
+
+def test_elimination_solves_rectangular_systems_in_any_fixed_order(rng: np.random.Generator) -> None:
+    m, n = 6, 9
+    pattern = rng.random((m, n)) < 0.5
+    A, b = np.where(pattern, rng.normal(size=(m, n)), 0.0), rng.normal(size=m)
+    order, smallest, _, left = choose_pivots(A, pattern, 1e-9)
+    assert len(order) == m
+    assert smallest > 0.0
+    assert left == 0.0
+    factors = factorised([{j: row[j] for j in np.flatnonzero(seen)} for row, seen in zip(A, pattern, strict=True)], order)
+    x, N = particular(factors, list(b)), null_space(factors, n)
+    assert off(A @ [x.get(j, 0.0) for j in range(n)], b) < 1e-12
+    assert len(N) == n - m
+    for free, column in N.items():
+        full = np.array([column.get(j, 0.0) for j in range(n)], dtype=float)
+        assert full[free] == 1.0
+        assert np.abs(A @ full).max() < 1e-12
+
+
+def test_elimination_leaves_out_dependent_rows_and_keeps_the_better_of_two(rng: np.random.Generator) -> None:
+    A = rng.normal(size=(3, 4))
+    A = np.vstack([1e-3 * A[2], A])
+    pivots = choose_pivots(A, np.ones(A.shape, dtype=bool), 1e-9)
+    assert sorted(row for row, _ in pivots.order) == [1, 2, 3]
+    assert pivots.left < 1e-15
+
+
+def test_the_elimination_without_roots_solves_positive_definite_systems(rng: np.random.Generator) -> None:
+    B = rng.normal(size=(5, 5))
+    T, r = B @ B.T + np.eye(5), rng.normal(size=5)
+    assert off(T @ np.array(solve_positive(T.tolist(), r.tolist())), r) < 1e-12
+
+
+@pytest.mark.parametrize("law", ["sine", "cosine", "poly345", "table"])
+def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
+    rise: dict[str, Any] = {"travel_deg": 40.0, "time": 0.33}
+    knots: dict[str, Any] = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
+    driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
+    document = decimal_document("five_bar") | {"scenarios": {"part": part_driven(driver)}}
+    mechanism = load_document(plain(document), "part")
+    found = pieces(mechanism.drivers, document["scenarios"]["part"], float)
+    assert len(found) == (5 if law == "table" else 2)
+    for piece in found:
+        end = 0.6 if piece.end is None else piece.end
+        t = np.linspace(piece.begin, end, 9)[1:-1]
+        for value, wanted in zip(piece.laws(t, NUMBERS)[0], mechanism.drivers[0].law(t), strict=True):
+            assert off(value + 0 * t, wanted) < 1e-13 * (1.0 + np.abs(wanted).max())
+
+
+def part_driven(driver: dict[str, Any]) -> dict[str, Any]:
+    """The five-bar with one crank driven and the other free."""
+    start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
+    return {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
+
+
+def plain(item: Any) -> Any:
+    if isinstance(item, dict):
+        return {k: plain(v) for k, v in item.items()}
+    if isinstance(item, list):
+        return [plain(v) for v in item]
+    return float(item) if isinstance(item, Decimal) else item
+
+
+def one_angle_crank_slider(times: Sequence[str]) -> Any:
+    """Crank angle and speed (k, 2) of the paper's crank-slider from its one closed-form equation, in 128 bit."""
+    hy = pytest.importorskip("heyoka")
+
+    def number(text: str) -> Any:
+        return hy.real128(text)
+
+    m1, m2, m3, l1, l2, g = (number(x) for x in ("0.37", "0.77", "0.1", "0.15", "0.56", "9.81"))
+    k, c, torque = number("5"), number("1"), number("-0.5")
+    theta, w = hy.make_vars("theta", "w")
+    s, co = hy.sin(theta), hy.cos(theta)
+    s2 = -(l1 / l2) * s
+    c2 = hy.sqrt(number("1") - s2 * s2)  # the rod is longer than the crank and never turns over
+    p = -(l1 / l2) * co / c2
+    pp = (l1 * s + l2 * s2 * p * p) / (l2 * c2)
+    h1, h2 = l1 / 2, l2 / 2
+    d = [-h1 * s, h1 * co, number("1"), -l1 * s - h2 * s2 * p, l1 * co + h2 * c2 * p, p, -l1 * s - l2 * s2 * p]
+    turn = c2 * p * p + s2 * pp, s2 * p * p - c2 * pp
+    e = [-h1 * co, -h1 * s, number("0"), -l1 * co - h2 * turn[0], -l1 * s - h2 * turn[1], pp, -l1 * co - l2 * turn[0]]
+    mass = [m1, m1, m1 * l1 * l1 / 12, m2, m2, m2 * l2 * l2 / 12, m3]
+    slider = l1 * co + l2 * c2
+    zero = number("0")
+    force = [zero, -m1 * g, torque, zero, -m2 * g, zero, k * (l1 + l2 - slider) - c * d[6] * w]
+    top = sum(di * (f - mi * ei * w * w) for di, f, mi, ei in zip(d, force, mass, e, strict=True))
+    bottom = sum(mi * di * di for mi, di in zip(mass, d, strict=True))
+    run = hy.taylor_adaptive([(theta, w), (w, top / bottom)], [zero, zero], fp_type=hy.real128, compact_mode=True)
+    found = []
+    for t in times:
+        run.propagate_until(hy.real128(t))
+        found.append(run.state.copy())
+    return np.array(found)
+
+
+def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_digits() -> None:
+    times = ["0", "0.5", "1", "2"]
+    found, wanted = motion("crank_slider", "paper", times), one_angle_crank_slider(times)
+    assert off(found.q[:, 2], wanted[:, 0]) < LAST_DIGITS
+    assert off(found.v[:, 2], wanted[:, 1]) < 100 * LAST_DIGITS  # speeds of some ten rad/s, accelerations of a thousand
+    assert max(found.drift) < LAST_DIGITS
+
+
+@pytest.mark.parametrize(
+    ("linkage", "scenario", "end"),
+    [("pendulum", "swing", "3"), ("projectile", "flight", "3"), ("sleigh", "glide", "3"), ("n_four_bar_3", "fall", "0.6")],
+)
+def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
+    pytest.importorskip("heyoka")
+    times = decimals(end, 6)
+    found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
+    assert exact is not None
+    assert found.stopped == ""
+    for level in ("q", "v", "a"):
+        wanted = to_long(getattr(exact, level))
+        assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
+
+
+MOVING = [
+    ("four_bar", "torque"),
+    ("six_bar", "torque"),
+    ("shaper", "torque"),
+    ("eight_bar", "conservative"),
+    ("jansen", "walk"),
+    ("five_bar", "spring"),
+    ("parallelogram", "torque"),
+    ("squeezer", "squeeze"),
+]
+DRIVEN = [
+    ("six_bar", "driven"),
+    ("eight_bar", "cycloid"),
+    ("parallelogram", "driven"),
+    ("five_bar", "driven"),
+    ("excavator", "dig"),
+    (str(DATA / "pushed.toml"), "push"),
+]
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN])
+def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str, scenario: str) -> None:
+    mechanism = load(linkage, scenario)
+    end = Decimal("0.01") if linkage == "squeezer" else Decimal("0.2")
+    reference = build_reference(mechanism, float(end))
+    found = motion(linkage, scenario, decimals(str(end), len(reference.t) - 1))
+    assert np.allclose(reference.t, [float(t) for t in found.times], atol=1e-15)
+    for level in ("q", "v", "a"):
+        wanted = getattr(reference, level)
+        assert off(getattr(found, level).astype(float), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
+    assert max(found.drift) < LAST_DIGITS
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN, (str(DATA / "everything.toml"), "free")])
+def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: str) -> None:
+    mechanism = load(linkage, scenario)
+    found = motion(linkage, scenario, ["0", "0.003"], double=True)
+    evaluator = Evaluator(mechanism)
+    for k, t in enumerate(found.times):
+        terms = evaluator.terms(float(t), found.q[k], found.v[k])
+        if mechanism.redundant:
+            assert found.multipliers is None
+            continue
+        assert found.multipliers is not None
+        left = terms.M @ found.a[k] + terms.J.T @ found.multipliers[k] - terms.Q
+        scale = 1.0 + np.abs(terms.M @ found.a[k]).max() + np.abs(terms.J.T * found.multipliers[k]).max()
+        assert np.abs(left).max() < 1e-12 * scale
+
+
+def test_the_driving_torque_supplies_the_power_the_links_take_up() -> None:
+    mechanism = load("eight_bar", "driven")
+    found = motion("eight_bar", "driven", decimals("0.5", 5))
+    assert found.multipliers is not None
+    speed = found.v[:, 2]  # of the driven crank
+    taken = (found.v * (found.a * np.array(mechanism.mass) - Evaluator(mechanism).applied.gravity)).sum(axis=1)
+    assert off(-found.multipliers[:, 20] * speed, taken) < 1e-13  # masses here are doubles
+
+
+def test_starts_are_held_at_the_decimals_of_the_file() -> None:
+    hy = pytest.importorskip("heyoka")
+    found = motion("five_bar", "spring", ["0"])
+    degree = hy.real128("3.14159265358979323846264338327950288419716939937510") / 180
+    assert off(found.q[0, [2, 11]], np.array([100 * degree, 80 * degree])) < 1e-33
+    assert off(found.v[0, [2, 11]], np.array([hy.real128("2"), hy.real128("-1")])) < 1e-32
+    assert max(found.drift) < 1e-32
+
+
+@pytest.mark.parametrize(("count", "end"), [(2, "10"), (5, "10")])
+def test_a_singular_position_is_never_passed(count: int, end: str) -> None:
+    times = decimals(end, 100)
+    found = motion(f"n_four_bar_{count}", "fall", times)
+    assert "singular" in found.stopped
+    assert 0.0 < np.pi / 2 - abs(np.pi / 2 - float(found.q[-1, 2])) < np.pi / 2
+    assert float(found.times[-1]) < 0.75  # the bars lie on the ground line after 0.72 s
+    driven = motion(f"n_four_bar_{count}", "driven", decimals("2", 100))
+    assert "singular" in driven.stopped
+    assert driven.times[-1] == "1.56"  # pi / 2 at 1 rad/s
+
+
+def test_redundant_loops_stay_closed_through_the_positions_where_one_of_them_is_singular() -> None:
+    found = motion("parallelogram", "conservative", decimals("0.8", 20))
+    assert float(found.q[-1, 2]) > 2 * np.pi  # a whole turn: every loop has been flat
+    assert max(found.drift) < LAST_DIGITS
+
+
+LAWS: list[dict[str, Any]] = [
+    {"law": "constant", "speed": 1.3},
+    {"law": "cosine", "travel_deg": 40.0, "time": 0.1},
+    {"law": "table", "rows": [[0.05, 0.0], [0.12, 10.0], [0.18, 12.0]]},
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda x: x["law"])
+def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
+    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    pytest.importorskip("heyoka")
+    document = decimal_document("five_bar")
+    document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
+    times = decimals("0.2", 20)
+    found = taylor.taylor_motion(document, "part", times, double=True)
+    reference = build_reference(load_document(plain(document), "part"), 0.2)
+    for level in ("q", "v", "a"):
+        wanted = getattr(reference, level)
+        assert off(getattr(found, level), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
+
+
+def test_dry_friction_is_refused() -> None:
+    with pytest.raises(ArithmeticError, match="friction"):
+        motion(str(DATA / "friction.toml"), "torque", ["0", "0.1"])
+
+
+def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
+    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    times = decimals("0.5", 5)
+    long, double = (motion("six_bar", "torque", times, kind) for kind in (False, True))
+    assert off(long.q.astype(float), double.q) < 1e-12
+    document = copy.deepcopy(document_of("six_bar", "torque"))
+    document["forces"]["motor"]["value"] = 1.0 + 1e-6
+    moved = taylor.taylor_motion(document, "torque", times, double=True)
+    assert 1e-8 < off(moved.q, double.q) < 1e-4
+
+
+def test_an_override_that_is_merged_is_not_merged_again() -> None:
+    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    times = ["0", "0.1"]
+    document = copy.deepcopy(document_of("crank_slider", "settles"))
+    document["forces"]["motor"]["value"] = -0.3
+    changed = taylor.taylor_motion(document, "settles", times, double=True)
+    assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
+
+
+def test_progress_is_told_and_times_are_kept() -> None:
+    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    pytest.importorskip("heyoka")
+    reached: list[float] = []
+    tell: Callable[[float], None] = reached.append
+    found = taylor.taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, tell)
+    assert found.times == ("0", "0.1", "0.25")
+    assert reached == sorted(reached)
+    assert reached[-1] == 0.25
+    assert "53 bits" in found.method
