@@ -20,7 +20,7 @@ from gauss_bench.kernels.partition import Study, candidates, covering
 from gauss_bench.kernels.workspace import Plan, Workspace, workspace
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
-ATTEMPTS = 96
+ATTEMPTS = 144
 REPEATED = 4  # ways that are repeated
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
 PLAIN = Search()

@@ -4,6 +4,7 @@ A partition is usable where its pivots stay away from zero; which ones do change
 always serves, its slider not at the dead centres). Programs for further partitions are generated when they are first needed.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -16,6 +17,7 @@ from gauss_bench.kernels.library import Library
 from gauss_bench.kernels.program import Program, generate, partitions
 from gauss_bench.kernels.runners import Batch, NativeRunner, Outcome, Runner
 from gauss_bench.kernels.steps import REACHES, Code, read_code
+from gauss_bench.kernels.tape import read
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -49,7 +51,7 @@ class Choices:
     def __init__(self, mechanism: Mechanism, options: Options):
         self.mechanism, self.options = mechanism, options
         self.codes: list[Code] = []
-        self._guards: list[Callable[..., list[Array]]] = []
+        self._evaluate: list[Callable[..., list[Array]]] = []
         self._more = self._generated()
         self.further()
 
@@ -74,12 +76,12 @@ class Choices:
             return False
         code = read_code(program, self.options.stabilization)
         self.codes.append(code)
-        self._guards.append(on_arrays(code.acceleration))
+        self._evaluate.append(on_arrays(read(program.acceleration)))
         return True
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
         """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
-        a, guard = self._guards[k](t[:, None], q, v, p)
+        a, guard = self._evaluate[k](t[:, None], q, v, p)
         with np.errstate(invalid="ignore"):
             margin = np.abs(guard) / self.codes[k].program.thresholds
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
@@ -114,6 +116,7 @@ class Driver:
         self.choices = Choices(mechanism, options)
         self.runners: dict[tuple[int, str, int], Runner] = {}
         self.tally = Tally()
+        self._angles = list(self.choices.codes[0].angles)
 
     @cached_property
     def library(self) -> Library:
@@ -123,13 +126,14 @@ class Driver:
         """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
         return bool((p == self.choices.codes[0].program.values).all())
 
-    def level(self, integrator: str, h: float, states: Array) -> int:
-        """The shortest reach that the angles' speeds allow."""
+    def level(self, integrator: str, h: float, v: Array) -> int:
+        """The shortest reach that the speeds v (..., n) allow."""
+        reaches = REACHES[integrator]
         if self.options.backend != "llvm":
-            return len(REACHES[integrator]) - 1
-        speeds = states[..., [self.mechanism.n + i for i in self.choices.codes[0].angles]]
-        way = MARGIN * abs(h) * float(np.hypot.reduce(speeds, axis=-1).max(initial=0.0))
-        return next((k for k, reach in enumerate(REACHES[integrator]) if way <= reach.step), len(REACHES[integrator]) - 1)
+            return len(reaches) - 1
+        turning = np.asarray(v[..., self._angles])
+        way = MARGIN * abs(h) * (math.hypot(*turning) if turning.ndim == 1 else np.hypot.reduce(turning, axis=-1).max(initial=0.0))
+        return next((k for k, reach in enumerate(reaches) if way <= reach.step), len(reaches) - 1)
 
     def runner(self, k: int, integrator: str, level: int) -> Runner:
         """The code of one program and reach, made when it is first asked for."""
@@ -147,16 +151,19 @@ class Driver:
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
         """All trajectories to their end; a lost one is not a number from there on."""
-        self.tally = Tally()
-        level = self.level(integrator, batch.h, batch.states)
+        level = self.level(integrator, batch.h, batch.states[:, self.mechanism.n :])
         found = self.runner(0, integrator, level).run(batch, threads)
         last = len(REACHES[integrator]) - 1
         while len(batch.states) > 1 and level < last and (found.far & ~found.complete).any():
             level += 1  # together and from the start: quicker than to finish each alone
             found = self._again(batch, found, integrator, level, threads)
+        return self.resume(batch, found, integrator, level)
+
+    def resume(self, batch: Batch, found: Outcome, integrator: str, level: int) -> Outcome:
+        """Trajectories that stopped to their end, one by one."""
+        self.tally = Tally()
         for k in np.flatnonzero(~found.complete):
-            course = Course(self, batch, integrator, found, int(k), level)
-            course.finish()
+            Course(self, batch, integrator, found, int(k), level).finish()
         return found
 
     def _again(self, batch: Batch, found: Outcome, integrator: str, level: int, threads: int) -> Outcome:
@@ -228,7 +235,7 @@ class Course:
         if found is not None:
             driver.tally.switches += found != self.used
             self.used = found
-        self.level = driver.level(self.integrator, self.batch.h, self.state)
+        self.level = driver.level(self.integrator, self.batch.h, self.state[driver.mechanism.n :])
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""

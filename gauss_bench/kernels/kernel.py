@@ -15,8 +15,8 @@ from gauss_bench.kernels import native_code
 from gauss_bench.kernels.driver import Driver, Options
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.fallbacks import on_arrays
-from gauss_bench.kernels.runners import Batch, Flags, NativeEvaluator, NativeRunner
-from gauss_bench.kernels.steps import STEPS
+from gauss_bench.kernels.runners import Batch, Flags, NativeEvaluator, NativeRunner, Outcome
+from gauss_bench.kernels.steps import STEPS, read_code
 from gauss_bench.kernels.tape import read
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -83,7 +83,8 @@ class Kernel:
         program = code.program
         self.formulation, self.parameters, self.dropped = program.formulation, program.parameters, program.dropped
         self.backend, self.lanes = options.backend, options.lanes
-        self.operations, self.divisions = code.acceleration.operations, code.acceleration.divisions
+        tape = read(program.acceleration)
+        self.operations, self.divisions = tape.operations, tape.divisions
         self._values, self._n = program.values, program.n
         self.switches = self.fallbacks = self.lost = 0
         first = self._driver.runner(0, "rk4", 0)
@@ -92,8 +93,9 @@ class Kernel:
         self._built = time.perf_counter() - start - sum(x.seconds for x in self._loaded())
 
     def _loaded(self) -> list[native_code.NativeCode]:
-        runners = [r for r in self._driver.runners.values() if isinstance(r, NativeRunner)]
-        return [code for runner in runners for code in runner.loaded.values()]
+        native = [self.__dict__[name] for name in ("_native",) if name in self.__dict__]
+        native += [r for r in self._driver.runners.values() if isinstance(r, NativeRunner)]
+        return [code for runner in native for code in runner.loaded.values()]
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
@@ -139,30 +141,33 @@ class Kernel:
         if n < 0 or (every is not None and every < 1) or integrator not in STEPS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         q, v = np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)
-        states = np.concatenate([q, v], axis=-1)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
-        if states.ndim == 1 and every is None and self.backend == "llvm" and p.ndim == 1:
-            quick = self._quick(states, p, t0, dt, n, integrator)
-            if quick is not None:
-                return quick[: self._n], quick[self._n :]
-        single = states.ndim == 1
-        rows = np.atleast_2d(states)
-        batch = Batch(rows, self._spread(p, len(rows)), float(t0), float(dt), int(n), max(1, n if every is None else every))
-        if single and len(batch.parameters) > 1:
-            raise ValueError("several sets of parameters for one state")
-        found = self._driver.advance(batch, integrator, threads)
-        tally = self._driver.tally
-        self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
+        if q.ndim == 1 and every is None and self.backend == "llvm" and p.shape == self._values.shape:
+            state = self._one(q, v, p, t0, dt, n, integrator)
+            return state[: self._n], state[self._n :]
+        states = np.atleast_2d(np.concatenate([q, v], axis=-1))
+        batch = Batch(states, self._spread(p, len(states)), float(t0), float(dt), int(n), max(1, every or n))
+        found = self._counted(self._driver.advance(batch, integrator, threads))
         samples = found.samples[:, -1] if every is None else found.samples
-        samples = samples[0] if single else samples
+        samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
 
-    def _quick(self, state: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array | None:
-        """One trajectory through the first program alone; None where it stops."""
-        runner = self._driver.runner(0, integrator, self._driver.level(integrator, dt, state))
-        assert isinstance(runner, NativeRunner)
+    def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
+        """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
-        return runner.run_one(state, p, t0, dt, n)
+        level = self._driver.level(integrator, dt, v)
+        runner = self._driver.runner(0, integrator, level)
+        assert isinstance(runner, NativeRunner)
+        found = runner.run_one(q, v, p, t0, dt, n)
+        if isinstance(found, Outcome):
+            batch = Batch(np.concatenate([q, v])[None], p[None], float(t0), float(dt), int(n), max(1, n))
+            return np.asarray(self._counted(self._driver.resume(batch, found, integrator, level)).samples[0, -1])
+        return found
+
+    def _counted(self, found: Outcome) -> Outcome:
+        tally = self._driver.tally
+        self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
+        return found
 
     def _spread(self, p: Array, count: int) -> Array:
         """One row of parameters for each state."""
@@ -171,7 +176,14 @@ class Kernel:
         return np.ascontiguousarray(np.broadcast_to(p, (count, len(self.parameters))))
 
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Accelerations (n_q,) or (batch, n_q) of one state or of many; exact where no partition serves, by rank decision."""
+        """Accelerations (n_q,) or (batch, n_q) of one state or of many; where no partition serves, by rank decision.
+
+        They are the linkage's own, without Baumgarte's terms.
+        """
+        if self.backend == "llvm" and np.ndim(q) == 1 and parameters is None:
+            quick = self._native.one(float(t), q, v, self._values)
+            if quick is not None:
+                return quick
         return self._at_states(self._accelerations, "acceleration", q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
@@ -190,7 +202,7 @@ class Kernel:
 
     @cached_property
     def _native(self) -> NativeEvaluator:
-        return NativeEvaluator(self._driver.choices.codes[0], self.lanes, self.options.cache)
+        return NativeEvaluator(read_code(self._driver.choices.codes[0].program, "none"), self.lanes, self.options.cache)
 
     def _accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Of one program, and whether its pivots serve."""

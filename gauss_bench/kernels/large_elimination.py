@@ -41,7 +41,7 @@ class Solution:
 
     x: list[Right]
     guards: list[tuple[Node, float]]
-    rounds: int
+    phases: list[int]
 
 
 class _Elimination:
@@ -63,7 +63,6 @@ class _Elimination:
         self.steps: list[Step] = []
         self.guards: list[tuple[Node, float]] = []
         self.sizes: dict[int, tuple[Array, dict[int, Array]]] = {}
-        self.rounds = 0
 
     def _largest_in(self, c: int) -> float:
         return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
@@ -72,18 +71,27 @@ class _Elimination:
         return np.abs(node.at[: self.graph.samples])
 
     def solution(self, count: int) -> Solution:
+        phases = [self.graph.count]
+        rounds: list[list[Step]] = []
         while self.rows:
+            before = len(self.steps)
             self._round()
-            self.rounds += 1
+            rounds.append(self.steps[before:])
+            phases.append(self.graph.count)
         x: list[Right] = [{} for _ in range(count)]
-        for step in reversed(self.steps):
-            for k, found in enumerate(x):
-                terms = [-(u * found[c]) for c, u in step.row.items() if c in found]
-                terms += [step.right[k]] if k in step.right else []
-                value = self.graph.total(terms)
-                if not value.zero:
-                    found[step.column] = value if step.inverse is None else value * step.inverse
-        return Solution(x, self.guards, self.rounds)
+        for steps in reversed(rounds):
+            for step in steps:
+                self._substitute(step, x)
+            phases.append(self.graph.count)
+        return Solution(x, self.guards, phases)
+
+    def _substitute(self, step: Step, x: list[Right]) -> None:
+        for k, found in enumerate(x):
+            terms = [-(u * found[c]) for c, u in step.row.items() if c in found]
+            terms += [step.right[k]] if k in step.right else []
+            value = self.graph.total(terms)
+            if not value.zero:
+                found[step.column] = value if step.inverse is None else value * step.inverse
 
     def _round(self) -> None:
         chosen = self._chosen()

@@ -24,11 +24,11 @@ class Library:
     def terms(self, t: float, q: Array, v: Array) -> Terms:
         return self.evaluator.terms(t, q, v)
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Accelerations (n,)."""
+    def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
+        """Accelerations (n,), with Baumgarte's terms where asked for."""
         terms = self.terms(t, q, v)
         gamma = terms.gamma
-        if self.baumgarte:
+        if damped and self.baumgarte:
             gamma = gamma - 2 * self.baumgarte[0] * terms.phi_dot - self.baumgarte[1] ** 2 * terms.phi
         root = np.sqrt(self.evaluator.mass)
         free = terms.Q / root**2
@@ -45,15 +45,15 @@ class Library:
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """One step, projected onto the constraints."""
         if integrator == "semi_implicit_euler":
-            v = v + h * self.acceleration(t, q, v)
+            v = v + h * self.acceleration(t, q, v, True)
             return self.project(t + h, q + h * v, v)
-        a1 = self.acceleration(t, q, v)
+        a1 = self.acceleration(t, q, v, True)
         v2 = v + h / 2 * a1
-        a2 = self.acceleration(t + h / 2, q + h / 2 * v, v2)
+        a2 = self.acceleration(t + h / 2, q + h / 2 * v, v2, True)
         v3 = v + h / 2 * a2
-        a3 = self.acceleration(t + h / 2, q + h / 2 * v2, v3)
+        a3 = self.acceleration(t + h / 2, q + h / 2 * v2, v3, True)
         v4 = v + h * a3
-        a4 = self.acceleration(t + h, q + h * v3, v4)
+        a4 = self.acceleration(t + h, q + h * v3, v4, True)
         return self.project(t + h, q + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:

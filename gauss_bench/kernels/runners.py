@@ -18,7 +18,6 @@ from gauss_bench.kernels.native_code import NativeCode
 from gauss_bench.kernels.steps import Code, Reach
 from gauss_bench.terms import Array
 
-
 Flags = NDArray[np.bool_]
 
 
@@ -98,7 +97,7 @@ class NativeRunner:
         self.code, self.integrator, self.reach, self.lanes, self.cached = code, integrator, reach, lanes, cached
         self.loaded: dict[int, NativeCode] = {}
         self._lock = threading.Lock()
-        self._local = threading.local()
+        self._own = Buffers()
 
     def native(self, lanes: int) -> NativeCode:
         with self._lock:
@@ -129,19 +128,30 @@ class NativeRunner:
         done, complete, far = out_of_lanes(report, count).T
         return Outcome(out_of_lanes(y, count), out_of_lanes(samples, count), done.astype(int), complete > 0, far > 0)
 
-    def run_one(self, state: Array, parameters: Array, t0: float, h: float, n: int) -> Array | None:
-        """The state (2n,) after n steps of one trajectory, or None where it stopped: the shortest way into the code."""
-        local = self._local
-        if not hasattr(local, "call"):
-            local.buffers = [np.empty(max(1, size)) for size in (len(state), len(parameters), len(state), 3)]
-            local.addresses = [ctypes.c_void_p(address(x)) for x in local.buffers]
-            local.call = self.native(1).call
-        y, p, sample, report = local.buffers
-        y[:] = state
-        p[: len(parameters)] = parameters
-        a = local.addresses
-        local.call(a[0], a[1], h, t0, n, max(1, n), a[2], a[3], 1, 1)
-        return sample.copy() if report[1] else None
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
+        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
+        own = self._own
+        if not hasattr(own, "call"):
+            own.put(self.native(1).call, 2 * len(q), len(parameters), 2 * len(q), 3)
+        y, p, sample, report = own.arrays
+        y[: len(q)], y[len(q) :], p[:] = q, v, parameters
+        a = own.addresses
+        own.call(a[0], a[1], h, t0, n, max(1, n), a[2], a[3], 1, 1)
+        if report[1]:
+            return sample.copy()
+        done, complete, far = report[:, None].copy()
+        return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), done.astype(int), complete > 0, far > 0)
+
+
+class Buffers(threading.local):
+    """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
+
+    call: Any
+
+    def put(self, call: Any, *sizes: int) -> None:
+        self.arrays = [np.empty(size) for size in sizes]
+        self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
+        self.call = call
 
 
 class NativeEvaluator:
@@ -150,6 +160,7 @@ class NativeEvaluator:
     def __init__(self, code: Code, lanes: int, cached: bool):
         self.code, self.lanes, self.cached = code, lanes, cached
         self.loaded: dict[int, NativeCode] = {}
+        self._own = Buffers()
 
     def native(self, lanes: int) -> NativeCode:
         if lanes not in self.loaded:
@@ -166,3 +177,13 @@ class NativeEvaluator:
         self.native(lanes).call(address(y), address(p), address(at), address(out), len(y))
         found = out_of_lanes(out, count)
         return found[:, :-1], found[:, -1] > 0
+
+    def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
+        """Accelerations (n,) of one state, or None where a guard fails."""
+        own = self._own
+        if not hasattr(own, "call"):
+            own.put(self.native(1).call, 2 * len(q), len(parameters), 1, len(q) + 1)
+        y, p, at, out = own.arrays
+        y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
+        own.call(*own.addresses, 1)
+        return out[:-1].copy() if out[-1] else None

@@ -79,7 +79,11 @@ class March:
     longest: float = 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[States, str]:
-        """States at the sample times from a start (1, n), and why they end before the last of them, or empty."""
+        """States at the sample times from a start (1, n), and why they end before the last of them, or empty.
+
+        Raises:
+            Unsolved: a position does not close where the chart changes.
+        """
         t, state, trust = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]]), WORN
         parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
@@ -93,7 +97,7 @@ class March:
                     return joined(parts), leg.stopped
                 if leg.worn:
                     fresh, pivots = self._other_chart(chart, k, state)
-                    if len(pivots.order) < len(chart.order) or pivots.smallest < SINGULAR:
+                    if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         return joined(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
                     state = np.concatenate([self._closed(here)[0], here.v[0, list(fresh.free)]])

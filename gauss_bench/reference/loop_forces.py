@@ -8,7 +8,7 @@ opposite force on the same line. The derivation shares nothing with that of `mec
     slide         F = -c s' u on the block
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from gauss_bench.mechanism.model import (
@@ -116,7 +116,7 @@ class Loads:
         self._at(f.a, force)
         self._at(f.b, (neg(force[0]), neg(force[1])))
 
-    def _along(self, point: Point, origin: Point, angle: Any, law: Any) -> None:
+    def _along(self, point: Point, origin: Point, angle: Any, law: Callable[[Value, Value], Value]) -> None:
         """A force `law(x, x')` on a point along an axis of the origin's link, the opposite one on that link in the same line."""
         gap = self._from(origin, point)
         u = self._value(self.coordinates.turned(direction(angle), origin.link))

@@ -36,7 +36,9 @@ class Held(NamedTuple):
         return [{} if self.coordinate == NONE else {self.coordinate: 1}]
 
     def residual(self, at: Instant) -> list[Value]:
-        here = at.combined(self.point, at) if self.point else ((0 if self.coordinate == NONE else at.x[self.coordinate]) + self.turn,)
+        here = (
+            at.combined(self.point, at) if self.point else ((0 if self.coordinate == NONE else at.x[self.coordinate]) + self.turn,)
+        )
         return [x - target for x, target in zip(here, self.target, strict=True)]
 
 

@@ -77,7 +77,7 @@ def taylor_motion(
             progress=progress,
         )
         states, stopped = march.run(chart, x, v)
-        way = f"Taylor series, {march.steps} steps with {len(march.built)} sets of compiled equations"
+        way = f"Taylor series (steps: {march.steps}, charts: {len(march.built)})"
     bits = 1 - int(np.log2(epsilon(number)))
     method = f"loop coordinates in {bits} bits; {way}; heyoka {heyoka.__version__}"
     return sampled(rows, states, times[: len(states.t)], redundant, stopped, method, number)

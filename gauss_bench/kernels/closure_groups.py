@@ -1,0 +1,216 @@
+"""J z = b of a linkage's loops in expressions, group by group (Assur groups: loops that only together determine their unknowns).
+
+A loop has two rows, so pivots are taken two by two. With the columns c1, c2 of a loop and b on its right, Cramer's rule
+
+    c1 z1 + c2 z2 = b,    z1 = (b x c2)/D,   z2 = (c1 x b)/D,   D = c1 x c2
+
+divides by what vanishes where the dyad is stretched, and nowhere else: the code needs no other pivot and no second choice. In a
+group of more loops the further columns of the pivot's loop are expressed by its two, c = alpha c1 + beta c2, and eliminated from the
+other loops; which loop and columns go first is chosen so that D keeps its sign and stays large at the samples. D is positive or
+negative by the assembly, and the product of a group's D is the determinant of its J.
+
+A group with more equations than unknowns (a redundant loop) is solved by its normal equations C^T C z = C^T b: what is left over of
+b vanishes where the loops close.
+Source: Golub and Van Loan, Matrix Computations (4th ed., 2013), sections 3.2.10 (block elimination) and 5.3 (normal equations).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+
+from gauss_bench.kernels.elimination import Search, lu
+from gauss_bench.kernels.errors import KernelError
+from gauss_bench.kernels.node import Graph, Node
+from gauss_bench.kernels.planar import Vector
+from gauss_bench.kinematics.loop_equations import REGULAR, Group
+from gauss_bench.terms import Array
+
+GOOD = 0.1  # sine of the angle between a pivot's columns at the worst sample: among such, the fewest operations decide
+
+Columns = dict[int, Vector]  # of one loop, by unknown
+Guard = tuple[Node, float]
+
+
+class Solver(Protocol):
+    """One factorised group."""
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        """z by unknown for b by loop; loops without b have none."""
+        ...
+
+    @property
+    def guards(self) -> list[Guard]:
+        """What is divided by, and how large it must be for rates to be exact to eight digits and more."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Pivot:
+    """A loop, its two unknowns, their columns, D and 1/D, and the loop's other columns as (alpha, beta)."""
+
+    loop: int
+    unknowns: tuple[int, int]
+    columns: tuple[Vector, Vector]
+    D: Node
+    inverse: Node
+    others: dict[int, tuple[Node, Node]]
+
+    def split(self, b: Vector) -> tuple[Node, Node]:
+        """The parts of b along both columns."""
+        c1, c2 = self.columns
+        return b.cross(c2) * self.inverse, c1.cross(b) * self.inverse
+
+
+def _pivot(loop: int, columns: Columns, unknowns: tuple[int, int]) -> Pivot:
+    c1, c2 = (columns[k] for k in unknowns)
+    D = c1.cross(c2)
+    bare = Pivot(loop, unknowns, (c1, c2), D, D.graph.inverse(D), {})
+    others = {k: bare.split(c) for k, c in columns.items() if k not in unknowns}
+    return Pivot(loop, unknowns, (c1, c2), D, bare.inverse, others)
+
+
+class Dyads:
+    """A group with as many equations as unknowns: block elimination with pivots of two rows and columns."""
+
+    def __init__(self, columns: dict[int, Columns]):
+        self.pivots: list[Pivot] = []
+        self.eliminated: list[dict[int, tuple[Vector, Vector]]] = []
+        left = dict(columns)
+        while left:
+            loop, unknowns = _best(left)
+            pivot = _pivot(loop, left.pop(loop), unknowns)
+            self.pivots.append(pivot)
+            self.eliminated.append({m: _taken(left[m], pivot) for m in left if set(unknowns) & left[m].keys()})
+            left |= {m: _reduced(left[m], pivot, pair) for m, pair in self.eliminated[-1].items()}
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        b, parts = dict(b), []
+        for pivot, eliminated in zip(self.pivots, self.eliminated, strict=True):
+            if pivot.loop not in b:
+                parts.append(None)
+                continue
+            p1, p2 = pivot.split(b[pivot.loop])
+            parts.append((p1, p2))
+            for m, (e1, e2) in eliminated.items():
+                change = e1 * p1 + e2 * p2
+                b[m] = b[m] - change if m in b else -change
+        z: dict[int, Node] = {}
+        for pivot, part in zip(reversed(self.pivots), reversed(parts), strict=True):
+            known = [(pivot.others[k], z[k]) for k in pivot.others if k in z]
+            for i, unknown in enumerate(pivot.unknowns):
+                terms = [] if part is None else [part[i]]
+                z[unknown] = pivot.D.graph.total([*terms, *(-(other[i] * x) for other, x in known)])
+        return z
+
+    @property
+    def guards(self) -> list[Guard]:
+        return [(p.D, REGULAR * float((_sizes(p.columns[0]) * _sizes(p.columns[1])).max())) for p in self.pivots]
+
+
+def _taken(columns: Columns, pivot: Pivot) -> tuple[Vector, Vector]:
+    """The columns of another loop in a pivot's unknowns."""
+    zero = pivot.D.graph.constant(0.0)
+    first, second = (columns.get(k, Vector(zero, zero)) for k in pivot.unknowns)
+    return first, second
+
+
+def _reduced(columns: Columns, pivot: Pivot, pair: tuple[Vector, Vector]) -> Columns:
+    """Another loop's columns without the pivot's unknowns."""
+    found = {k: c for k, c in columns.items() if k not in pivot.unknowns}
+    for k, (alpha, beta) in pivot.others.items():
+        change = pair[0] * alpha + pair[1] * beta
+        found[k] = found[k] - change if k in found else -change
+    return {k: c for k, c in found.items() if not (c.x.zero and c.y.zero)}
+
+
+def _best(left: dict[int, Columns]) -> tuple[int, tuple[int, int]]:
+    """Loop and unknowns of the next pivot: steady in sign, then not small, then few other columns."""
+    offers = []
+    for loop, columns in left.items():
+        for one, two in combinations(sorted(columns), 2):
+            sine = _sines(columns[one], columns[two])
+            worst = float(np.abs(sine).min())
+            steady = bool((sine > 0).all() or (sine < 0).all())
+            offers.append(((not steady, worst < GOOD, len(columns), -worst), loop, (one, two)))
+    if not offers:
+        raise KernelError("loops have fewer unknowns than equations in part, and more elsewhere")
+    return min(offers)[1:]
+
+
+def _values(c: Vector) -> Array:
+    """Values (2, k) at the samples."""
+    return np.array([c.x.at, c.y.at])[:, : c.x.graph.samples]
+
+
+def _sizes(c: Vector) -> Array:
+    return np.asarray(np.hypot(*_values(c)))
+
+
+def _sines(a: Vector, b: Vector) -> Array:
+    (ax, ay), (bx, by) = _values(a), _values(b)
+    return np.asarray((ax * by - ay * bx) / np.maximum(_sizes(a) * _sizes(b), np.finfo(float).tiny))
+
+
+class Redundant:
+    """A group with more equations than unknowns: normal equations."""
+
+    def __init__(self, graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]):
+        self.graph, self.columns, self.unknowns = graph, columns, unknowns
+        A = {(i, j): graph.total(self._products(i, j)) for i in unknowns for j in unknowns}
+        self.factors = lu(graph, A, unknowns, unknowns, Search())
+
+    def _products(self, i: int, j: int) -> list[Node]:
+        found = [columns[i].dot(columns[j]) for columns in self.columns.values() if i in columns and j in columns]
+        return [x for x in found if not x.zero]
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        parts = {i: [c[i].dot(b[l]) for l, c in self.columns.items() if i in c and l in b] for i in self.unknowns}
+        return self.factors.solve({i: self.graph.total(x) for i, x in parts.items() if x})
+
+    @property
+    def guards(self) -> list[Guard]:
+        pivots = (p.node for p in self.factors.pivots if p.node.number is None)
+        return [(x, REGULAR**2 * float(np.abs(x.at[: self.graph.samples]).max())) for x in pivots]
+
+
+class Groups:
+    """All groups, each solved with what those before it left."""
+
+    def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
+        self.graph, self.columns = graph, columns
+        self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
+        solved: set[int] = set()
+        for group in groups:
+            loops = tuple(sorted({row // 2 for row in group.rows}))
+            own = {l: {k: c for k, c in columns[l].items() if k not in solved} for l in loops}
+            self.groups.append((loops, _solver(graph, own, group.columns)))
+            solved |= set(group.columns)
+
+    def solve(self, b: Sequence[Vector]) -> dict[int, Node]:
+        """z by unknown for b by loop."""
+        z: dict[int, Node] = {}
+        for loops, solver in self.groups:
+            if solver is not None:
+                z |= solver.solve({l: self._left(b[l], self.columns[l], z) for l in loops})
+        return z
+
+    def _left(self, b: Vector, columns: Columns, z: dict[int, Node]) -> Vector:
+        """b without the unknowns that are known by now."""
+        known = [-(c * z[k]) for k, c in columns.items() if k in z]
+        return Vector(self.graph.total([b.x, *(w.x for w in known)]), self.graph.total([b.y, *(w.y for w in known)]))
+
+    @property
+    def guards(self) -> list[Guard]:
+        return [guard for _, solver in self.groups if solver is not None for guard in solver.guards]
+
+
+def _solver(graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]) -> Solver | None:
+    """The solver of a group, or None where nothing is left to solve."""
+    if len(unknowns) > 2 * len(columns):
+        raise KernelError("loops leave an unknown undetermined, and others determined twice")
+    if not unknowns:
+        return None
+    return Dyads(columns) if len(unknowns) == 2 * len(columns) else Redundant(graph, columns, unknowns)
