@@ -17,7 +17,7 @@ ALLOWED = {
     "formulations": {"terms"},
     "integrate": {"terms"},
     "engines": {"mechanism", "formulations", "integrate", "kernels", "gauss_bench", *LIGHT},
-    "kernels": {"mechanism", *LIGHT},
+    "kernels": {"kinematics", "mechanism", *LIGHT},
     "kinematics": {"mechanism", *LIGHT},
     "reference": {"mechanism", *LIGHT},
     "metrics": {"mechanism", *LIGHT},
@@ -37,7 +37,7 @@ FOREIGN = {
     "pinocchio": "engines/pinocchio.py",
     "exudyn": "engines/exudyn.py",
     "mujoco": "engines/mujoco.py",
-    "heyoka": "reference/taylor.py",
+    "heyoka": "reference/taylor/series.py",
     "mpmath": "reference/exact.py",
     "llvmlite": "kernels/native_code.py",
 }

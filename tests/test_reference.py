@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
 from gauss_bench.reference.collocation import NoConvergence, gauss_legendre
@@ -115,11 +115,16 @@ def test_collocation_refuses_a_step_that_is_too_long() -> None:
 
 
 def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_path: Path) -> None:
-    mechanism = load("four_bar")
+    file = tmp_path / "four_bar.toml"  # without a certificate beside it
+    file.write_bytes(built_in()["four_bar"].read_bytes())
+    mechanism = load(file)
     first = stored_reference(mechanism, 0.05, tmp_path)
     second = stored_reference(mechanism, 0.05, tmp_path)
     np.testing.assert_array_equal(first.q, second.q)
-    stored_reference(load("six_bar"), 0.05, tmp_path)
+    certified = stored_reference(load("four_bar"), 0.05, tmp_path)
+    assert np.abs(first.q - certified.q[: len(first.q)]).max() < first.error_q.max() + 1e-13
+    file.write_bytes(built_in()["four_bar"].read_bytes() + b"# another file\n")
+    stored_reference(load(file), 0.05, tmp_path)
     assert len(list(tmp_path.glob("*.npz"))) == 2
 
 

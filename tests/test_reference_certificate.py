@@ -77,7 +77,7 @@ def test_a_comment_changes_nothing_and_a_mass_everything(certificate: Certificat
     check_holds(certificate, load(file, "torque"), file)
     document, _, _ = document_of("four_bar")
     link = next(iter(document["links"]))
-    document["links"][link]["mass"] = 1.0000001 * load("four_bar").links[0].mass
+    document["links"][link]["kg_per_m"] *= 1.0000001
     with pytest.raises(CertificateError, match="has changed since"):
         check_holds(certificate, load_document(document, "torque"), file)
 
@@ -148,7 +148,7 @@ def test_a_certificate_of_a_slightly_heavier_linkage_is_not_verified() -> None:
 
 
 @pytest.mark.parametrize(
-    ("duration", "count"), [(0.0, 1), (0.03, 61), (1.0, 101), (2.0, 201), (10.0, 501), (60.0, 501), (0.5001, 52)]
+    ("duration", "count"), [(0.0, 1), (0.03, 301), (1.0, 101), (2.0, 201), (10.0, 501), (60.0, 501), (0.5001, 52)]
 )
 def test_samples_are_exact_decimals_neither_too_many_nor_too_few(duration: float, count: int) -> None:
     times = sample_times(duration)

@@ -13,19 +13,19 @@ import pytest
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, decimal_document, load, load_document, merge
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from gauss_bench.reference.arithmetic import NUMBERS
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.driver_pieces import pieces
-from gauss_bench.reference.elimination import choose_pivots, factorised, null_space, particular, solve_positive
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.loop_motion import choose_chart, rates
-from gauss_bench.reference.loop_rows import loop_rows
-from gauss_bench.reference.loop_samples import States, sampled
-from gauss_bench.reference.loop_solve import columns, stacked
-from gauss_bench.reference.loop_start import start_state
 from gauss_bench.reference.motion import Motion
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import loop_coordinates
+from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.elimination import choose_pivots, factorised, null_space, particular, solve_positive
+from gauss_bench.reference.taylor.equations import choose_chart, rates
+from gauss_bench.reference.taylor.law_pieces import pieces
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import loop_rows
+from gauss_bench.reference.taylor.samples import States, sampled
+from gauss_bench.reference.taylor.solve import columns, stacked
+from gauss_bench.reference.taylor.start import start_state
+from gauss_bench.reference.taylor.vector_sums import loop_coordinates
 
 DATA = Path(__file__).parent / "data"
 LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
@@ -48,7 +48,7 @@ def decimals(end: str, count: int) -> list[str]:
 
 
 def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
     pytest.importorskip("heyoka")
     return taylor.taylor_motion(document_of(linkage, scenario), scenario, times, double)  # type: ignore[no-any-return]
 
@@ -299,7 +299,7 @@ LAWS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda x: x["law"])
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
     pytest.importorskip("heyoka")
     document = decimal_document("five_bar")
     document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
@@ -317,7 +317,7 @@ def test_dry_friction_is_refused() -> None:
 
 
 def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
     times = decimals("0.5", 5)
     long, double = (motion("six_bar", "torque", times, kind) for kind in (False, True))
     assert off(long.q.astype(float), double.q) < 1e-12
@@ -328,7 +328,7 @@ def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -
 
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
     times = ["0", "0.1"]
     document = copy.deepcopy(document_of("crank_slider", "settles"))
     document["forces"]["motor"]["value"] = -0.3
@@ -337,7 +337,7 @@ def test_an_override_that_is_merged_is_not_merged_again() -> None:
 
 
 def test_progress_is_told_and_times_are_kept() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor")
+    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
     pytest.importorskip("heyoka")
     reached: list[float] = []
     tell: Callable[[float], None] = reached.append

@@ -22,6 +22,7 @@ from gauss_bench.kernels.workspace import Plan, Workspace, workspace
 EFFORT = 2400  # attempts times unknowns, at most: about a second
 ATTEMPTS = 144
 REPEATED = 4  # ways that are repeated
+SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
 PLAIN = Search()
 
@@ -81,23 +82,31 @@ def best_of(work: Workspace, wanted: Wanted) -> Best:
 def cheapest(found: Study, parameters: Parameters, formulation: str, independent: tuple[int, ...] | None, aim: str) -> Best:
     """The cheapest program of a mechanism among the formulations and partitions that are open.
 
+    A plain attempt at each tells which are worth a search.
+
     Raises:
         KernelError: no partition and no pivots are usable.
     """
     wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (found.mechanism.n + len(found.kept)))))
-    results = []
-    if formulation in ("gauss", "auto"):
-        results.append(_best_partition(found, parameters, independent, wanted))
-    if formulation in ("lagrange", "auto"):
-        results.append(best_of(workspace(found, parameters, Plan("lagrange", ())), wanted))
-    return min(results, key=lambda x: wanted.price(x.costs))
-
-
-def _best_partition(found: Study, parameters: Parameters, independent: tuple[int, ...] | None, wanted: Wanted) -> Best:
-    """The best of the two partitions that a plain attempt finds cheapest."""
-    choices = (candidates(found) or covering(found)[:1]) if independent is None else [independent]
-    plain = [attempted(workspace(found, parameters, Plan("gauss", x)), [PLAIN])[0] for x in choices]
+    plain, failure = [], KernelError(f"{found.mechanism.name}: no partition is usable")
+    for plan in _plans(found, formulation, independent):
+        try:
+            plain += attempted(workspace(found, parameters, plan), [PLAIN])
+        except KernelError as error:
+            failure = error
+    if not plain:
+        raise failure
     plain = sorted(plain, key=lambda x: wanted.price(x.costs))
     if wanted.attempts == 1:
         return plain[0]
-    return min((best_of(x.work, wanted) for x in plain[:2]), key=lambda x: wanted.price(x.costs))
+    tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) < HOPELESS * wanted.price(plain[0].costs)]
+    return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
+
+
+def _plans(found: Study, formulation: str, independent: tuple[int, ...] | None) -> list[Plan]:
+    """Partitions under gauss, and lagrange, as far as the formulation is open."""
+    plans = [Plan("lagrange", ())] if formulation != "gauss" else []
+    if formulation != "lagrange":
+        choices = (candidates(found) or covering(found)[:1]) if independent is None else [independent]
+        plans += [Plan("gauss", x) for x in choices]
+    return plans

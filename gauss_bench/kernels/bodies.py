@@ -41,11 +41,6 @@ class Body(Protocol):
 
     @property
     def operations(self) -> int: ...
-    @property
-    def last_block(self) -> str:
-        """Label of the block that `write` leaves open."""
-        ...
-
     def prepare(self, w: Writer, fixed: Mapping[str, str]) -> None:
         """Before the loop: what does not change in it; `fixed` names the leaves that do not."""
         ...
@@ -88,8 +83,6 @@ def shortened(step: Step) -> Step:
 
 class WrittenOut:
     """A step in one piece."""
-
-    last_block = "loop"
 
     def __init__(self, code: Code, step: Step):
         self.code, self.step = code, shortened(step)
@@ -135,8 +128,6 @@ class Looped:
     c = h/2, h/2, h is the way from stage to stage, w = 1, 2, 2, 1 the weight of a stage.
     """
 
-    last_block = "end"
-
     def __init__(self, code: Code, reach: Reach):
         self.code, self.reach = code, reach
         self.stage, self.end = regrouped(rk4_stage(code, reach)), regrouped(rk4_end(code, reach))
@@ -156,7 +147,9 @@ class Looped:
     def write(self, w: Writer) -> Turn:
         n = self.code.program.n
         pairs = sines(w, {i: f"%q{i}" for i in self.code.angles}) if self.reach.rotates else {}
-        w.line("  br label %stage\nstage:")
+        above = w.block
+        w.line("  br label %stage")
+        w.label("stage")
         header = len(w.lines)
         w.line("")
         w.line("  %early = icmp ult i64 %j, 2\n  %whole = fadd double %h, 0.0")
@@ -172,10 +165,13 @@ class Looped:
         true = w.splat("true", "i1")
         good = [w.let(f"and {w.mask} %{mask}, {x}") for mask, x in (("even", turn.regular), ("near", turn.within))]
         w.line("  %later = fadd double %t_now, %way\n  %j_next = add i64 %j, 1\n  %last = icmp eq i64 %j, 3")
-        w.line("  br i1 %last, label %end, label %stage\nend:")
-        phis = [f"  {k} = phi {w.real} [{start[k]}, %loop], [{x}, %stage]" for k, x in turn.carried.items()]
-        phis += [f"  %{k} = phi {w.mask} [{true}, %loop], [{x}, %stage]" for k, x in zip(("even", "near"), good, strict=True)]
-        phis += ["  %j = phi i64 [0, %loop], [%j_next, %stage]", "  %time = phi double [%t_now, %loop], [%later, %stage]"]
+        w.line("  br i1 %last, label %end, label %stage")
+        below = w.block
+        w.label("end")
+        phis = [f"  {k} = phi {w.real} [{start[k]}, %{above}], [{x}, %{below}]" for k, x in turn.carried.items()]
+        phis += [f"  %{k} = phi {w.mask} [{true}, %{above}], [{x}, %{below}]" for k, x in zip(("even", "near"), good, strict=True)]
+        phis += [f"  %j = phi i64 [0, %{above}], [%j_next, %{below}]"]
+        phis += [f"  %time = phi double [%t_now, %{above}], [%later, %{below}]"]
         w.lines[header] = "\n".join(phis)
         after = {name: x for name, x in turn.carried.items() if name[:2] in ("%X", "%U")}
         end = self._part(w, self.end, self.named[1], after)

@@ -10,8 +10,9 @@ other loops; which loop and columns go first is chosen so that D keeps its sign 
 negative by the assembly, and the product of a group's D is the determinant of its J.
 
 A group with more equations than unknowns (a redundant loop) is solved by its normal equations C^T C z = C^T b: what is left over of
-b vanishes where the loops close.
-Source: Golub and Van Loan, Matrix Computations (4th ed., 2013), sections 3.2.10 (block elimination) and 5.3 (normal equations).
+b vanishes where the loops close. Their condition is that of J squared, which costs rates digits but positions none.
+Source: Golub and Van Loan, Matrix Computations (4th ed., 2013), sections 3.2 and 4.1 (block elimination, L D L^T) and 5.3 (normal
+equations).
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,6 @@ from typing import Protocol
 
 import numpy as np
 
-from gauss_bench.kernels.elimination import Search, lu
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.planar import Vector
@@ -32,6 +32,7 @@ GOOD = 0.1  # sine of the angle between a pivot's columns at the worst sample: a
 
 Columns = dict[int, Vector]  # of one loop, by unknown
 Guard = tuple[Node, float]
+LoopsAndUnknowns = tuple[list[int], list[int]]
 
 
 class Solver(Protocol):
@@ -155,39 +156,64 @@ def _sines(a: Vector, b: Vector) -> Array:
 
 
 class Redundant:
-    """A group with more equations than unknowns: normal equations."""
+    """Groups with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at every regular position."""
 
     def __init__(self, graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]):
-        self.graph, self.columns, self.unknowns = graph, columns, unknowns
-        A = {(i, j): graph.total(self._products(i, j)) for i in unknowns for j in unknowns}
-        self.factors = lu(graph, A, unknowns, unknowns, Search())
+        self.graph, self.columns = graph, columns
+        A = {(i, j): self._product(i, j) for i in unknowns for j in unknowns if i >= j}
+        self.order: list[int] = []
+        self.lower: dict[int, list[tuple[int, Node]]] = {}
+        self.D: list[Node] = []
+        left = list(unknowns)
+        while left:
+            k = min(left, key=lambda i: sum(not A[max(i, j), min(i, j)].zero for j in left))
+            left.remove(k)
+            below = {i: x for i in left if not (x := A[max(i, k), min(i, k)]).zero}
+            inverse = graph.inverse(A[k, k])
+            self.order.append(k)
+            self.D.append(A[k, k])
+            self.lower[k] = [(i, x * inverse) for i, x in below.items()]
+            for i, factor in self.lower[k]:
+                for j, x in below.items():
+                    if i >= j:
+                        A[i, j] = A[i, j] - factor * x
 
-    def _products(self, i: int, j: int) -> list[Node]:
+    def _product(self, i: int, j: int) -> Node:
         found = [columns[i].dot(columns[j]) for columns in self.columns.values() if i in columns and j in columns]
-        return [x for x in found if not x.zero]
+        return self.graph.total(x for x in found if not x.zero)
 
     def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
-        parts = {i: [c[i].dot(b[l]) for l, c in self.columns.items() if i in c and l in b] for i in self.unknowns}
-        return self.factors.solve({i: self.graph.total(x) for i, x in parts.items() if x})
+        y = {i: [c[i].dot(b[l]) for l, c in self.columns.items() if i in c and l in b] for i in self.order}
+        z: dict[int, Node] = {}
+        for k in self.order:
+            z[k] = self.graph.total(y[k])
+            for i, factor in self.lower[k]:
+                y[i].append(-(factor * z[k]))
+        for k, D in zip(reversed(self.order), reversed(self.D), strict=True):
+            known = [-(factor * z[i]) for i, factor in self.lower[k]]
+            z[k] = self.graph.total([z[k] * self.graph.inverse(D), *known])
+        return z
 
     @property
     def guards(self) -> list[Guard]:
-        pivots = (p.node for p in self.factors.pivots if p.node.number is None)
-        return [(x, REGULAR**2 * float(np.abs(x.at[: self.graph.samples]).max())) for x in pivots]
+        varying = (D for D in self.D if D.number is None)
+        return [(D, REGULAR**2 * float(np.abs(D.at[: self.graph.samples]).max())) for D in varying]
 
 
 class Groups:
-    """All groups, each solved with what those before it left."""
+    """All groups, each solved with what those before it left.
+
+    `columns` are those of the unknowns, by loop.
+    """
 
     def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()
-        for group in groups:
-            loops = tuple(sorted({row // 2 for row in group.rows}))
+        for loops, unknowns in _merged([(sorted({row // 2 for row in g.rows}), sorted(g.columns)) for g in groups], columns):
             own = {l: {k: c for k, c in columns[l].items() if k not in solved} for l in loops}
-            self.groups.append((loops, _solver(graph, own, group.columns)))
-            solved |= set(group.columns)
+            self.groups.append((tuple(loops), _solver(graph, own, unknowns)))
+            solved |= set(unknowns)
 
     def solve(self, b: Sequence[Vector]) -> dict[int, Node]:
         """z by unknown for b by loop."""
@@ -205,6 +231,20 @@ class Groups:
     @property
     def guards(self) -> list[Guard]:
         return [guard for _, solver in self.groups if solver is not None for guard in solver.guards]
+
+
+def _merged(groups: list[LoopsAndUnknowns], columns: Sequence[Columns]) -> list[LoopsAndUnknowns]:
+    """Groups with a redundant loop joined with all that it leans on: where one of its dyads is stretched, the others hold it."""
+    joined: set[int] = set()
+    for k, (loops, unknowns) in reversed(list(enumerate(groups))):
+        if k in joined or len(unknowns) < 2 * len(loops):
+            needed = {i for l in loops for i in columns[l]}
+            joined |= {k} | {i for i, (_, own) in enumerate(groups[:k]) if needed & set(own)}
+    if not joined:
+        return groups
+    loops = sorted(l for k in joined for l in groups[k][0])
+    unknowns = sorted(i for k in joined for i in groups[k][1])
+    return [(loops, unknowns), *(group for k, group in enumerate(groups) if k not in joined)]
 
 
 def _solver(graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]) -> Solver | None:

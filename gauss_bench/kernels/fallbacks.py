@@ -18,7 +18,7 @@ from gauss_bench.kernels.steps import REACHES, STEPS, Code, Step
 from gauss_bench.kernels.tape import Tape
 from gauss_bench.terms import Array
 
-CHUNK = 4096  # trajectories at a time: a step's few hundred temporaries of this length stay in the second-level cache
+CHUNK = 4096  # trajectories at a time: they share what a call of numpy costs, and a step has hundreds
 FOLDED = 256  # steps in one call of CasADi's machine
 SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "both": "&"}
 CALLS = {

@@ -12,6 +12,7 @@ from gauss_bench.kernels.graph import Graph
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTEGER = {"and": "and", "plus": "add", "shl": "shl"}
 COMPARISON = {"lt": "olt", "le": "ole"}
+LONGEST_BLOCK = 4000  # values
 CALLS = {"fma": ("fma", 3), "abs": ("fabs", 1), "sqrt": ("sqrt", 1)}
 
 
@@ -27,6 +28,7 @@ class Writer:
         lanes: W.
         real, integer, mask: types of a value with W lanes.
         names: what a value of the graph is called in the text.
+        block: label of the basic block that is being written.
     """
 
     def __init__(self, lanes: int):
@@ -35,10 +37,22 @@ class Writer:
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
-        self._count = 0
+        self.block = "entry"
+        self._count = self._cuts = 0
 
     def line(self, text: str) -> None:
         self.lines.append(text)
+
+    def label(self, name: str) -> None:
+        """Begin a basic block."""
+        self.lines.append(f"{name}:")
+        self.block = name
+
+    def cut(self) -> None:
+        """Go on in a new basic block: the time to compile one grows faster than its length."""
+        self._cuts += 1
+        self.line(f"  br label %cut{self._cuts}")
+        self.label(f"cut{self._cuts}")
 
     def let(self, text: str) -> str:
         """A line whose result gets a name."""
@@ -85,7 +99,9 @@ class Writer:
 
     def write(self, g: Graph, values: Iterable[int]) -> None:
         """Write values in the given order, their operands first where the order has them later; named ones are there already."""
-        for x in values:
+        for count, x in enumerate(values, 1):
+            if count % LONGEST_BLOCK == 0:
+                self.cut()
             waiting = [x]
             while waiting:
                 missing = [k for k in g.operands[waiting[-1]] if k not in self.names]

@@ -65,7 +65,9 @@ class _Loop:
         w = self.w
         w.line(f"define internal void @group({ARGUMENTS}) align 64 {{\nentry:")
         first = self._entry()
-        w.line("  br label %loop\nloop:")
+        above = w.block
+        w.line("  br label %loop")
+        w.label("loop")
         header = len(w.lines)
         w.line("")
         self._time()
@@ -73,7 +75,7 @@ class _Loop:
         following = self._verdict(turn)
         kinds = dict.fromkeys(following, w.real) | {"%alive": w.mask, "%far": w.mask, "%i": "i64", "%due": "i64", "%slot": "i64"}
         w.lines[header] = "\n".join(
-            f"  {name} = phi {kinds[name]} [{first[name]}, %entry], [{x}, %check]" for name, x in following.items()
+            f"  {name} = phi {kinds[name]} [{first[name]}, %{above}], [{x}, %check]" for name, x in following.items()
         )
         self._sample(turn)
         self._finish(turn)
@@ -107,6 +109,7 @@ class _Loop:
         if w.lanes > 1:  # a lane that stopped keeps its state
             following = {name: w.select(alive, x, name) for name, x in following.items()}
         w.line(f"  %next = add i64 %i, 1\n  %go = or i1 {w.any(alive)}, false\n  %stop = icmp eq i64 %i, %due")
+        self.last = w.block
         w.line("  br i1 %stop, label %sample, label %check")
         masks = {"%alive": alive, "%far": far} if w.lanes > 1 else {"%alive": "true", "%far": "false"}
         return following | masks | {"%done": done, "%i": "%next", "%due": "%due_next", "%slot": "%slot_next"}
@@ -120,7 +123,7 @@ class _Loop:
     def _sample(self, turn: Turn) -> None:
         """Store what is due; then on, or to the end."""
         w = self.w
-        w.line("sample:")
+        w.label("sample")
         base = w.address("%samples", w.let(f"mul i64 %slot, {len(turn.out) * w.lanes}"), "double")
         for row, x in enumerate(turn.out):
             w.store(x, base, row)
@@ -128,9 +131,8 @@ class _Loop:
         w.line(f"  %due_later = call i64 @llvm.smin.i64(i64 {later}, i64 %n)\n  %slot_later = add i64 %slot, 1")
         w.line(f"  %complete = and {w.mask} %alive, {turn.regular_out}")
         w.line("  %ended = icmp eq i64 %i, %n\n  br i1 %ended, label %finish, label %check\ncheck:")
-        at = "%" + self.body.last_block
         for name in ("due", "slot"):
-            w.line(f"  %{name}_next = phi i64 [%{name}, {at}], [%{name}_later, %sample]")
+            w.line(f"  %{name}_next = phi i64 [%{name}, %{self.last}], [%{name}_later, %sample]")
         w.line("  br i1 %go, label %loop, label %finish")
 
     def _finish(self, turn: Turn) -> None:
@@ -194,7 +196,10 @@ def evaluation(g: Graph, roots: list[int], inputs: Inputs, sizes: Mapping[str, i
     values = order(g, live(g, roots), {str(k): x for k, x in enumerate(roots)})
     w = Writer(lanes)
     w.line("define void @accelerate(ptr noalias %y, ptr noalias %p, ptr noalias %t, ptr noalias %out, i64 %groups) {\nentry:")
-    w.line("  br label %loop\nloop:\n  %k = phi i64 [0, %entry], [%next, %loop]")
+    w.line("  br label %loop")
+    w.label("loop")
+    header = len(w.lines)
+    w.line("")
     rows = {**sizes, "%out": len(roots)}
     base = {name: w.address(name, w.let(f"mul i64 %k, {count * lanes}"), "double") for name, count in rows.items()}
     for leaf, x in leaves(g, values).items():
@@ -203,6 +208,7 @@ def evaluation(g: Graph, roots: list[int], inputs: Inputs, sizes: Mapping[str, i
     w.write(g, values)
     for row, x in enumerate(roots):
         w.store(w.names[x], base["%out"], row)
+    w.lines[header] = f"  %k = phi i64 [0, %entry], [%next, %{w.block}]"
     w.line("  %next = add i64 %k, 1\n  %more = icmp slt i64 %next, %groups\n  br i1 %more, label %loop, label %done")
     w.line("done:\n  ret void\n}")
     return Listing("\n".join((w.declarations(), *w.lines)), count_operations(g, values))

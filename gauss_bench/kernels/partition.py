@@ -101,23 +101,23 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 def candidates(found: Study) -> list[tuple[int, ...]]:
     """A few partitions that are usable at every sample and among the best conditioned; () where every motion is prescribed.
 
-    Among many of the kind they are spread evenly, since along a chain the middle is best; the crank's angle is always one of them,
-    and the only one of a large linkage.
+    Among many of the kind they are spread evenly, since along a chain the middle is best. The crank's angle, and angles alone, are
+    always among them, and all that is tried of a large linkage.
     """
     if found.free == 0:
         return [()]
-    allowed = tuple(range(found.mechanism.n))
-    made = {spread(found.bases, found.free, allowed, first) for first in allowed}
-    worst = {chosen: float(conditions(found, chosen).min()) for chosen in made if chosen is not None}
+    mechanism, every = found.mechanism, range(found.mechanism.n)
+    made = {spread(found.bases, found.free, every, first) for first in every}
+    angles = spread(found.bases, found.free, every[2::3])
+    worst = {chosen: float(conditions(found, chosen).min()) for chosen in {*made, angles} if chosen is not None}
     best = max(worst.values(), default=0.0)
     near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))
-    if not near:
-        return []
-    crank = [] if found.mechanism.crank is None else [x for x in near if 3 * found.mechanism.crank + 2 in x][:1]
-    if found.mechanism.n > DENSE:
-        return crank or near[len(near) // 2 :][:1]
-    even = [near[k] for k in np.unique(np.linspace(0, len(near) - 1, CANDIDATES).round().astype(int))]
-    return list(dict.fromkeys(crank + even))
+    natural = [] if mechanism.crank is None else [x for x in near if 3 * mechanism.crank + 2 in x][:1]
+    natural += [angles] if angles is not None and worst[angles] > USABLE else []
+    if mechanism.n > DENSE and (natural or near):
+        return natural[:1] or near[len(near) // 2 :][:1]
+    even = [near[k] for k in np.unique(np.linspace(0, len(near) - 1, CANDIDATES).round().astype(int))] if near else []
+    return list(dict.fromkeys(natural + even))
 
 
 def conditions(found: Study, independent: tuple[int, ...]) -> Array:

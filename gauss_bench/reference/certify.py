@@ -22,7 +22,7 @@ from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extended_motion
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.sensitivity import floors
-from gauss_bench.reference.taylor import taylor_motion
+from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 DIGITS = 12

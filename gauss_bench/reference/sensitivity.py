@@ -14,7 +14,7 @@ import numpy as np
 
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.taylor import taylor_motion
+from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 ROUNDING = 1e-16

@@ -25,9 +25,9 @@ from gauss_bench.mechanism.model import (
     Torque,
 )
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scaled, sub
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import NONE, LoopCoordinates, Sum, merged
+from gauss_bench.reference.taylor.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scaled, sub
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merged
 
 
 class Loads:

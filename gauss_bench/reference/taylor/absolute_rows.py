@@ -19,7 +19,7 @@ import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import direction, length
-from gauss_bench.reference.loop_solve import SWEEPS, Long, Unsolved
+from gauss_bench.reference.taylor.solve import SWEEPS, Long, Unsolved
 from gauss_bench.terms import Array
 
 Entry = tuple[int, Any]  # column of J, and its value (k,) or a constant

@@ -12,11 +12,11 @@ import numpy as np
 from gauss_bench.mechanism.build import angle_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, exact, pair, radians
-from gauss_bench.reference.arithmetic import NUMBERS, Value
-from gauss_bench.reference.loop_rows import LoopRows
-from gauss_bench.reference.loop_solve import Long, applied, columns, corrected, dense, epsilon, pseudo_inverse, stacked
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import NONE, Sum
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import LoopRows
+from gauss_bench.reference.taylor.solve import Long, applied, columns, corrected, dense, epsilon, pseudo_inverse, stacked
+from gauss_bench.reference.taylor.vector_sums import NONE, Sum
 from gauss_bench.terms import Array
 
 

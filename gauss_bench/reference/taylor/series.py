@@ -17,19 +17,19 @@ import numpy as np
 from gauss_bench.mechanism.build import build_mechanism
 from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.numbers import Number
-from gauss_bench.reference.arithmetic import NUMBERS, Arithmetic
-from gauss_bench.reference.chart_march import SINGULAR, March
-from gauss_bench.reference.driven_geometry import driven_states
-from gauss_bench.reference.driver_pieces import Piece, pieces
-from gauss_bench.reference.elimination import factorised
-from gauss_bench.reference.loop_motion import Chart, choose_chart, rates
-from gauss_bench.reference.loop_rows import LoopRows, loop_rows
-from gauss_bench.reference.loop_samples import sampled
-from gauss_bench.reference.loop_solve import Long, columns, epsilon
-from gauss_bench.reference.loop_start import start_state
 from gauss_bench.reference.motion import Motion, Progress
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import loop_coordinates
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic
+from gauss_bench.reference.taylor.driven import driven_states
+from gauss_bench.reference.taylor.elimination import factorised
+from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
+from gauss_bench.reference.taylor.law_pieces import Piece, pieces
+from gauss_bench.reference.taylor.march import SINGULAR, March
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import LoopRows, loop_rows
+from gauss_bench.reference.taylor.samples import sampled
+from gauss_bench.reference.taylor.solve import Long, columns, epsilon
+from gauss_bench.reference.taylor.start import start_state
+from gauss_bench.reference.taylor.vector_sums import loop_coordinates
 from gauss_bench.terms import Array
 
 

@@ -20,13 +20,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.reference.arithmetic import Value, add, dot, literal, minus, mul, plus, scaled, sub, total
-from gauss_bench.reference.elimination import Order, Pivots, choose_pivots, factorised, null_space, particular, solve_positive
-from gauss_bench.reference.loop_forces import Loads
-from gauss_bench.reference.loop_rows import Law, LoopRows
-from gauss_bench.reference.loop_solve import dense
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import NONE
+from gauss_bench.reference.taylor.arithmetic import Value, add, dot, literal, minus, mul, plus, scaled, sub, total
+from gauss_bench.reference.taylor.elimination import (
+    Order,
+    Pivots,
+    choose_pivots,
+    factorised,
+    null_space,
+    particular,
+    solve_positive,
+)
+from gauss_bench.reference.taylor.forces import Loads
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import Law, LoopRows
+from gauss_bench.reference.taylor.solve import dense
+from gauss_bench.reference.taylor.vector_sums import NONE
 from gauss_bench.terms import Array
 
 REDUNDANT = 1e-9  # of entries of order one: far above what double precision leaves, far below a usable pivot

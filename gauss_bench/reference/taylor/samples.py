@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism.numbers import Number
-from gauss_bench.reference.absolute_rows import joint_forces
-from gauss_bench.reference.arithmetic import NUMBERS, Value
-from gauss_bench.reference.loop_forces import Loads
-from gauss_bench.reference.loop_rows import LoopRows
-from gauss_bench.reference.loop_solve import Long, applied, columns, epsilon, stacked
 from gauss_bench.reference.motion import Motion
-from gauss_bench.reference.moving_vectors import Instant, Vectors
-from gauss_bench.reference.vector_sums import NONE, LoopCoordinates
+from gauss_bench.reference.taylor.absolute_rows import joint_forces
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
+from gauss_bench.reference.taylor.forces import Loads
+from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors
+from gauss_bench.reference.taylor.rows import LoopRows
+from gauss_bench.reference.taylor.solve import Long, applied, columns, epsilon, stacked
+from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
 
 BALANCE = 1e-25  # relative residual of the equations of motion in 128 bit: rounding, accelerations and condition of the linkage
 ROUNDING = 2.0**-112  # of those numbers; the limit is in proportion where they are shorter

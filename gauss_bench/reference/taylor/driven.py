@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism.numbers import Number
-from gauss_bench.reference.arithmetic import NUMBERS
-from gauss_bench.reference.elimination import factorised
-from gauss_bench.reference.loop_motion import Chart, choose_chart
-from gauss_bench.reference.loop_rows import LoopRows
-from gauss_bench.reference.loop_samples import States
-from gauss_bench.reference.loop_solve import (
+from gauss_bench.reference.motion import Progress
+from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.elimination import factorised
+from gauss_bench.reference.taylor.equations import Chart, choose_chart
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import LoopRows
+from gauss_bench.reference.taylor.samples import States
+from gauss_bench.reference.taylor.solve import (
     RANK_TOLERANCE,
     Long,
     Unsolved,
@@ -27,8 +29,6 @@ from gauss_bench.reference.loop_solve import (
     pseudo_inverse,
     stacked,
 )
-from gauss_bench.reference.motion import Progress
-from gauss_bench.reference.moving_vectors import Instant
 from gauss_bench.terms import Array
 
 FORESEEN = 0.01  # [rad] or of the longest arm: a prediction further off is one of too long a step

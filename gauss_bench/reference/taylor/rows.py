@@ -17,9 +17,9 @@ import numpy as np
 
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
-from gauss_bench.reference.moving_vectors import Instant
-from gauss_bench.reference.vector_sums import NONE, LoopCoordinates, Sum, merged
+from gauss_bench.reference.taylor.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merged
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 

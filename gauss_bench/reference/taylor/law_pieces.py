@@ -13,8 +13,8 @@ from typing import Any
 
 from gauss_bench.mechanism.model import Driver
 from gauss_bench.mechanism.numbers import PI, Number, exact
-from gauss_bench.reference.arithmetic import Arithmetic, Value, add, mul, sub
-from gauss_bench.reference.loop_rows import Law
+from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, add, mul, sub
+from gauss_bench.reference.taylor.rows import Law
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.reference.arithmetic import Value, add, div, literal, mul, neg, sub
+from gauss_bench.reference.taylor.arithmetic import Value, add, div, literal, mul, neg, sub
 from gauss_bench.terms import Array
 
 Entries = Mapping[int, Value]  # column -> value

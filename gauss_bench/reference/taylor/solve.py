@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.mechanism.numbers import Number
-from gauss_bench.reference.arithmetic import Value
+from gauss_bench.reference.taylor.arithmetic import Value
 from gauss_bench.terms import Array
 
 Long = NDArray[Any]

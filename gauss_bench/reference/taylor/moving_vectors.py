@@ -10,8 +10,8 @@ the rest is `bias`. Values are arrays over states or symbols.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gauss_bench.reference.arithmetic import Arithmetic, Value, Vector, mul, neg, plus, product, quarter, scaled, total
-from gauss_bench.reference.vector_sums import NONE, Key, Sum
+from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, Vector, mul, neg, plus, product, quarter, scaled, total
+from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
 Vectors = Callable[[Key], Vector]
 

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gauss_bench.reference.arithmetic import NUMBERS
-from gauss_bench.reference.driver_pieces import Piece
-from gauss_bench.reference.elimination import Order, Pivots
-from gauss_bench.reference.loop_motion import Chart, choose_chart, rates
-from gauss_bench.reference.loop_rows import LoopRows
-from gauss_bench.reference.loop_samples import States, joined
-from gauss_bench.reference.loop_solve import Long, columns, corrected, dense, pseudo_inverse, stacked
 from gauss_bench.reference.motion import Progress
-from gauss_bench.reference.moving_vectors import Instant
+from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.elimination import Order, Pivots
+from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
+from gauss_bench.reference.taylor.law_pieces import Piece
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import LoopRows
+from gauss_bench.reference.taylor.samples import States, joined
+from gauss_bench.reference.taylor.solve import Long, columns, corrected, dense, pseudo_inverse, stacked
 from gauss_bench.terms import Array
 
 WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order

@@ -1,0 +1,150 @@
+"""Certifying end to end: how many digits, until when, and where and why it must stop."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.certificates import certified_scenarios
+from gauss_bench.cli import main
+from gauss_bench.mechanism.load import built_in, decimal_document, load
+from gauss_bench.papers.published import VALUES, published
+from gauss_bench.reference.certificate import as_reference, certificate_path, check_holds, read_certificate
+from gauss_bench.reference.certify import certify
+from gauss_bench.reference.taylor.series import taylor_motion
+from gauss_bench.reference.verification import verify
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.mark.parametrize(("name", "scenario"), certified_scenarios())
+def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name: str, scenario: str) -> None:
+    mechanism = load(name, scenario)
+    path = certificate_path(mechanism)
+    assert path is not None
+    certificate = read_certificate(path)
+    check_holds(certificate, mechanism, path)
+    assert certificate.digits >= 12
+    assert certificate.until == certificate.duration or certificate.stopped
+    assert certificate.duration >= mechanism.duration
+    assert max(certificate.facts["pipelines"][0]["drift"]) < 1e-28  # what 128 bit leave of a thousand steps
+    assert max(certificate.facts["pipelines"][1]["drift"]) < 1e-16  # long double, angles of hundreds of radians
+    bars = np.array([getattr(certificate, f"error_{x}") for x in ("q", "v", "a")])
+    assert (np.diff(bars, axis=1) >= 0).all()
+    assert (bars < 1e-9 * (1 + np.abs(certificate.a).max())).all()
+
+
+def test_the_papers_crank_slider_is_known_to_rounding_for_ten_seconds() -> None:
+    path = certificate_path(load("crank_slider", "paper"))
+    assert path is not None
+    certificate = read_certificate(path)
+    crank = np.abs(certificate.q[:, 2])
+    for t, allowed in ((2.0, 1e-16), (10.0, 1e-15)):
+        at = int(np.abs(certificate.t - t).argmin())
+        assert certificate.t[at] == t
+        assert certificate.error_q[at] < allowed * crank[at]
+
+
+def test_where_a_motion_has_a_closed_form_both_pipelines_follow_it_until_they_stop() -> None:
+    for name, scenario in certified_scenarios():
+        certificate = read_certificate(certificate_path(load(name, scenario)) or Path())
+        for pipeline, allowed in zip(certificate.facts["pipelines"], (1e-28, 1e-16), strict=True):
+            if "off_closed_form" in pipeline:
+                assert pipeline["off_closed_form"] < allowed, (name, pipeline)
+                assert pipeline["until"] == certificate.duration or "singular" in pipeline["stopped"]
+
+
+def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digits() -> None:
+    hy = pytest.importorskip("heyoka")
+    motion = taylor_motion(decimal_document("squeezer"), "squeeze", ["0", "0.0001"])
+    beta, theta = motion.a[0, 2], motion.a[0, 5] - motion.a[0, 2]
+    # the problem's consistent start, printed with 30 digits of which the first 28 fit in the arithmetic
+    assert abs(float(beta - hy.real128("14222.4439199541138705911625887"))) < 1e-23
+    assert abs(float(theta + hy.real128("10666.8329399655854029433719415"))) < 1e-23
+
+
+def test_published_values_of_the_squeezer_are_true_to_fewer_digits_than_printed() -> None:
+    mechanism = load("squeezer")
+    certificate = read_certificate(certificate_path(mechanism) or Path())
+    rows = published(mechanism, as_reference(certificate, 0.03))
+    assert len(rows) == 2 * len(VALUES)
+    for row in rows:
+        assert row["difference"] < 1e-6 * abs(float(row["certified"]))  # the same mechanism
+        assert row["error_bar"] < 1e-2 * row["difference"]  # and the certificate can tell
+        assert 7 <= row["true_digits"] < row["printed_digits"] - 2
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    assert main(["certify", *arguments, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def needs_heyoka() -> None:
+    pytest.importorskip("heyoka")
+
+
+@pytest.mark.usefixtures("needs_heyoka")
+def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "double_pendulum.toml"
+    file.write_bytes((DATA / "double_pendulum.toml").read_bytes())
+    out = tmp_path / "certificates" / "double_pendulum.free.npz"
+    found = run(capsys, str(file), "--digits", "15", "--until", "9", "--out", str(out))
+    assert not found["complete"]
+    assert 1.0 < found["until"] < 9.0
+    assert "small errors grow" in found["message"]
+    certificate = read_certificate(out)
+    assert certificate.until == found["until"]
+    assert verify(certificate, load(file)).passed
+    assert main(["verify", str(out)]) == 0
+    assert "holds" in capsys.readouterr().out
+    fewer = run(capsys, str(file), "--digits", "12", "--until", "9")
+    assert fewer["until"] > found["until"]
+
+
+@pytest.mark.usefixtures("needs_heyoka")
+def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = built_in()["four_bar"].read_text(encoding="utf-8").replace("[0.12, 0.0]", "[0.30, 0.0]")
+    head = text[: text.index("[scenarios")].replace('"four_bar"', '"locked"')
+    file = tmp_path / "locked.toml"
+    over = '[scenarios.over]\ndriver = { link = "crank", law = "constant", start_deg = 60.0, speed = 3.0 }\nduration = 2.0\n'
+    file.write_text(head + over, encoding="utf-8")
+    found = run(capsys, str(file), "--scenario", "over")
+    assert not found["complete"]
+    assert "limit of its motion" in found["message"]
+    assert found["until"] < 0.47  # the crank of 0.30 cannot turn on against 0.36, 0.30 and 0.40
+    assert found["digits"] >= 14
+
+
+@pytest.mark.usefixtures("needs_heyoka")
+def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
+    mpmath = pytest.importorskip("mpmath")
+    certificate = certify("projectile", until=0.5)
+    with mpmath.workdps(40):
+        t = mpmath.mpf("0.5")
+        assert certificate.q[-1, 1] == float(7 * t - mpmath.mpf("9.81") * t**2 / 2)
+        assert certificate.v[-1, 1] == float(7 - mpmath.mpf("9.81") * t)
+
+
+def test_bad_requests_end_with_code_2_and_write_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "x.npz"
+    for wrong in (["--digits", "40"], ["--until", "-1"], ["--until", "nan"], ["--scenario", "none"]):
+        assert main(["certify", "four_bar", "--out", str(out), *wrong]) == 2
+    assert main(["certify"]) == 2
+    assert main(["certify", str(tmp_path / "missing.toml")]) == 2
+    assert "error:" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_dry_friction_is_refused_with_its_reason(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = built_in()["four_bar"].read_text(encoding="utf-8").replace('name   = "four_bar"', 'name   = "rubbing"')
+    friction = '[forces.dry]\ntype = "coulomb_friction"\njoint = "A"\nmu = 0.1\nradius = 0.01\nspeed = 0.01\n'
+    scenario = '[scenarios.rub]\nstart = { crank_deg = 0.0, speed = 6.0 }\nduration = 0.1\nforces = ["dry"]\n'
+    file = tmp_path / "rubbing.toml"
+    file.write_text(f"{text}\n{friction}\n{scenario}", encoding="utf-8")
+    out = tmp_path / "x.npz"
+    found = run(capsys, str(file), "--scenario", "rub", "--out", str(out), code=1)
+    assert "friction" in found["message"]
+    assert not out.exists()
