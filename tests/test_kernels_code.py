@@ -236,6 +236,26 @@ def test_baumgarte_brings_a_state_back(name: str) -> None:
     assert name == "sleigh" or after_q < 1e-3 * (before_q + before_v / 20)
 
 
+def test_the_acceleration_asked_for_is_without_baumgarte() -> None:
+    m = mechanism("crank_slider")
+    q = m.q0 + np.linspace(-1e-3, 1e-3, m.n)
+    plain, damped = (kernel("crank_slider", s, b).acceleration(q, m.v0) for s, b in (("none", "llvm"), ("baumgarte", "llvm")))
+    np.testing.assert_array_equal(plain, damped)
+    other = kernel("crank_slider", "baumgarte", "numpy").acceleration(q, m.v0)
+    np.testing.assert_allclose(other, plain, rtol=0, atol=1e-13 * np.abs(plain).max())
+
+
+def test_after_preparing_nothing_is_compiled_in_a_rollout() -> None:
+    m = mechanism("crank_slider")
+    code = compile_kernel(m, cache=False)
+    code.prepare()
+    code.prepare(many=True)
+    seconds = code.compile_seconds
+    code.rollout(m.q0, m.v0, 1e-3, 2000)
+    code.rollout(np.tile(m.q0, (9, 1)), np.tile(m.v0, (9, 1)), 1e-2, 100)
+    assert code.compile_seconds == seconds
+
+
 def running(name: str, count: int) -> tuple[Array, Array]:
     m = mechanism(name)
     return kernel(name).rollout(m.q0, m.v0, H, count)

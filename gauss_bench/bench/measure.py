@@ -26,6 +26,7 @@ SERIES = 100  # points per curve in the report
 SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
 OFF_ACCELERATION = 1e-2  # an engine that is 1 % off at the same state solves another problem, whatever its trajectory
 OFF_DRIFT = 1e-2  # [m, rad] a loop that opens by a centimetre is not this linkage
+OFF_MOTION = 1.0  # [m, rad] a link that is a radian away is somewhere else, however well the loops are closed
 
 
 def unaltered(mechanism: Mechanism) -> Mechanism:
@@ -129,4 +130,6 @@ def flag(row: dict[str, Any]) -> str:
         return f"accelerations off by {row['acceleration_error_median']:.2g} at the same state (median)"
     if row["position_drift"] > OFF_DRIFT:
         return f"the loops open by {row['position_drift']:.2g} (m or rad)"
+    if row["position_error"] > OFF_MOTION:
+        return f"a link ends up {row['position_error']:.2g} (m or rad) from where it should be"
     return ""

@@ -176,7 +176,7 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     for name in SIDE_TABLES[1:]:
         write_table(pd.DataFrame([row for entry in turned for row in entry.get(name, [])]), folder / f"{name}.csv")
     references = [entry["row"] for key, entry in sorted(found.items()) if key.startswith("reference|")]
-    write_table(pd.DataFrame(references), folder / f"{SIDE_TABLES[0]}.csv")
+    write_table(with_all_digits(pd.DataFrame(references)), folder / f"{SIDE_TABLES[0]}.csv")
     drawn = pd.DataFrame(curves, columns=[*KEY, *CURVES]).astype(dict.fromkeys(CURVES, "float32"))  # a pen's width is 1e-3
     write_table(drawn, folder / "series.parquet")
     write_table(pd.DataFrame(samples, columns=["mechanism", *VARIANT, "quantity", "round", "seconds"]), folder / "samples.parquet")
@@ -197,6 +197,12 @@ def _costs_failed(key: str, entry: dict[str, Any]) -> list[dict[str, Any]]:
     name = mechanism_of(*key.split("|")[1:3]).name
     lost = [{"engine": "all", **entry["row"]}] if "row" in entry else []
     return [{"mechanism": name, **c} for c in [*entry.get("failed", []), *lost]]
+
+
+def with_all_digits(references: pd.DataFrame) -> pd.DataFrame:
+    """The certified crank angles as texts: a table's ten digits are not enough for them."""
+    cranks = [c for c in references.columns if c.startswith("crank_")]
+    return references.assign(**{c: [repr(float(x)) if pd.notna(x) else "" for x in references[c]] for c in cranks})
 
 
 def described_engines(engines: list[str]) -> dict[str, Any]:

@@ -1,14 +1,17 @@
 """Cost as ratios: all engines of a comparison in one process, in blocks, in a new random order every round.
 
 A machine's speed wanders, but it wanders for neighbours alike: the ratio of lower quartiles of interleaved blocks varies by a few
-per cent where single timings vary by half. Blocks last at least a millisecond, the garbage collector rests, and every block is
-kept; only compiled steps, of which a second of motion takes less, come in shorter ones. Sources: the practice of paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+per cent where single timings vary by half. What counts is the processor's time: waiting for a processor that others use too would
+lengthen long blocks, which always meet it, and spare short ones. Blocks last at least a millisecond, the garbage collector rests, and every block is
+kept; only compiled steps, of which a second of motion takes less, come in shorter ones. Sources: the practice of paired
+benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
 """
 
 import gc
+import math
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,9 +43,9 @@ class Entry:
 
 @dataclass
 class Block:
-    """A piece of work: `ready()` untimed, `go()` timed, `count` repetitions in it."""
+    """A piece of work known by its entry: `ready()` untimed, `go()` timed, `count` repetitions in it."""
 
-    entry: Entry
+    entry: Hashable
     ready: Callable[[], None]
     go: Callable[[], None]
     count: int
@@ -81,7 +84,7 @@ def block(mechanism: Mechanism, entry: Entry) -> Block:
         else:
             made = _of(model, mechanism, entry, count)
         made.ready()
-        elapsed = _timed(made.go)
+        elapsed = timed(made.go)
         most = LONGEST if "step" in entry.quantity else 1_000_000
         if elapsed >= BLOCK or count >= most:
             return made
@@ -95,7 +98,16 @@ def _of(model: Model, mechanism: Mechanism, entry: Entry, count: int) -> Block:
     return Block(entry, lambda: model.prepare(times, native=entry.quantity == "native_step"), model.run, count)
 
 
-def _repeated(entry: Entry, call: Callable[[], object], count: int) -> Block:
+def lasting(entry: Hashable, call: Callable[[], object], work: int = 1) -> Block:
+    """A call that needs nothing ready, as often as BLOCK seconds take; each counts as `work` repetitions."""
+    call()
+    count = max(1, math.ceil(BLOCK / min(timed(call) for _ in range(3))))
+    block = _repeated(entry, call, count)
+    block.count = count * work
+    return block
+
+
+def _repeated(entry: Hashable, call: Callable[[], object], count: int) -> Block:
     def calls() -> None:
         for _ in range(count):
             call()
@@ -103,10 +115,24 @@ def _repeated(entry: Entry, call: Callable[[], object], count: int) -> Block:
     return Block(entry, lambda: None, calls, count)
 
 
-def _timed(go: Callable[[], None]) -> float:
-    start = time.perf_counter_ns()
+def timed(go: Callable[[], object]) -> float:
+    """Seconds of the processor, in all threads of this process, that a call takes."""
+    start = time.process_time_ns()
     go()
-    return (time.perf_counter_ns() - start) * 1e-9
+    return (time.process_time_ns() - start) * 1e-9
+
+
+def interleaved(blocks: list[Block], rounds: int = ROUNDS, seed: int = 1) -> Iterator[tuple[Block, int, float]]:
+    """Each block once a round, in a new random order every round: the block, the round, and seconds per repetition."""
+    order = random.Random(seed)
+    gc.disable()
+    try:
+        for number in range(rounds):
+            for item in order.sample(blocks, len(blocks)):
+                item.ready()
+                yield item, number, timed(item.go) / item.count
+    finally:
+        gc.enable()
 
 
 def compare_costs(linkage: str, scenario: str, engines: list[str], seed: int = 1) -> dict[str, Any]:
@@ -123,17 +149,7 @@ def compare_costs(linkage: str, scenario: str, engines: list[str], seed: int = 1
             blocks.append(block(mechanism, entry))
         except (RunFailure, ImportError) as error:
             failed.append({**vars(entry), "message": str(error)})
-    order = random.Random(seed)
-    samples = []
-    gc.disable()
-    try:
-        for number in range(ROUNDS):
-            for item in order.sample(blocks, len(blocks)):
-                item.ready()
-                seconds = _timed(item.go) / item.count
-                samples.append({**vars(item.entry), "round": number, "seconds": seconds})
-    finally:
-        gc.enable()
+    samples = [{**vars(item.entry), "round": k, "seconds": x} for item, k, x in interleaved(blocks, seed=seed)]
     return {"samples": samples, "failed": failed}
 
 

@@ -13,7 +13,7 @@ coordinates; mapped back to the tree it closes the open pins. Redundant rows tha
 iterations then do not settle, and the run is given up rather than followed. Projection keeps them together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -94,6 +94,11 @@ class ConstrainedDynamics:
         tau = self.forces(y, dy)
         return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
 
+    def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
+        """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
+        tau = np.ascontiguousarray(self.forces(y, dy))
+        return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
+
     def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
         if not self.prox.relative_residual <= self.limit:
@@ -125,6 +130,7 @@ class PinocchioModel:
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pinocchio
 
+        self.pin: Any = pinocchio
         self.mechanism, self.choice = mechanism, choice
         self.tree, self.evaluator = spanning_tree(mechanism), Evaluator(mechanism)
         body = Multibody(pinocchio, mechanism, self.tree)
@@ -138,6 +144,11 @@ class PinocchioModel:
         with np.errstate(all="ignore"):
             y, dy = self.tree.relative(q, v)
             return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
+
+    def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        """At the start: constraintDynamics alone, and what calling costs: a difference of two vectors by Pinocchio."""
+        y, dy = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
+        return self.plain.bare(y, dy), lambda: self.pin.difference(self.plain.model, y, dy)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the suite's own loop, whatever `native` says."""

@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from gauss_bench.kernels.elimination import Factors, Matrix, Right, Search, lu
+from gauss_bench.kernels.elimination import Matrix, Search, lu
+from gauss_bench.kernels.factors import Factors, Right
 from gauss_bench.kernels.node import Graph, Node, factored
 from gauss_bench.kernels.symbols import Row
 

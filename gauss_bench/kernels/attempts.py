@@ -99,7 +99,7 @@ def cheapest(found: Study, parameters: Parameters, formulation: str, independent
     plain = sorted(plain, key=lambda x: wanted.price(x.costs))
     if wanted.attempts == 1:
         return plain[0]
-    tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) < HOPELESS * wanted.price(plain[0].costs)]
+    tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) <= HOPELESS * wanted.price(plain[0].costs)]
     return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
 
 

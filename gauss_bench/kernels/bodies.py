@@ -13,7 +13,7 @@ from typing import Protocol
 from gauss_bench.kernels.graph import Graph
 from gauss_bench.kernels.ir import Writer
 from gauss_bench.kernels.rewrite import rewrite
-from gauss_bench.kernels.schedule import arrivals, live, order
+from gauss_bench.kernels.schedule import live, order
 from gauss_bench.kernels.stages import Stage, rk4_end, rk4_stage
 from gauss_bench.kernels.steps import Code, Reach, Step
 from gauss_bench.kernels.trigonometry import sincos
@@ -70,15 +70,12 @@ def count_operations(g: Graph, values: list[int]) -> int:
 
 
 def shortened(step: Step) -> Step:
-    """The step with its arithmetic regrouped: first as if everything carried arrived at once, then as it really arrives."""
-    for _ in range(2):
-        arrival, _ = arrivals(step.graph, live(step.graph, step.roots()), step.carried)
-        graph, roots = rewrite(step.graph, step.roots(), arrival)
-        moved = dict(zip(step.roots(), roots, strict=True))
-        regular, regular_out = (None if m is None else moved[m] for m in (step.regular, step.regular_out))
-        carried = {name: moved[x] for name, x in step.carried.items()}
-        step = Step(graph, carried, [moved[x] for x in step.out], regular, regular_out, moved[step.within])
-    return step
+    """The step with its arithmetic regrouped."""
+    graph, roots = rewrite(step.graph, step.roots())
+    moved = dict(zip(step.roots(), roots, strict=True))
+    regular, regular_out = (None if m is None else moved[m] for m in (step.regular, step.regular_out))
+    carried = {name: moved[x] for name, x in step.carried.items()}
+    return Step(graph, carried, [moved[x] for x in step.out], regular, regular_out, moved[step.within])
 
 
 class WrittenOut:

@@ -48,38 +48,43 @@ def follow(program: ClosureProgram, outputs: Outputs, lanes: int) -> Listing:
 
 @dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Values of each block of the loop, in the order in which they are written."""
+    """Values by where they are computed, each block in the order in which it is written.
 
+    Attributes:
+        fixed: before the loop. first: once for a sample, before its iteration.
+        iterated: with every iterate; all that both a correction and a closed sample need is among it.
+        corrected, closed: after an iterate that is not closed, or is.
+    """
+
+    fixed: list[int]
     first: list[int]
-    newton: list[int]
+    iterated: list[int]
     corrected: list[int]
     closed: list[int]
 
 
-def _blocks(code: Code, fixed: list[int]) -> _Blocks:
-    """What is computed where: with the iterate, all that a correction and a closed sample both need."""
-    g = code.graph
-    moving = {f"%{letter}{k}" for k in range(len(code.guess)) for letter in "xsc"}
-    varying = _depending(g, moving)
-    score, correction = live(g, [code.score]), live(g, [*code.moved.values(), code.near])
-    closed = live(g, [code.turn, *code.guards, *code.guess, *code.outputs])
-    shared = (set(score) | (set(correction) & set(closed))) & varying
-    everything = order(g, live(g, code.roots()), {name: x for name, x in code.moved.items() if name in moving})
-    done = set(fixed)
-    iterated = (set(correction) | set(closed) | set(score)) - done
-    first = [x for x in everything if x not in varying and x not in done and x not in _only(closed, code, g)]
+def _blocks(code: Code) -> _Blocks:
+    g, values = code.graph, live(code.graph, code.roots())
+    iterate = {f"%{letter}{k}" for k in range(len(code.guess)) for letter in "xsc"}
+    varying = _depending(g, iterate)
+    fixed = set(constant_values(g, values, {name: name for name in leaves(g, values) if name.startswith("%p")}))
+    score = set(live(g, [code.score]))
+    corrected = set(live(g, [*code.moved.values(), code.near]))
+    closed = set(live(g, [code.turn, *code.guards, *code.guess, *code.outputs]))
+    early = score | corrected | set(live(g, [x for pair in code.start.values() for x in pair]))
+    iterated = (score | (corrected & closed)) & varying
+    written = order(g, values, {name: x for name, x in code.moved.items() if name in iterate})
+
+    def chosen(which: set[int]) -> list[int]:
+        return [x for x in written if x in which]
+
     return _Blocks(
-        first,
-        [x for x in everything if x in shared],
-        [x for x in everything if x in iterated & set(correction)],
-        [x for x in everything if x in iterated & set(closed)],
+        chosen(fixed),
+        chosen(early - varying - fixed),
+        chosen(iterated),
+        chosen((corrected & varying) - iterated),
+        chosen(closed - early - fixed | (closed & varying) - iterated),
     )
-
-
-def _only(closed: list[int], code: Code, g: Graph) -> set[int]:
-    """Values that nothing but a closed sample needs."""
-    pairs = [x for pair in code.start.values() for x in pair]
-    return set(closed) - set(live(g, [*pairs, code.score, *code.moved.values(), code.near]))
 
 
 def _depending(g: Graph, names: set[str]) -> set[int]:
@@ -96,11 +101,8 @@ class _Loop:
 
     def __init__(self, program: ClosureProgram, code: Code, lanes: int):
         self.program, self.code, self.w = program, code, Writer(lanes)
-        self.values = live(code.graph, code.roots())
-        names = leaves(code.graph, self.values)
-        fixed = {name: name for name in names if name.startswith("%p")}
-        self.fixed = constant_values(code.graph, self.values, fixed)
-        self.blocks = _blocks(code, self.fixed)
+        self.leaves = leaves(code.graph, live(code.graph, code.roots()))
+        self.blocks = _blocks(code)
         self.unknowns, self.guards = range(program.unknowns), range(len(code.guards))
 
     def text(self) -> str:
@@ -125,15 +127,12 @@ class _Loop:
     def _entry(self) -> dict[str, tuple[str, str]]:
         """Load what does not change; type and first value of everything carried."""
         w = self.w
-        for name, x in leaves(self.code.graph, self.values).items():
-            w.names[x] = name
+        w.names = {x: name for name, x in self.leaves.items()}
         found = [w.load("%x", k) for k in self.unknowns]
         self.signs = [w.load("%sides", k) for k in self.guards]
         self.least = [w.load("%sides", len(self.guards) + k) for k in self.guards]
-        for name, x in leaves(self.code.graph, self.values).items():
-            if name.startswith("%p"):
-                w.names[x] = w.load("%p", int(name[2:]))
-        w.write(self.code.graph, self.fixed)
+        w.names |= {x: w.load("%p", int(name[2:])) for name, x in self.leaves.items() if name.startswith("%p")}
+        w.write(self.code.graph, self.blocks.fixed)
         self.tolerance = w.broadcast("%tolerance")
         places = [w.let(f"load i64, ptr {w.address('%where', lane, 'i64')}") for lane in range(w.lanes)]
         self.places = [w.address("%out", place, "double") for place in places]
@@ -145,9 +144,7 @@ class _Loop:
         w, K = self.w, self.program.inputs
         base = w.address("%inputs", w.let(f"mul i64 %i, {3 * K * w.lanes}"), "double")
         rows = {f"%{letter}{j}": k * K + j for k, letter in enumerate("uwbn") for j in range(K)}
-        for name, x in leaves(self.code.graph, self.values).items():
-            if name in rows:
-                w.names[x] = w.load(base, rows[name])
+        w.names |= {x: w.load(base, rows[name]) for name, x in self.leaves.items() if name in rows}
 
     def _newton(self) -> str:
         """Correct until every lane that goes on is closed; the mask of those that are."""
@@ -157,7 +154,7 @@ class _Loop:
         w.line("newton:")
         header = len(w.lines)
         w.line("")
-        w.write(code.graph, self.blocks.newton)
+        w.write(code.graph, self.blocks.iterated)
         closed = w.let(f"fcmp ole {w.real} {w.names[code.score]}, {self.tolerance}")
         going = w.let(f"and {w.mask} %alive, %near")
         open_lanes = w.let(f"and {w.mask} {going}, {w.let(f'xor {w.mask} {closed}, ' + w.splat('true', 'i1'))}")

@@ -30,7 +30,9 @@ from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Point
 from gauss_bench.terms import Array
 
-REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation's series are exact so far, and no other assembly near
+REACH = (
+    0.0065  # [rad, lengths] norm of one correction: two terms of the rotation's series are exact so far, and no other assembly near
+)
 TURN = 0.3  # [rad, lengths] norm of the way to the guess: far less than lies between two assemblies
 
 Outputs = Literal["states", "path"]
@@ -42,7 +44,8 @@ class ClosureProgram:
 
     Attributes:
         angles: which unknowns are angles; known_angles: which inputs are.
-        lengths: (TU,) what a change of each unknown is measured by.
+        lengths: what a change of each unknown is measured by.
+        size: [m] of the longest vector of a loop.
         residual: A by row.
         correction: z by unknown.
         guards: what must not change its sign nor fall below its threshold.
@@ -59,6 +62,7 @@ class ClosureProgram:
     angles: tuple[bool, ...]
     known_angles: tuple[bool, ...]
     lengths: tuple[float, ...]
+    size: float
     residual: list[Node]
     correction: list[Node]
     guards: list[tuple[Node, float]]
@@ -72,6 +76,11 @@ class ClosureProgram:
     @property
     def thresholds(self) -> Array:
         return np.array([x for _, x in self.guards])
+
+    @property
+    def width(self) -> int:
+        """Numbers stored at each sample."""
+        return len(self.outputs)
 
 
 def closure_program(equations: LoopEquations, parameters: Parameters, points: Sequence[Point], samples: Array) -> ClosureProgram:
@@ -98,6 +107,7 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
         angles=tuple(map(bool, equations.is_angle[:unknown])),
         known_angles=tuple(map(bool, equations.is_angle[unknown:])),
         lengths=tuple(np.where(equations.is_angle[:unknown], 1.0, length).tolist()),
+        size=max((loop.size() for loop in loops.loops), default=length),
         residual=[x for loop in loops.loops for x in (loop.residual().x, loop.residual().y)],
         correction=[correction.get(k, graph.constant(0.0)) for k in range(unknown)],
         guards=rates.groups.guards,
@@ -243,8 +253,8 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
     z = [value(k) for k in program.correction]
     moved = {f"%x{k}": g.add(x[k], z[k]) for k in range(program.unknowns)}
     for k in turning:
-        rotated = trigonometry.rotated(g, pairs["x", k], z[k], REACH)
-        moved |= {f"%s{k}": rotated[0], f"%c{k}": rotated[1]}
+        pair = sincos(moved[f"%x{k}"]) if library else trigonometry.rotated(g, pairs["x", k], z[k], REACH)
+        moved |= {f"%s{k}": pair[0], f"%c{k}": pair[1]}
     scale = [g.const(1.0 / length) for length in program.lengths]
     way = [g.mul(c, g.sub(a, b)) for c, a, b in zip(scale, guess, last, strict=True)]
     return Code(

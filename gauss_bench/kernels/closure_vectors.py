@@ -24,7 +24,8 @@ from gauss_bench.kernels.planar import Vector
 from gauss_bench.kernels.sampling import typical_length
 from gauss_bench.kinematics.link_units import Element
 from gauss_bench.kinematics.loop_equations import LoopEquations
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Revolute
+from gauss_bench.mechanism.forces import axis_state, position
+from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
 AXIS = 1e-14  # of a unit vector: less is rounding of a right angle
@@ -60,6 +61,10 @@ class LoopVectors:
         """A."""
         graph, vectors = self.fixed.x.graph, [self.fixed, *self.turning.values()]
         return Vector(graph.total([w.x for w in vectors]), graph.total([w.y for w in vectors]))
+
+    def size(self) -> float:
+        """[m] of the longest vector at any sample."""
+        return max(float(np.hypot(w.x.at, w.y.at).max()) for w in (self.fixed, *self.turning.values()))
 
     def columns(self) -> dict[int, Vector]:
         """J and B by column of x."""
@@ -207,15 +212,13 @@ def _local_vectors(loops: LoopExpressions, mechanism: Mechanism) -> dict[tuple[i
 
 def loop_values(equations: LoopEquations, mechanism: Mechanism, q: Array) -> Array:
     """x (TU + TK,) of an assembled state q (n,) of a mechanism with these loops, whatever its dimensions."""
-    from gauss_bench.mechanism.forces import axis_state, position
-    from gauss_bench.mechanism.model import Prismatic
-
     values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             values[joint.name] = float(axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)[0])
-    bars = [d for d in mechanism.drivers if d.name in {bar.name for bar in equations.bars}]
-    for i, bar in enumerate(bars, start=len(mechanism.links)):
+    names = [bar.name for bar in equations.bars]
+    for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver) and d.name in names):
         x, y = position(q, bar.b) - position(q, bar.a)
-        values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
+        values[len(mechanism.links) + names.index(bar.name)] = float(np.arctan2(y, x))
+        values[bar.name] = float(np.hypot(x, y))
     return np.array([values[key] for key in equations.column])

@@ -16,7 +16,7 @@ from gauss_bench.kernels.driver import Driver, Options
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.fallbacks import on_arrays
 from gauss_bench.kernels.runners import Batch, Flags, NativeEvaluator, NativeRunner, Outcome
-from gauss_bench.kernels.steps import STEPS, read_code
+from gauss_bench.kernels.steps import REACHES, STEPS, read_code
 from gauss_bench.kernels.tape import read
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -96,6 +96,13 @@ class Kernel:
         native = [self.__dict__[name] for name in ("_native",) if name in self.__dict__]
         native += [r for r in self._driver.runners.values() if isinstance(r, NativeRunner)]
         return [code for runner in native for code in runner.loaded.values()]
+
+    def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
+        """Compile what rollouts of one state, or of many, may need, so that none of them waits for it."""
+        for level in range(len(REACHES[integrator])):
+            runner = self._driver.runner(0, integrator, level)
+            if isinstance(runner, NativeRunner):
+                runner.native(self.lanes if many else 1)
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:

@@ -8,8 +8,9 @@ in one link alone, and rounds find equal steps in all loops.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gauss_bench.kernels.elimination import Matrix, Right
-from gauss_bench.kernels.large_elimination import Solution, solve
+from gauss_bench.kernels.elimination import Matrix
+from gauss_bench.kernels.factors import Right
+from gauss_bench.kernels.large_elimination import Solution, added, solve
 from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.symbols import Row
 from gauss_bench.kernels.workspace import Workspace
@@ -62,9 +63,8 @@ def equations(work: Workspace) -> Equations:
     homes: dict[int, Home] = {}
     for number, x in enumerate(solutions[0].x):
         for c, node in x.items():
-            base = node.args[0] if node.op == "NEG" else node
-            if base.args and base.index not in homes and base.index > phases[0]:
-                homes[base.index] = _home(number, c, len(terms.mass))
+            if node.op == "IS":
+                homes[node.index] = _home(number, c, len(terms.mass))
     return Equations(mechanism, found, total(graph, holds), len(guards), phases, homes)
 
 
@@ -85,7 +85,7 @@ def total(graph: Graph, terms: Sequence[Node]) -> Node:
     """A sum; a long one stays one operation."""
     terms = [x for x in terms if not x.zero]
     if len(terms) <= LONG:
-        return graph.total(terms)
+        return added(graph, terms)
     return graph.opaque("SUM", tuple(terms), sum((x.at for x in terms), start=0.0 * terms[0].at))
 
 
@@ -107,7 +107,7 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solut
     found: Right = {}
     for j in range(len(terms.mass)):
         parts = [N[j] * h[k] for k, N in enumerate(motions) if j in N and k in h]
-        found[j] = graph.total([*parts, *([a0[j]] if j in a0 else [])])
+        found[j] = added(graph, [*([a0[j]] if j in a0 else []), *parts])
     return [first, second], found
 
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kernels.elimination import GUARD, RELATIVE, SMALLEST, Matrix, Right
+from gauss_bench.kernels.elimination import GUARD, RELATIVE, SMALLEST, Matrix
 from gauss_bench.kernels.errors import KernelError
+from gauss_bench.kernels.factors import Right
 from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.terms import Array
 
@@ -87,11 +88,11 @@ class _Elimination:
 
     def _substitute(self, step: Step, x: list[Right]) -> None:
         for k, found in enumerate(x):
-            terms = [-(u * found[c]) for c, u in step.row.items() if c in found]
-            terms += [step.right[k]] if k in step.right else []
-            value = self.graph.total(terms)
+            terms = [step.right[k]] if k in step.right else []
+            terms += [-(u * found[c]) for c, u in sorted(step.row.items()) if c in found]
+            value = added(self.graph, terms)
             if not value.zero:
-                found[step.column] = value if step.inverse is None else value * step.inverse
+                found[step.column] = settled(self.graph, value if step.inverse is None else value * step.inverse)
 
     def _round(self) -> None:
         chosen = self._chosen()
@@ -101,10 +102,10 @@ class _Elimination:
             self._eliminate(r, c, changes, right)
         for (r, c), terms in changes.items():
             old = self.rows[r].get(c)
-            self._put(r, c, self.graph.total(terms if old is None else [old, *terms]))
+            self._put(r, c, added(self.graph, terms if old is None else [old, *terms]))
         for (r, k), terms in right.items():
             old = self.right[r].get(k)
-            self.right[r][k] = self.graph.total(terms if old is None else [old, *terms])
+            self.right[r][k] = added(self.graph, terms if old is None else [old, *terms])
 
     def _put(self, r: int, c: int, node: Node) -> None:
         self.sizes.pop(r, None)
@@ -183,6 +184,19 @@ class _Elimination:
             for k, u in b.items():
                 right.setdefault((other, k), []).append(-(f * u))
         self.steps.append(Step(c, inverse, row, b))
+
+
+def added(graph: Graph, terms: list[Node]) -> Node:
+    """A sum in the order of its terms, whenever they are ready: equal sums of different loops remain equal."""
+    found = graph.constant(0.0)
+    for x in terms:
+        found = found + x
+    return found
+
+
+def settled(graph: Graph, x: Node) -> Node:
+    """A solution as a value of its own, whatever its sign and form: those of different loops are then used alike."""
+    return x if x.number is not None else graph.opaque("IS", (x,), x.at)
 
 
 def solve(graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]) -> Solution:

@@ -18,7 +18,8 @@ from gauss_bench.kernels.export import reachable
 from gauss_bench.kernels.large_algebra import Equations
 from gauss_bench.kernels.node import Node
 
-FEW = 4  # equal operations; fewer are done one by one
+FEW = 6  # equal operations; fewer are done one by one
+ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
 COMMUTATIVE = ("ADD", "MUL")
 
 
@@ -34,7 +35,7 @@ class Group:
     """One operation in several lanes.
 
     Attributes:
-        operation: ADD, MUL, INV, SQRT, SIN, COS, FMIN, FMAX, LE; SUM over all lanes of its operand; OUT of its operand.
+        operation: ADD, MUL, INV, SQRT, SIN, COS, FMIN, FMAX, LE, IS (the operand itself); SUM over all lanes of its operand; OUT of its operand.
         results: the values by lane; the one of a SUM; coordinates of an OUT.
         operands: for each operand the values by lane.
         negative: for each operand whether it counts negative.
@@ -68,6 +69,7 @@ class Groups:
 
 
 Kind = tuple[object, ...]
+Member = tuple[int, tuple[Term, ...]]  # a value, and what it is made of
 
 
 def term(node: Node) -> Term:
@@ -119,7 +121,7 @@ class _Grouping:
         return [found[key] for key in sorted(found)]
 
     def _level(self, nodes: list[Node]) -> None:
-        alike: dict[Kind, list[tuple[int, tuple[Term, ...]]]] = {}
+        alike: dict[Kind, list[Member]] = {}
         for x in nodes:
             if x.op == "SUM":
                 self._sum(x)
@@ -127,16 +129,27 @@ class _Grouping:
             operation, terms = self._terms(x)
             key: Kind = (operation, *((self.kind[t.value], t.negative) for t in terms))
             alike.setdefault(key, []).append((x.index, terms))
-        left: dict[Kind, list[tuple[int, tuple[Term, ...]]]] = {}
+        left: dict[Kind, list[Member]] = {}
         for key, members in alike.items():
             if len(members) >= FEW:
-                self._keep(str(key[0]), members)
+                for part in self._aligned(members):
+                    self._keep(str(key[0]), part)
             else:
                 rough = (key[0], *((t.negative, t.value in self.numbers) for t in members[0][1]))
                 left.setdefault(rough, []).extend(members)
         for key, members in left.items():
             for part in [members] if len(members) >= FEW else [[x] for x in members]:
                 self._keep(str(key[0]), part)
+
+    def _aligned(self, members: list[Member]) -> list[list[Member]]:
+        """Members whose operands are a fixed number of lanes apart by themselves, where these are many; the others together."""
+        apart: dict[tuple[int, ...], list[Member]] = {}
+        for x in members:
+            lanes = [self.lane[t.value] for t in x[1] if t.value not in self.numbers]
+            apart.setdefault(tuple(k - lanes[0] for k in lanes), []).append(x)
+        many = [part for part in apart.values() if len(part) >= ALIGNED]
+        rest = [x for part in apart.values() if len(part) < ALIGNED for x in part]
+        return [*many, rest] if len(rest) >= FEW else [*many, *([x] for x in rest)]
 
     def _terms(self, x: Node) -> tuple[str, tuple[Term, ...]]:
         terms = [term(a) for a in x.args]
@@ -147,7 +160,7 @@ class _Grouping:
             terms.sort(key=lambda t: (repr(self.kind[t.value]), t.negative, self.lane[t.value]))
         return operation, tuple(terms)
 
-    def _keep(self, operation: str, members: list[tuple[int, tuple[Term, ...]]]) -> None:
+    def _keep(self, operation: str, members: list[Member]) -> None:
         members.sort(key=lambda x: [(repr(self.kind[t.value]), self.lane[t.value]) for t in x[1]])
         number = len(self.groups)
         self.groups.append(_group(operation, members))
@@ -180,7 +193,7 @@ class _Grouping:
         return value
 
 
-def _group(operation: str, members: list[tuple[int, tuple[Term, ...]]]) -> Group:
+def _group(operation: str, members: list[Member]) -> Group:
     columns = list(zip(*(terms for _, terms in members), strict=True))
     operands = tuple(tuple(t.value for t in column) for column in columns)
     return Group(operation, tuple(value for value, _ in members), operands, tuple(column[0].negative for column in columns))

@@ -33,6 +33,7 @@ class Memory:
         place: value -> element, of inputs and of all that is stored.
         padded: results of groups that have room behind them.
         t, a: elements of the time, and of the first acceleration; the guard follows the accelerations.
+        spare: an element that nobody reads.
         size: elements.
     """
 
@@ -40,6 +41,7 @@ class Memory:
     padded: set[tuple[int, ...]]
     t: int
     a: int
+    spare: int
     size: int
 
 
@@ -115,4 +117,4 @@ def memory(equations: Equations, groups: Groups, found: list[Loop]) -> Memory:
             if x in needed and x not in place:
                 place[x] = top
                 top += 1
-    return Memory(place, padded, t, a, top + PADDING)
+    return Memory(place, padded, t, a, t + 1, top + PADDING)

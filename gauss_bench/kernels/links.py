@@ -6,8 +6,8 @@ theta_b = theta_g + turn, and the constant part is folded into s:
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
 Tied links share one sine and cosine, and one that is tied to the ground has none: on the constraints nothing changes, and the
-motion never leaves these rows, which are linear. Sines and cosines are those of coordinates as they stand, so that a loop over steps
-can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
+motion never leaves these rows, which are linear. Sines and cosines are those of coordinates as they stand, so that a loop over
+steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
 from dataclasses import dataclass

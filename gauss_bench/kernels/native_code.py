@@ -87,11 +87,6 @@ def compile_text(text: str, name: str, operations: int, cached: bool = True) -> 
     return NativeCode(call, time.perf_counter() - start, found, owner)
 
 
-def assembly(text: str, operations: int = 0) -> str:
-    """The machine code as text, for the curious."""
-    return str(_target_machine(3 if operations <= LARGE else 1).emit_assembly(_binding().parse_assembly(text)))
-
-
 def _key(text: str, operations: int) -> str:
     import llvmlite
 

@@ -9,7 +9,7 @@ Every rewriting is done here, on the graph, and none is left to a compiler: one 
 """
 
 import heapq
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from gauss_bench.kernels.graph import Graph, Pair
@@ -30,25 +30,22 @@ class Term(NamedTuple):
 class Timed(Graph):
     """A graph that knows when each of its values is ready."""
 
-    def __init__(self, arrival: Mapping[str, float]):
+    def __init__(self) -> None:
         super().__init__()
-        self.arrival = arrival
-        self.ready: list[float] = []
+        self.ready: list[int] = []
 
     def make(self, operation: str, *operands: int, payload: float | int | str | None = None) -> int:
         found = super().make(operation, *operands, payload=payload)
         if found == len(self.ready):
-            start = self.arrival.get(str(payload), 0.0) if operation == "leaf" else 0.0
-            start = max((self.ready[k] for k in operands), default=start)
-            self.ready.append(start + LATENCY[operation])
+            self.ready.append(max((self.ready[k] for k in operands), default=0) + LATENCY[operation])
         return found
 
 
 class Rewriter:
     """Writes the values that the roots need from one graph into another."""
 
-    def __init__(self, old: Graph, roots: list[int], arrival: Mapping[str, float]):
-        self.old, self.new = old, Timed(arrival)
+    def __init__(self, old: Graph, roots: list[int]):
+        self.old, self.new = old, Timed()
         self.known: dict[int, int] = {}
         needed = live(old, roots)
         self.users: dict[int, list[int]] = {x: [] for x in needed}
@@ -153,7 +150,7 @@ class Rewriter:
         found = value if factor is None else self.new.mul(value, factor)
         return self.new.neg(found) if negative else found
 
-    def _ready(self, term: Term) -> float:
+    def _ready(self, term: Term) -> int:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
     def _joined(self, early: Term, late: Term) -> Term:
@@ -181,7 +178,7 @@ class Rewriter:
         return g.div(above, below)
 
 
-def rewrite(g: Graph, roots: list[int], arrival: Mapping[str, float] | None = None) -> tuple[Graph, list[int]]:
-    """The roots in a new graph; `arrival` tells when leaves are ready [cycles], 0 where it does not."""
-    rewriter = Rewriter(g, roots, arrival or {})
+def rewrite(g: Graph, roots: list[int]) -> tuple[Graph, list[int]]:
+    """The roots in a new graph; leaves count as ready at the beginning."""
+    rewriter = Rewriter(g, roots)
     return rewriter.new, [rewriter.known[x] for x in roots]

@@ -39,32 +39,29 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
     return times
 
 
-def arrivals(g: Graph, values: list[int], carried: Mapping[str, int]) -> tuple[dict[str, float], float]:
-    """When the values carried from one turn of a loop to the next arrive, and the cycles a turn needs without limits.
-
-    `carried` maps the name of a leaf to the value that becomes it.
-    """
+def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
+    """Cycles that a turn of a loop needs without limits; `carried` maps the name of a leaf to the value that becomes it."""
     arrival = dict.fromkeys(carried, 0.0)
-    period = 0.0
+    found = 0.0
     for _ in range(ROUNDS):
         times = ready_times(g, values, arrival)
-        period = max((times[x] for x in carried.values()), default=0.0)
-        arrival = {name: times[x] - period for name, x in carried.items()}
-    return arrival, period
+        found = max((times[x] for x in carried.values()), default=0.0)
+        arrival = {name: times[x] - found for name, x in carried.items()}
+    return found
 
 
 def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
     """The values in the order of their urgency: the longest way from them to the end, through further turns of the loop."""
     leaves = {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
-    _, period = arrivals(g, values, carried)
+    turn = period(g, values, carried)
     late = dict.fromkeys(carried.values(), 0.0)
     for _ in range(ROUNDS):
-        height = dict.fromkeys(values, -period) | late
+        height = dict.fromkeys(values, -turn) | late
         for x in reversed(values):
             for k in g.operands[x]:
                 height[k] = max(height[k], height[x] + LATENCY[g.operation[x]])
-        late = dict.fromkeys(carried.values(), -period)
+        late = dict.fromkeys(carried.values(), -turn)
         for name, x in carried.items():
             if name in leaves:
-                late[x] = max(late[x], height[leaves[name]] - period)
+                late[x] = max(late[x], height[leaves[name]] - turn)
     return sorted(values, key=lambda x: (-height[x], x))

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from gauss_bench.report.rows import Row, known, number, ok, own_steps
 
 NOTHING = "-"
-BELOW_LEGEND = "`< x` means below the reference's own error bar x: the reference cannot tell such errors apart."
+BELOW_LEGEND = "`< x` means below x, the reference's own error bar or the floor of rounded parameters: it cannot be told from 0."
 
 
 @dataclass(frozen=True)

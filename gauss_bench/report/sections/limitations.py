@@ -27,9 +27,10 @@ LIMITATIONS = (
     "**Settings were chosen by the authors of the suite**, from each engine's documentation. Experts of an engine may do "
     "better; the place to do so is that engine's settings.",
     "**Few linkages, one degree of freedom, one redundant case, no contact, no friction**: nothing here is known of other systems.",
-    "**The validity gate judges model and drift, not the trajectory.** A motion that is wrong with closed loops stays valid; its "
-    "error column tells, and a finding where it is far off.",
-    "**Errors end at the reference's own bar.** What is smaller is printed as below it and ranks equal.",
+    "**The validity gate is coarse.** It refuses another model, open loops, and a link that ends up a radian or a metre away; what "
+    "is off by less is for the error columns to tell.",
+    "**Errors end at the reference's own bar, or at the floor of rounded parameters.** What is smaller is printed as below it and "
+    "ranks equal.",
 )
 
 

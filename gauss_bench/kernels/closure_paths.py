@@ -1,0 +1,341 @@
+"""How the lanes get their samples: one linkage cut into parts, or a linkage to each lane; and what happens to a lane that stops.
+
+The samples of one linkage are cut into as many parts as there are lanes. Where the parts begin is found first, by one lane in
+strides of at most STRIDE; then all parts are followed side by side. Of many linkages each lane follows one, from a start that is
+reached from the file's own by changing the open numbers little by little, on the same side of every guard.
+
+Where a lane stops, the way to that sample is divided; where that does not help either, the library's closure is asked. What it
+closes is taken over; where it finds a limit or a singular position, the motion ends, and no later sample is reported as closed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.kernels.closure_judge import Judge, Lost, Step
+from gauss_bench.kernels.closure_program import TURN, ClosureProgram
+from gauss_bench.kernels.closure_runners import Course, Followed, Runner
+from gauss_bench.kernels.closure_vectors import loop_values
+from gauss_bench.kernels.trigonometry import LARGEST
+from gauss_bench.kinematics.loop_equations import LoopEquations
+from gauss_bench.terms import Array
+
+Flags = NDArray[np.bool_]
+
+STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
+CLOSED = 1e-14  # of the longest vector: some rounding units of a loop's sum
+SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
+HOMOTOPY = (32, 256)  # steps from the file's numbers to others; the last is the longest, a sixteenth of the way
+APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
+FEW = 4  # samples of a part, at least
+
+
+class Status(IntEnum):
+    """How a sample was closed."""
+
+    CLOSED = 0
+    LIBRARY = 1  # by the library's closure
+    LOST = 2  # not: the numbers are NaN
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Where and why a motion ended.
+
+    Attributes:
+        linkage: row of the parameters; 0 for one linkage.
+        sample: the first that could not be closed.
+        kind: "limit of motion", "singular position" or "not assembled".
+        inputs: name -> value [rad, m] up to which it went.
+        text: one sentence.
+    """
+
+    linkage: int
+    sample: int
+    kind: str
+    inputs: dict[str, float]
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a linkage starts.
+
+    Attributes:
+        x: (U,) unknowns, NaN where there is no start; u: (K,) inputs.
+        sides: (2 G,) signs that the guards keep, and their least values.
+        fault: why there is no start.
+    """
+
+    x: Array
+    u: Array
+    sides: Array
+    fault: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One linkage to be followed.
+
+    Attributes:
+        levels: (k, 3 K) inputs, rates, second rates; one array for all linkages that share them.
+        p: (n_p,) open numbers.
+    """
+
+    levels: Array
+    p: Array
+    start: Start
+
+    @property
+    def u(self) -> Array:
+        return self.levels[:, : self.levels.shape[1] // 3]
+
+
+class Tracker:
+    """Follows motions with the runners of one program: `states` stores whole rows, `path` the unknowns alone, in one lane."""
+
+    def __init__(self, program: ClosureProgram, equations: LoopEquations, states: Runner, path: Runner, judge: Judge, lanes: int):
+        self.program, self.equations, self.states, self.path = program, equations, states, path
+        self.judge, self.lanes = judge, lanes
+        length = max(program.lengths, default=1.0)
+        self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) / STRIDE
+
+    def tolerance(self, u: Array, x: Array) -> float:
+        """|A|^2 of a closed sample: angles of many turns are rounded more coarsely."""
+        turns = max(_largest(u), _largest(x))
+        return (CLOSED * self.program.size * (1.0 + turns / 8.0)) ** 2
+
+    def start(self, x: Array, u: Array, p: Array) -> Start:
+        """The start at a closed state, with the sides its guards are on.
+
+        Raises:
+            Lost: not closed, or too near a singular position.
+        """
+        G = len(self.program.guards)
+        followed, _ = self._single(Start(x, u, np.zeros(2 * G)), u[None], p)
+        if not followed.closed[0]:
+            raise Lost("the start is not closed", "not assembled", self.named(u))
+        guards, least = followed.guards[0], self.program.thresholds
+        if (np.abs(guards) < least).any():
+            raise Lost("the start is at a singular position", "singular position", self.named(u))
+        return Start(followed.x[0], u, np.concatenate([np.sign(guards), least]))
+
+    def named(self, u: Array) -> dict[str, float]:
+        """Name -> value of inputs as their laws count them."""
+        return self.equations.input_values(np.concatenate([np.zeros(self.program.unknowns), u]))
+
+    def _single(self, start: Start, u: Array, p: Array) -> tuple[Followed, Array]:
+        """One lane along u (k, K), and its unknowns (k, U)."""
+        k, K = u.shape
+        inputs = np.zeros((1, k + 1, 3 * K))
+        inputs[0, :k, :K], inputs[0, k, :K] = u, u[-1]
+        rows = np.empty((k, self.program.unknowns))
+        where = np.zeros(1, dtype=np.int64)
+        course = Course(start.x[None], start.sides[None], inputs, p[None], where, rows, self.tolerance(u, start.x))
+        return self.path.run(course), rows
+
+    def strides(self, u: Array) -> float:
+        """Strides from one sample to the next where they are farthest apart, of samples (..., k, K)."""
+        return _largest((u[..., 1:, :] - u[..., :-1, :]) * self.per_stride)
+
+    def track(self, motion: Motion, rows: Array, status: NDArray[np.int8]) -> Loss | None:
+        """One linkage: fills its rows (>= parts * count, R), of which the first k count, and status (k,)."""
+        parts, count = self.cut(len(motion.levels))
+        starts = self._starts(motion, parts, count)
+        levels = _padded(motion.levels, parts * count + 1)
+        inputs = np.empty((parts, count + 1, levels.shape[1]))
+        inputs[:, :count], inputs[:, count] = levels[:-1].reshape(parts, count, -1), levels[count::count]
+        sides, p = (x[None].repeat(parts, axis=0) for x in (motion.start.sides, motion.p))
+        tolerance = self.tolerance(motion.u, starts)
+        followed = self.states.run(Course(starts, sides, inputs, p, np.arange(parts) * count, rows, tolerance))
+        self._check_turns(followed.x, count)
+        closed = np.where(self._joined(starts, followed.x), followed.closed, 0)
+        if (closed == count).all():
+            return None
+        return self._mend(motion, rows, status, replace(followed, closed=closed), count)
+
+    def _joined(self, starts: Array, ends: Array) -> Flags:
+        """(parts,) whether a part begins near where the one before ended, and so in the same assembly."""
+        gaps = (starts[1:] - ends[:-1]) / self.program.lengths
+        return np.concatenate([[True], np.sqrt((gaps * gaps).sum(axis=1)) < 2 * TURN])
+
+    def track_many(self, motions: Sequence[Motion], rows: Array, status: NDArray[np.int8], threads: int = 1) -> list[Loss]:
+        """Many linkages with as many samples each: fills rows (linkages, k, R) and status (linkages, k)."""
+        k, first = len(motions[0].levels), motions[0]
+        shared = all(m.levels is first.levels for m in motions)
+        inputs = np.stack([np.concatenate([m.levels, m.levels[-1:]]) for m in (motions[:1] if shared else motions)])
+        x = self._walked_in(motions)
+        course = Course(
+            x,
+            np.array([m.start.sides for m in motions]),
+            inputs,
+            np.array([m.p for m in motions]),
+            np.arange(len(motions)) * k,
+            rows.reshape(-1, rows.shape[-1]),
+            self.tolerance(inputs[..., : self.program.inputs], x),
+        )
+        followed = self.states.run(course, threads)
+        self._check_turns(followed.x, k)
+        losses = []
+        for i in np.flatnonzero(followed.closed < k):
+            alone = Followed(followed.closed[i : i + 1], followed.x[i : i + 1], followed.guards[i : i + 1])
+            lost = self._mend(motions[i], rows[i], status[i], alone, k)
+            losses += [] if lost is None else [replace(lost, linkage=int(i))]
+        return losses
+
+    def _walked_in(self, motions: Sequence[Motion]) -> Array:
+        """Unknowns (linkages, U) at everyone's first sample, from everyone's start; NaN where the way there must be mended."""
+        ways = np.array([m.u[0] - m.start.u for m in motions])
+        steps = max(1, ceil(_largest(ways * self.per_stride)))
+        parts = np.minimum(np.arange(steps + 2) / steps, 1.0)
+        inputs = np.zeros((len(motions), steps + 2, 3 * self.program.inputs))
+        inputs[:, :, : self.program.inputs] = np.array([m.start.u for m in motions])[:, None] + parts[:, None] * ways[:, None]
+        followed = self._scratch(motions, np.array([m.start.x for m in motions]), inputs, np.array([m.p for m in motions]))
+        return np.where((followed.closed == steps + 1)[:, None], followed.x, np.nan)
+
+    def _scratch(self, motions: Sequence[Motion], x: Array, inputs: Array, p: Array) -> Followed:
+        """A lane for each linkage; only where it ends is kept."""
+        count = inputs.shape[1] - 1
+        rows = np.empty((len(motions) * count, self.program.width))
+        sides = np.array([m.start.sides for m in motions])
+        where = np.arange(len(motions)) * count
+        return self.states.run(Course(x, sides, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
+
+    def moved(self, start: Start, nominal: Array, p: Array) -> list[Start]:
+        """The start of linkages with other numbers p (linkages, n_p), reached from that with the nominal ones."""
+        found = np.full((len(p), len(start.x)), np.nan)
+        for steps in HOMOTOPY:
+            left = np.flatnonzero(~np.isfinite(found).all(axis=1))
+            if len(left):
+                found[left] = self._deformed(start, nominal, p[left], steps)
+        faults = ["" if good else APART for good in np.isfinite(found).all(axis=1)]
+        return [replace(start, x=x, fault=fault) for x, fault in zip(found, faults, strict=True)]
+
+    def _deformed(self, start: Start, nominal: Array, p: Array, steps: int) -> Array:
+        """Unknowns (linkages, U) while the numbers change, in steps that grow and with guesses from the last two; NaN where lost."""
+        grown = np.linspace(0.0, 1.0, steps + 1) ** 2
+        still = Motion(_held(start), nominal, start)
+        inputs = np.concatenate([still.levels, still.levels])[None]
+        before = x = np.tile(start.x, (len(p), 1))
+        last = 1.0
+        for a, b in pairwise(grown):
+            guess = x + (x - before) * ((b - a) / last)
+            followed = self._scratch([still] * len(p), guess, inputs, nominal + b * (p - nominal))
+            x, before, last = np.where(followed.closed[:, None] == 1, followed.x, np.nan), x, b - a
+        return np.asarray(x)
+
+    def cut(self, samples: int) -> tuple[int, int]:
+        """Parts, and samples of each, of which the last may have fewer."""
+        parts = self.lanes if samples >= FEW * self.lanes else 1
+        return parts, -(-samples // parts)
+
+    def _starts(self, motion: Motion, parts: int, count: int) -> Array:
+        """Unknowns (parts, U) at the first sample of each part, NaN from where they could not be found."""
+        u, start = motion.u, motion.start
+        lead = max(1, ceil(_largest((u[0] - start.u) * self.per_stride)))
+        each = min(count, max(1, ceil(count * self.strides(u))))
+        nodes = np.arange(1, (parts - 1) * each + 1) * count // each
+        way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
+        found = self._walked(motion, np.concatenate([way, u[:1], u[np.minimum(nodes, len(u) - 1)]]))
+        return found[lead::each]
+
+    def _walked(self, motion: Motion, u: Array) -> Array:
+        """Unknowns along the inputs u (k, K), from the start; NaN from where the way is lost."""
+        found = np.full((len(u), self.program.unknowns), np.nan)
+        at, x = 0, motion.start.x
+        while at < len(u):
+            followed, rows = self._single(Start(x, u[at], motion.start.sides), u[at:], motion.p)
+            closed = int(followed.closed[0])
+            found[at : at + closed] = rows[:closed]
+            at += closed
+            if at == len(u) or not closed:
+                break
+            ahead = self._between(motion, followed.x[0], u[at - 1], u[at])
+            if ahead is None:
+                break
+            x = ahead
+        return found
+
+    def _between(self, motion: Motion, x: Array, before: Array, after: Array) -> Array | None:
+        """Unknowns at `after` from those at `before`, on a way that is divided ever more finely."""
+        for parts in SUBDIVISIONS:
+            u = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (after - before)
+            followed, _ = self._single(Start(x, before, motion.start.sides), u, motion.p)
+            if followed.closed[0] == parts + 1:
+                return np.asarray(followed.x[0])
+        return None
+
+    def _mend(self, motion: Motion, rows: Array, status: NDArray[np.int8], followed: Followed, count: int) -> Loss | None:
+        """Close what the lanes left open, part after part; the loss where the motion ends."""
+        x, k = motion.start.x, len(motion.levels)
+        if motion.start.fault:
+            rows[:k], status[:] = np.nan, Status.LOST
+            return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
+        for part, closed in enumerate(followed.closed.tolist()):
+            first, end = part * count, min((part + 1) * count, k)
+            at = min(first + closed, end)
+            x = followed.x[part] if closed else x
+            while at < end:
+                try:
+                    at, x = self._onward(motion, rows, status, at, end, x)
+                except Lost as lost:
+                    rows[at:k], status[at:] = np.nan, Status.LOST
+                    return Loss(0, at, lost.kind, dict(lost.inputs), str(lost))
+        return None
+
+    def _onward(self, motion: Motion, rows: Array, status: NDArray[np.int8], at: int, end: int, x: Array) -> tuple[int, Array]:
+        """From the state x before a sample: close it and what follows; the next sample and the state before that."""
+        before = motion.u[at - 1] if at else motion.start.u
+        ahead = self._between(motion, x, before, motion.u[at])
+        if ahead is not None:
+            followed = self._follow_one(motion, ahead, at, end, rows)
+            if followed.closed[0]:
+                return at + int(followed.closed[0]), followed.x[0]
+        n = self.program.n
+        q = rows[at - 1, :n] if at else self.state(motion, x)
+        rows[at] = self.judge.step(Step(q.copy(), *np.split(motion.levels[at], 3)), motion.p)
+        status[at] = Status.LIBRARY
+        return at + 1, loop_values(self.equations, self.judge.mechanism_with(motion.p), rows[at, :n])[: self.program.unknowns]
+
+    def _follow_one(self, motion: Motion, x: Array, at: int, end: int, rows: Array) -> Followed:
+        """One lane through the samples from `at` to `end`."""
+        inputs = np.concatenate([motion.levels[at:end], motion.levels[end - 1 : end]])[None]
+        where, sides = np.array([at]), motion.start.sides[None]
+        return self.states.run(Course(x[None], sides, inputs, motion.p[None], where, rows, self.tolerance(motion.u, x)))
+
+    def state(self, motion: Motion, x: Array) -> Array:
+        """q (n,) at the start."""
+        one = replace(motion, levels=_held(motion.start))
+        rows = np.empty((1, self.program.width))
+        self._follow_one(one, x, 0, 1, rows)
+        return rows[0, : self.program.n]
+
+    def _check_turns(self, x: Array, count: int) -> None:
+        """No angle may have gone where its sine is not exact: it moves at most half a radian between samples.
+
+        Raises:
+            ValueError: it may have.
+        """
+        if _largest(x) + 0.5 * count > LARGEST:
+            raise ValueError(f"too many samples or turns in one sweep: {count} samples of a part")
+
+
+def _held(start: Start) -> Array:
+    """Levels (1, 3 K) of inputs that rest at the start."""
+    return np.concatenate([start.u, 0.0 * start.u, 0.0 * start.u])[None]
+
+
+def _largest(x: Array) -> float:
+    """The largest size among numbers, those that are none left out."""
+    return float(np.fmax.reduce(np.abs(x), axis=None, initial=0.0))
+
+
+def _padded(levels: Array, count: int) -> Array:
+    """At least `count` rows, the last one repeated."""
+    missing = count - len(levels)
+    return np.concatenate([levels, levels[-1:].repeat(missing, axis=0)]) if missing > 0 else levels
