@@ -31,7 +31,7 @@ def kernel_costs(linkage: str, scenario: str, effort: Effort) -> dict[str, Any]:
         "kernel_steps": step_rows(mechanism, measured),
         "kernel_claim": [claim_row(mechanism, plain, measured)],
         "kernel_rhs": kernel_rhs.rhs_rows(mechanism, measured),
-        "kernel_bounds": kernel_limits.bound_rows(mechanism, plain["gauss"], measured),
+        "kernel_bounds": kernel_limits.bound_rows(mechanism, measured),
     }
 
 

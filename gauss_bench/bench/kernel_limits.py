@@ -1,15 +1,16 @@
-"""What this processor leaves to be gained: bounds for one trajectory and for many, and the share of them that is reached.
+"""What this processor leaves to be gained: how long a step must take for one trajectory and for many, and the share reached.
 
 Two tiny loops are generated, compiled and raced beside the steps. One is a chain of fused multiply-adds, each waiting for the one
 before: its time per link is their latency, which is CYCLES cycles on every x86 processor since 2015, and so gives the length of a
-cycle. The other has CHAINS independent chains of vectors: its rate is the most operations the processor does.
+cycle. The other has CHAINS independent chains of vectors: its rate, a fused multiply-add being two operations, is the peak rate.
 
-    one trajectory >= cycles of the longest chain through a step * length of a cycle
-    many           >= operations of a step / (lanes * vector operations per second)
+    one trajectory: cycles of the longest chain through a step * length of a cycle
+    many:           operations of a step / peak rate
 
 The chain is that of the compiled step itself, carried from one turn of the loop to the next, at the latencies that the code
-generator assumes. A division counts as one operation, although it takes the place of eight or more: the second bound cannot be
-reached. Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
+generator assumes. No code reaches the peak rate: most operations have nothing to be fused with, and a division, which counts as one
+here, takes the place of eight or more. Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds,
+limits of parallelism).
 """
 
 from functools import partial
@@ -21,10 +22,9 @@ from gauss_bench.bench.kernel_steps import QUANTITY
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
 from gauss_bench.bench.timing import Block, lasting
 from gauss_bench.kernels import loops, native_code
-from gauss_bench.kernels.bodies import WrittenOut
+from gauss_bench.kernels.bodies import WrittenOut, constant_values, leaves
 from gauss_bench.kernels.driver import known_program
 from gauss_bench.kernels.errors import KernelError
-from gauss_bench.kernels.kernel import Kernel
 from gauss_bench.kernels.schedule import LATENCY, period
 from gauss_bench.kernels.steps import REACHES, read_code
 from gauss_bench.mechanism.model import Mechanism
@@ -33,6 +33,7 @@ CYCLES = LATENCY["fma"]
 CHAINS = 16  # two in flight for each of two pipes and four cycles
 LINKS = 16  # of the chain in one turn of the loop
 TURNS = 2_000
+FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, "sqrt": 1, "fma": 2}
 LATENCY_KEY, RATE_KEY = Key("latency", "processor"), Key("rate", "processor")
 BOUNDS = {QUANTITY: "one trajectory", BATCH: "a batch"}
 
@@ -77,46 +78,55 @@ def processor_rows(measured: Measured) -> list[Row]:
     """Latency, length of a cycle and peak rate, as quantities."""
     lanes = native_code.best_lanes()
 
-    def value(key: Key, factor: float) -> Row:
-        found = spread("value", measured.of(key) * factor)
-        return found if factor > 0 else {}
+    def value(factor: float) -> Row:
+        return spread("value", measured.of(LATENCY_KEY) * factor)
 
     def rate() -> Row:
-        found = spread("value", 2 * lanes / measured.of(RATE_KEY))
-        return found | {"value": float(2 * lanes / np.quantile(measured.of(RATE_KEY), 0.25))}
+        slow = spread("value", measured.of(RATE_KEY))
+        return {
+            "value": 2 * lanes / slow["value"],
+            "value_low": 2 * lanes / slow["value_high"],
+            "value_high": 2 * lanes / slow["value_low"],
+        }
 
     return [
         row(
             {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"},
-            partial(value, LATENCY_KEY, 1.0),
+            partial(value, 1.0),
         ),
-        row(
-            {"key": "cycle", "quantity": f"a cycle, {CYCLES} to that latency", "unit": "s"}, partial(value, LATENCY_KEY, 1 / CYCLES)
-        ),
+        row({"key": "cycle", "quantity": f"a cycle, {CYCLES} to that latency", "unit": "s"}, partial(value, 1 / CYCLES)),
         row(
             {"key": "rate", "quantity": f"most operations in vectors of {lanes}, two to a fused multiply-add", "unit": "1/s"}, rate
         ),
     ]
 
 
-def bound_rows(mechanism: Mechanism, kernel: Kernel | None, measured: Measured) -> list[Row]:
+def bound_rows(mechanism: Mechanism, measured: Measured) -> list[Row]:
     """How near a step of Gauss's comes to either bound."""
     found = []
     for quantity, what in BOUNDS.items():
         start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "quantity": what}
-        found.append(row(start, partial(_bounded, mechanism, kernel, measured, quantity)))
+        found.append(row(start, partial(_bounded, mechanism, measured, quantity)))
     return found
 
 
-def _bounded(mechanism: Mechanism, kernel: Kernel | None, measured: Measured, quantity: str) -> Row:
+def _bounded(mechanism: Mechanism, measured: Measured, quantity: str) -> Row:
     samples = measured.of(Key(quantity, "gauss"))
-    assert kernel is not None
     body = loops.body(read_code(known_program(mechanism, "gauss", (), None, None), "none"), "rk4", REACHES["rk4"][0])
     if not isinstance(body, WrittenOut):
         return spread("seconds", samples) | {"message": "the step is a loop over its stages, whose chain is not one"}
-    chain = period(body.step.graph, body.values, body.step.carried)
-    cycle = float(np.quantile(measured.of(LATENCY_KEY), 0.25)) / CYCLES
-    vector = float(np.quantile(measured.of(RATE_KEY), 0.25))
-    bound = chain * cycle if quantity == QUANTITY else body.operations * vector / kernel.lanes
+    g, values, carried = body.step.graph, body.values, body.step.carried
+    if quantity == QUANTITY:
+        bound = period(g, values, carried) * float(np.quantile(measured.of(LATENCY_KEY), 0.25)) / CYCLES
+    else:
+        bound = flops(body) * float(np.quantile(measured.of(RATE_KEY), 0.25)) / (2 * native_code.best_lanes())
     times = spread("seconds", samples)
-    return times | {"cycles": chain, "operations": body.operations, "bound": bound, "share": bound / times["seconds"]}
+    return times | {"cycles": period(g, values, carried), "flops": flops(body), "bound": bound, "share": bound / times["seconds"]}
+
+
+def flops(body: WrittenOut) -> int:
+    """Additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
+    g, carried = body.step.graph, body.step.carried
+    fixed = {name: "" for name in leaves(g, body.values) if name not in carried and name != "%t"}
+    before = set(constant_values(g, body.values, fixed))
+    return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x not in before)

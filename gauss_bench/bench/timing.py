@@ -2,9 +2,9 @@
 
 A machine's speed wanders, but it wanders for neighbours alike: the ratio of lower quartiles of interleaved blocks varies by a few
 per cent where single timings vary by half. What counts is the processor's time: waiting for a processor that others use too would
-lengthen long blocks, which always meet it, and spare short ones. Blocks last at least a millisecond, the garbage collector rests, and every block is
-kept; only compiled steps, of which a second of motion takes less, come in shorter ones. Sources: the practice of paired
-benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+lengthen long blocks, which always meet it, and spare short ones. Blocks last at least a millisecond, the garbage collector rests,
+and every block is kept; only compiled steps, of which a second of motion takes less, come in shorter ones. Sources: the practice of
+paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
 """
 
 import gc
@@ -43,12 +43,12 @@ class Entry:
 
 @dataclass
 class Block:
-    """A piece of work known by its entry: `ready()` untimed, `go()` timed, `count` repetitions in it."""
+    """A piece of work known by its entry: `ready()` untimed, `go()` timed, `count` repetitions in it, or a share of one."""
 
     entry: Hashable
     ready: Callable[[], None]
     go: Callable[[], None]
-    count: int
+    count: float
 
 
 def entries(engines: list[str]) -> list[Entry]:

@@ -7,14 +7,15 @@ sweep = closure.sweep(angles, speeds, accelerations, parameters=lengths)
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.kernels import native_code
-from gauss_bench.kernels.closure_judge import Judge, Lost, with_numbers
+from gauss_bench.kernels.closure_assembly import deformed_starts
+from gauss_bench.kernels.closure_judge import Judge, Lost
 from gauss_bench.kernels.closure_paths import Loss, Motion, Start, Status, Tracker
 from gauss_bench.kernels.closure_program import closure_program
 from gauss_bench.kernels.closure_runners import ArrayFollower, NativeFollower, Runner
@@ -30,6 +31,8 @@ from gauss_bench.terms import Array
 
 __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 
+Statuses = NDArray[np.int8]
+
 BACKENDS = ("llvm", "numpy")
 SAMPLES = 48  # positions at which pivots are chosen
 PARTS = 32  # lanes of arrays: they share what a call of numpy costs
@@ -40,8 +43,8 @@ class Sweep:
     """States of one linkage at k samples, or of many.
 
     Attributes:
-        q, v, a: (k, n) or (linkages, k, n) positions, velocities, accelerations of all links in the mechanism's absolute coordinates
-            [m, rad]; angles are continuous from the start. NaN where lost.
+        q, v, a: (k, n) or (linkages, k, n) positions, velocities, accelerations of all links in the mechanism's absolute
+            coordinates [m, rad]; angles are continuous from the start. NaN where lost.
         points, point_rates, point_seconds: (k, P, 2) or (linkages, k, P, 2) of the points asked for.
         status: (k,) or (linkages, k) of Status.
         losses: where and why motions ended, at most one for each linkage.
@@ -53,7 +56,7 @@ class Sweep:
     points: Array
     point_rates: Array
     point_seconds: Array
-    status: NDArray[np.int8]
+    status: Statuses
     losses: tuple[Loss, ...]
 
 
@@ -130,15 +133,13 @@ class Closure:
         self.mechanism, self.backend, self.lanes = mechanism, backend, lanes
         equations = LoopEquations(mechanism, inputs)
         parameters = named_parameters(mechanism, open_names)
-        with_numbers(
-            mechanism, dict(zip(parameters.names, parameters.values.tolist(), strict=True))
-        )  # refuses what is no dimension
         self.parameters, self.values, self._points = parameters.names, parameters.values, len(points)
         program = closure_program(equations, parameters, points, _samples(mechanism, equations))
         self._equations, self._program = equations, program
         self.unknowns = tuple(str(x) for x in equations.unknown)
         self._phases = np.array([0.0 if x.link is None else equations.phase[x.link] for x in inputs])
         judge = self._judge = Judge(mechanism, inputs, self._phases, parameters, points)
+        judge.mechanism_with(self.values)  # refuses a number that is no dimension
         states: Runner = NativeFollower(program, "states", lanes, cache) if backend == "llvm" else ArrayFollower(program, "states")
         path: Runner = NativeFollower(program, "path", 1, cache) if backend == "llvm" else ArrayFollower(program, "path")
         self._tracker = Tracker(program, equations, states, path, judge, lanes)
@@ -188,8 +189,8 @@ class Closure:
             rates: as inputs; where None, 1 for a single input and 0 for several.
             second_rates: as inputs; 0 where None.
             parameters: (n_p,) or (linkages, n_p); those of the file where None.
-            start: (n,) or (linkages, n) assembled positions to start from; where None, that of the file, with its dimensions changed
-                little by little.
+            start: (n,) or (linkages, n) assembled positions to start from; where None, that of the file, with its dimensions
+                changed little by little.
             threads: that share many linkages.
 
         Raises:
@@ -199,8 +200,9 @@ class Closure:
         p = self.values if parameters is None else np.asarray(parameters, dtype=float)
         if p.shape[-1:] != (len(self.parameters),) or not np.isfinite(p).all():
             raise ValueError(f"parameters of shape {p.shape}; {len(self.parameters)} are open: {', '.join(self.parameters)}")
-        many = levels.ndim == 3 or p.ndim == 2 or np.ndim(start) == 2
-        linkages = (*np.broadcast_shapes(levels.shape[:-2], p.shape[:-1], np.shape(start)[:-1]), 1)[0]
+        at = () if start is None else np.shape(start)[:-1]
+        many = np.broadcast_shapes(levels.shape[:-2], p.shape[:-1], at)
+        linkages = many[0] if many else 1
         divided = max(1, ceil(self._tracker.strides(levels[..., : len(self.inputs)])))
         if divided > 1:
             levels = _divided(levels, divided)
@@ -208,8 +210,8 @@ class Closure:
         one = [Motion(levels if levels.ndim == 2 else levels[i], p if p.ndim == 1 else p[i], x) for i, x in enumerate(starts)]
         rows, status, losses = self._tracked(one, threads)
         losses = [replace(x, sample=-(-x.sample // divided)) for x in losses]
-        found = self._sweep(rows[:, ::divided], status[:, ::divided], losses)
-        return found if many else _only(found)
+        rows, status = rows[:, ::divided], status[:, ::divided]
+        return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
         """Inputs, rates and second rates (..., k, 3 K)."""
@@ -236,7 +238,7 @@ class Closure:
             nominal = p.ndim == 1 and bool((p == self.values).all())
             if nominal:
                 return [self._start] * linkages
-            found = self._tracker.moved(self._start, self.values, np.atleast_2d(p))
+            found = deformed_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
             return found * linkages if len(found) == 1 else found
         at = np.broadcast_to(np.asarray(start, dtype=float), (linkages, self.mechanism.n))
         numbers = np.broadcast_to(p, (linkages, len(self.values)))
@@ -248,7 +250,7 @@ class Closure:
         except Lost as error:
             return replace(self._start, x=np.full_like(self._start.x, np.nan), fault=str(error))
 
-    def _tracked(self, motions: list[Motion], threads: int) -> tuple[Array, NDArray[np.int8], list[Loss]]:
+    def _tracked(self, motions: list[Motion], threads: int) -> tuple[Array, Statuses, list[Loss]]:
         """Rows (linkages, k, R) and status of all motions: cut into parts while there are fewer than lanes, else side by side."""
         k, linkages, losses = len(motions[0].levels), len(motions), list[Loss]()
         status = np.zeros((linkages, k), dtype=np.int8)
@@ -262,17 +264,11 @@ class Closure:
             losses += [] if lost is None else [replace(lost, linkage=i)]
         return rows[:, :k], status, losses
 
-    def _sweep(self, rows: Array, status: NDArray[np.int8], losses: list[Loss]) -> Sweep:
-        n, shape = self.mechanism.n, rows.shape[:2]
+    def _sweep(self, rows: Array, status: Statuses, losses: list[Loss]) -> Sweep:
+        n = self.mechanism.n
         q, v, a = (rows[..., level * n : (level + 1) * n] for level in range(3))
-        places = rows[..., 3 * n :].reshape(*shape, self._points, 3, 2)
-        return Sweep(q, v, a, *(places[..., level, :] for level in range(3)), status, tuple(losses))
-
-
-def _only(sweep: Sweep) -> Sweep:
-    """That of one linkage."""
-    arrays = (getattr(sweep, f.name)[0] for f in fields(sweep) if f.name != "losses")
-    return Sweep(*arrays, sweep.losses)
+        places = rows[..., 3 * n :].reshape(*rows.shape[:-1], self._points, 3, 2)
+        return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, tuple(losses))
 
 
 def _divided(levels: Array, parts: int) -> Array:

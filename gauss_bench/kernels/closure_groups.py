@@ -5,9 +5,9 @@ A loop has two rows, so pivots are taken two by two. With the columns c1, c2 of 
     c1 z1 + c2 z2 = b,    z1 = (b x c2)/D,   z2 = (c1 x b)/D,   D = c1 x c2
 
 divides by what vanishes where the dyad is stretched, and nowhere else: the code needs no other pivot and no second choice. In a
-group of more loops the further columns of the pivot's loop are expressed by its two, c = alpha c1 + beta c2, and eliminated from the
-other loops; which loop and columns go first is chosen so that D keeps its sign and stays large at the samples. D is positive or
-negative by the assembly, and the product of a group's D is the determinant of its J.
+group of more loops the further columns of the pivot's loop are expressed by its two, c = alpha c1 + beta c2, and eliminated from
+the other loops; which loop and columns go first is chosen so that D keeps its sign and stays large at the samples. The sign of D
+names the assembly, and the product of a group's D is the determinant of its J.
 
 A group with more equations than unknowns (a redundant loop) is solved by its normal equations C^T C z = C^T b: what is left over of
 b vanishes where the loops close. Their condition is that of J squared, which costs rates digits but positions none.
@@ -88,7 +88,8 @@ class Dyads:
             left |= {m: _reduced(left[m], pivot, pair) for m, pair in self.eliminated[-1].items()}
 
     def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
-        b, parts = dict(b), []
+        b = dict(b)
+        parts: list[tuple[Node, Node] | None] = []
         for pivot, eliminated in zip(self.pivots, self.eliminated, strict=True):
             if pivot.loop not in b:
                 parts.append(None)
@@ -156,7 +157,7 @@ def _sines(a: Vector, b: Vector) -> Array:
 
 
 class Redundant:
-    """Groups with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at every regular position."""
+    """Groups with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at regular positions."""
 
     def __init__(self, graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]):
         self.graph, self.columns = graph, columns

@@ -24,7 +24,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gauss_bench.kernels.bodies import constant_values, count_operations, leaves
-from gauss_bench.kernels.closure_program import ClosureProgram, Code, Outputs, written
+from gauss_bench.kernels.closure_code import Code, Outputs, written
+from gauss_bench.kernels.closure_program import ClosureProgram
 from gauss_bench.kernels.graph import Graph
 from gauss_bench.kernels.ir import Writer
 from gauss_bench.kernels.loops import Listing

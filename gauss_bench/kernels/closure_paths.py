@@ -11,14 +11,14 @@ closes is taken over; where it finds a limit or a singular position, the motion 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from itertools import pairwise
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss_bench.kernels.closure_code import TURN
 from gauss_bench.kernels.closure_judge import Judge, Lost, Step
-from gauss_bench.kernels.closure_program import TURN, ClosureProgram
+from gauss_bench.kernels.closure_program import ClosureProgram
 from gauss_bench.kernels.closure_runners import Course, Followed, Runner
 from gauss_bench.kernels.closure_vectors import loop_values
 from gauss_bench.kernels.trigonometry import LARGEST
@@ -30,8 +30,6 @@ Flags = NDArray[np.bool_]
 STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
 CLOSED = 1e-14  # of the longest vector: some rounding units of a loop's sum
 SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
-HOMOTOPY = (32, 256)  # steps from the file's numbers to others; the last is the longest, a sixteenth of the way
-APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
 FEW = 4  # samples of a part, at least
 
 
@@ -182,10 +180,10 @@ class Tracker:
         followed = self.states.run(course, threads)
         self._check_turns(followed.x, k)
         losses = []
-        for i in np.flatnonzero(followed.closed < k):
+        for i in np.flatnonzero(followed.closed < k).tolist():
             alone = Followed(followed.closed[i : i + 1], followed.x[i : i + 1], followed.guards[i : i + 1])
             lost = self._mend(motions[i], rows[i], status[i], alone, k)
-            losses += [] if lost is None else [replace(lost, linkage=int(i))]
+            losses += [] if lost is None else [replace(lost, linkage=i)]
         return losses
 
     def _walked_in(self, motions: Sequence[Motion]) -> Array:
@@ -195,39 +193,16 @@ class Tracker:
         parts = np.minimum(np.arange(steps + 2) / steps, 1.0)
         inputs = np.zeros((len(motions), steps + 2, 3 * self.program.inputs))
         inputs[:, :, : self.program.inputs] = np.array([m.start.u for m in motions])[:, None] + parts[:, None] * ways[:, None]
-        followed = self._scratch(motions, np.array([m.start.x for m in motions]), inputs, np.array([m.p for m in motions]))
+        followed = self.ends(motions, np.array([m.start.x for m in motions]), inputs, np.array([m.p for m in motions]))
         return np.where((followed.closed == steps + 1)[:, None], followed.x, np.nan)
 
-    def _scratch(self, motions: Sequence[Motion], x: Array, inputs: Array, p: Array) -> Followed:
+    def ends(self, motions: Sequence[Motion], x: Array, inputs: Array, p: Array) -> Followed:
         """A lane for each linkage; only where it ends is kept."""
         count = inputs.shape[1] - 1
         rows = np.empty((len(motions) * count, self.program.width))
         sides = np.array([m.start.sides for m in motions])
         where = np.arange(len(motions)) * count
         return self.states.run(Course(x, sides, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
-
-    def moved(self, start: Start, nominal: Array, p: Array) -> list[Start]:
-        """The start of linkages with other numbers p (linkages, n_p), reached from that with the nominal ones."""
-        found = np.full((len(p), len(start.x)), np.nan)
-        for steps in HOMOTOPY:
-            left = np.flatnonzero(~np.isfinite(found).all(axis=1))
-            if len(left):
-                found[left] = self._deformed(start, nominal, p[left], steps)
-        faults = ["" if good else APART for good in np.isfinite(found).all(axis=1)]
-        return [replace(start, x=x, fault=fault) for x, fault in zip(found, faults, strict=True)]
-
-    def _deformed(self, start: Start, nominal: Array, p: Array, steps: int) -> Array:
-        """Unknowns (linkages, U) while the numbers change, in steps that grow and with guesses from the last two; NaN where lost."""
-        grown = np.linspace(0.0, 1.0, steps + 1) ** 2
-        still = Motion(_held(start), nominal, start)
-        inputs = np.concatenate([still.levels, still.levels])[None]
-        before = x = np.tile(start.x, (len(p), 1))
-        last = 1.0
-        for a, b in pairwise(grown):
-            guess = x + (x - before) * ((b - a) / last)
-            followed = self._scratch([still] * len(p), guess, inputs, nominal + b * (p - nominal))
-            x, before, last = np.where(followed.closed[:, None] == 1, followed.x, np.nan), x, b - a
-        return np.asarray(x)
 
     def cut(self, samples: int) -> tuple[int, int]:
         """Parts, and samples of each, of which the last may have fewer."""
@@ -310,7 +285,7 @@ class Tracker:
 
     def state(self, motion: Motion, x: Array) -> Array:
         """q (n,) at the start."""
-        one = replace(motion, levels=_held(motion.start))
+        one = replace(motion, levels=held(motion.start))
         rows = np.empty((1, self.program.width))
         self._follow_one(one, x, 0, 1, rows)
         return rows[0, : self.program.n]
@@ -325,7 +300,7 @@ class Tracker:
             raise ValueError(f"too many samples or turns in one sweep: {count} samples of a part")
 
 
-def _held(start: Start) -> Array:
+def held(start: Start) -> Array:
     """Levels (1, 3 K) of inputs that rest at the start."""
     return np.concatenate([start.u, 0.0 * start.u, 0.0 * start.u])[None]
 

@@ -1,41 +1,28 @@
-"""Everything that closing a linkage at one sample needs, as a graph of machine arithmetic.
+"""Everything that closing a linkage at one sample needs, as expressions.
 
-x are the unknown loop variables, u the known ones. Newton at the guess, with J z = -A at every iterate, moves x by z and rotates its
-sines; sines at the guess come from nothing, so that no rounding is carried from sample to sample. With the next sample at u + g,
+x are the unknown loop variables, u the known ones with rates w and second rates b, and the next sample is at u + g:
 
-    one input      J d = -B,  J e = -bias(d),        x' = d u',  x'' = d u'' + e u'^2,     x + g (d + g e / 2)  is the next guess
-    several        J x' = -B u',  J x'' = -B u'' - bias(x', u'),    the next guess likewise, with g for u' and nothing for u''
+    correction     J z = -A
+    one input      J d = -B,  J e = -bias(d),     x' = d w,  x'' = d b + e w^2,     the next guess is x + g (d + g e / 2)
+    several        J x' = -B w,  J x'' = -B b - bias(x', w);     the next guess likewise, with g for w and 0 for b
 
-Leaves: %x0, %s0, %c0 ... iterate and sines of its angles, %X0 ... guess, %l0 ... the sample before, %u0, %w0, %b0 ... inputs with
-their rates and second rates, %n0 ... the inputs at the next sample, %p0 ... open parameters.
+Inputs of the expressions: "x", "u", "w", "b", "g", and "p" for open parameters.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from gauss_bench.kernels import trigonometry
 from gauss_bench.kernels.closure_groups import Groups
 from gauss_bench.kernels.closure_vectors import LoopExpressions
-from gauss_bench.kernels.export import reachable
-from gauss_bench.kernels.graph import Graph, Pair
-from gauss_bench.kernels.node import Graph as NodeGraph
-from gauss_bench.kernels.node import Node
+from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.parameters import Parameters
 from gauss_bench.kernels.planar import Vector
 from gauss_bench.kernels.sampling import typical_length
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Point
 from gauss_bench.terms import Array
-
-REACH = (
-    0.0065  # [rad, lengths] norm of one correction: two terms of the rotation's series are exact so far, and no other assembly near
-)
-TURN = 0.3  # [rad, lengths] norm of the way to the guess: far less than lies between two assemblies
-
-Outputs = Literal["states", "path"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +76,7 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
     Raises:
         KernelError: loops that determine an unknown twice and another one not at all.
     """
-    graph = NodeGraph(len(samples))
+    graph = Graph(len(samples))
     loops = LoopExpressions(graph, equations, parameters, samples)
     rates = _Rates(loops)
     length = typical_length(equations.mechanism)
@@ -189,119 +176,3 @@ def _outputs(loops: LoopExpressions, v: list[Node], a: list[Node], points: Seque
         place = place + centres[point.link] if point.link >= 0 else place
         found += [x for w in (place.at, place.rate, place.second) for x in (w.x, w.y)]
     return found
-
-
-@dataclass(frozen=True, eq=False)
-class Code:
-    """A program in machine arithmetic.
-
-    Attributes:
-        start: sines and cosines of the guess's angles, by unknown.
-        score: sum of squares of A.
-        moved: by leaf of the iterate ("%x0", "%s0", "%c0" ...), its value after a correction.
-        near: mask, the correction is short enough for that.
-        turn: mask, the guess is not far from the sample before.
-        guards: by guard, its value.
-        guess: by unknown, at the next sample.
-        outputs: the row to be stored.
-    """
-
-    graph: Graph
-    start: dict[int, Pair]
-    score: int
-    moved: dict[str, int]
-    near: int
-    turn: int
-    guards: list[int]
-    guess: list[int]
-    outputs: list[int]
-
-    def roots(self) -> list[int]:
-        """Everything that must be computed."""
-        pairs = [x for pair in self.start.values() for x in pair]
-        return [*pairs, self.score, *self.moved.values(), self.near, self.turn, *self.guards, *self.guess, *self.outputs]
-
-    def replaced(self, graph: Graph, roots: list[int]) -> "Code":
-        """The same code in another graph, for its roots there."""
-        new = iter(roots)
-        start = {k: (next(new), next(new)) for k in self.start}
-        score, moved = next(new), {name: next(new) for name in self.moved}
-        near, turn = next(new), next(new)
-        guards, guess = [next(new) for _ in self.guards], [next(new) for _ in self.guess]
-        return Code(graph, start, score, moved, near, turn, guards, guess, list(new))
-
-
-def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> Code:
-    """A program as code that stores states, or the unknowns x alone ("path"); with `library`, sines are left to the target."""
-    g = Graph()
-
-    def sincos(x: int) -> Pair:
-        return (g.make("sin", x), g.make("cos", x)) if library else trigonometry.sincos(g, x)
-
-    turning = [k for k, angle in enumerate(program.angles) if angle]
-    x, guess, last = ([g.leaf(f"%{letter}{k}") for k in range(program.unknowns)] for letter in "xXl")
-    u, following = ([g.leaf(f"%{letter}{j}") for j in range(program.inputs)] for letter in "un")
-    pairs = {("x", k): (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in turning}
-    pairs |= {("u", j): sincos(u[j]) for j, angle in enumerate(program.known_angles) if angle}
-    leaves = {("x", k): a for k, a in enumerate(x)} | {("u", j): a for j, a in enumerate(u)}
-    leaves |= {("g", j): g.sub(b, a) for j, (a, b) in enumerate(zip(u, following, strict=True))}
-    leaves |= {(letter, j): g.leaf(f"%{letter}{j}") for letter in "wb" for j in range(program.inputs)}
-    leaves |= {("p", i): g.leaf(f"%p{i}") for i in range(program.parameters)}
-    stored = program.outputs if outputs == "states" else []
-    nodes = [*program.residual, *program.correction, *(x for x, _ in program.guards), *program.advance, *stored]
-    value = lowered(g, nodes, leaves, pairs)
-    z = [value(k) for k in program.correction]
-    moved = {f"%x{k}": g.add(x[k], z[k]) for k in range(program.unknowns)}
-    for k in turning:
-        pair = sincos(moved[f"%x{k}"]) if library else trigonometry.rotated(g, pairs["x", k], z[k], REACH)
-        moved |= {f"%s{k}": pair[0], f"%c{k}": pair[1]}
-    scale = [g.const(1.0 / length) for length in program.lengths]
-    way = [g.mul(c, g.sub(a, b)) for c, a, b in zip(scale, guess, last, strict=True)]
-    return Code(
-        g,
-        {k: sincos(guess[k]) for k in turning},
-        g.squares([value(k) for k in program.residual]),
-        moved,
-        _within(g, [g.mul(c, a) for c, a in zip(scale, z, strict=True)], REACH),
-        _within(g, way, TURN),
-        [value(k) for k, _ in program.guards],
-        [g.add(a, value(k)) for a, k in zip(x, program.advance, strict=True)],
-        [value(k) for k in stored] if stored else list(x),
-    )
-
-
-def _within(g: Graph, values: list[int], bound: float) -> int:
-    """Mask where the norm of some values is at most a bound."""
-    return g.make("le", g.squares(values), g.const(bound * bound))
-
-
-def lowered(
-    g: Graph, nodes: list[Node], leaves: dict[tuple[str, int], int], pairs: dict[tuple[str, int], Pair]
-) -> Callable[[Node], int]:
-    """Write nodes into a graph of machine arithmetic; `pairs` are the sines and cosines of inputs."""
-    found: dict[int, int] = {}
-    for node in reachable(nodes):
-        if node.op == "CONST":
-            found[node.index] = g.const(float(node.number or 0.0))
-        elif node.op == "INPUT":
-            found[node.index] = leaves[node.args]  # type: ignore[index]
-        elif node.op in ("SIN", "COS"):
-            found[node.index] = pairs[node.args[0].args][node.op == "COS"]
-        else:
-            found[node.index] = _lowered(g, node.op, [found[a.index] for a in node.args])
-    return lambda node: found[node.index]
-
-
-def _lowered(g: Graph, op: str, a: list[int]) -> int:
-    match op:
-        case "ADD":
-            return g.add(*a)
-        case "SUB":
-            return g.sub(*a)
-        case "MUL":
-            return g.mul(*a)
-        case "NEG":
-            return g.neg(a[0])
-        case "INV":
-            return g.div(g.const(1.0), a[0])
-    raise ValueError(f"no machine arithmetic for {op}")

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.kernels import closure_loops, native_code
-from gauss_bench.kernels.closure_program import ClosureProgram, Outputs, written
+from gauss_bench.kernels.closure_code import Outputs, written
+from gauss_bench.kernels.closure_program import ClosureProgram
 from gauss_bench.kernels.fallbacks import function
 from gauss_bench.kernels.native_code import NativeCode
 from gauss_bench.kernels.runners import address, in_lanes, out_of_lanes
@@ -48,7 +49,7 @@ class Course:
 
     @property
     def samples(self) -> int:
-        return self.inputs.shape[1] - 1
+        return int(self.inputs.shape[1]) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class NativeFollower:
 
 
 def _input_lanes(inputs: Array, lanes: int) -> tuple[Array, int]:
-    """(lanes or 1, rows, columns) as (groups, rows, columns, lanes), and how many numbers lie between groups: 0 where one serves all."""
+    """(lanes or 1, rows, columns) as (groups, rows, columns, lanes), and the numbers between groups: 0 where one serves all."""
     count, rows, columns = inputs.shape
     if count == 1:
         return np.repeat(inputs[0][:, :, None], lanes, axis=2), 0

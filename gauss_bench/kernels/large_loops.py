@@ -3,18 +3,26 @@
 A loop does several groups at once, lane by lane, and what one of them makes and another needs in the same lane never touches memory.
 A group may join a loop of its own number of lanes if everything else it needs has been made in earlier loops.
 
-Memory is one array of elements, an element being one double or one for each trajectory:
+Memory is one array of elements, an element being one double or one for each trajectory. In it stand one after the other
 
-    q (x, y, theta of all links), v likewise, t, a likewise, guard, solutions by coordinate, results of groups
+    x, y, theta of all links; their rates; t; a number to waste; accelerations in the same order; the guard; solutions; results
+
+and each of these arrays has room behind it up to a multiple of eight, so that whole vectors can be stored.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from gauss_bench.kernels.large_algebra import Equations
 from gauss_bench.kernels.large_groups import Group, Groups
 
 LONGEST = 64  # groups in a loop: beyond, registers run out
-PADDING = 16  # elements: the widest vector may be loaded and stored at the end of every array
+WIDEST = 8  # doubles in a vector
+
+
+def padded(count: int) -> int:
+    """Room for so many elements and whole vectors."""
+    return -(-count // WIDEST) * WIDEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +39,47 @@ class Memory:
 
     Attributes:
         place: value -> element, of inputs and of all that is stored.
-        padded: results of groups that have room behind them.
-        t, a: elements of the time, and of the first acceleration; the guard follows the accelerations.
-        spare: an element that nobody reads.
+        ends: last elements of arrays: behind them is room.
+        stride: from one coordinate of all links to the next.
         size: elements.
     """
 
     place: dict[int, int]
-    padded: set[tuple[int, ...]]
-    t: int
-    a: int
-    spare: int
+    ends: set[int]
+    links: int
+    stride: int
     size: int
+
+    @property
+    def state(self) -> int:
+        """Elements of q and v, from the first."""
+        return 6 * self.stride
+
+    @property
+    def t(self) -> int:
+        return self.state
+
+    @property
+    def spare(self) -> int:
+        return self.state + 1
+
+    @property
+    def a(self) -> int:
+        """First acceleration; the guard follows the last."""
+        return self.state + WIDEST
+
+    @property
+    def out(self) -> int:
+        """Elements of accelerations and guard."""
+        return 3 * self.stride + WIDEST
+
+    def coordinate(self, j: int) -> int:
+        """Place of coordinate j of the mechanism among those of all links; that of the guard behind the last."""
+        return 3 * self.stride if j == 3 * self.links else j % 3 * self.stride + j // 3
+
+    def room(self, places: list[int]) -> bool:
+        """Whether nothing is lost behind the last of some neighbouring places."""
+        return len(places) % WIDEST == 0 or places[-1] in self.ends
 
 
 def loops(groups: Groups) -> list[Loop]:
@@ -51,14 +88,13 @@ def loops(groups: Groups) -> list[Loop]:
     done_in: dict[int, int] = {}  # value -> loop
     in_lanes: dict[tuple[int, ...], int] = {}  # results, lane by lane -> loop
     for group in groups.groups:
-        first, own = 0, False
+        first = 0
         for values in group.operands:
             at = in_lanes.get(values)
             if at is not None and found[at].lanes == group.lanes:
-                own, first = (True, at) if at >= first else (own, first)
+                first = max(first, at)
             else:
-                after = max((done_in[v] + 1 for v in values if v in done_in), default=0)
-                own, first = (False, after) if after > first else (own, first)
+                first = max([first, *(done_in[v] + 1 for v in values if v in done_in)])
         number = _fitting(found, group, first)
         found[number].groups.append(group)
         if group.operation != "OUT":
@@ -76,7 +112,7 @@ def _fitting(found: list[Loop], group: Group, first: int) -> int:
     return len(found) - 1
 
 
-def needed_outside(found: list[Loop]) -> set[int]:
+def needed_outside(found: Iterable[Loop]) -> set[int]:
     """Values that some loop needs that does not make them in the same lane."""
     needed: set[int] = set()
     for loop in found:
@@ -90,31 +126,32 @@ def needed_outside(found: list[Loop]) -> set[int]:
 
 def memory(equations: Equations, groups: Groups, found: list[Loop]) -> Memory:
     """Places of everything that is stored."""
-    n = equations.mechanism.n
-    links = n // 3
-    t, a = 2 * n, 2 * n + PADDING
-    starts = {"q": 0, "v": n}
-    place = {x: t if name == "t" else starts[name] + k % 3 * links + k // 3 for x, (name, k) in groups.inputs.items()}
-    top = a + n + PADDING
-    size: dict[str, int] = {}
-    for array, lane in equations.homes.values():
-        size[array] = max(size.get(array, 0), lane + 1)
-    start = {}
-    for array in sorted(size):
-        start[array] = top
-        top += size[array] + PADDING
-    place |= {x: start[array] + lane for x, (array, lane) in equations.homes.items()}
-    padded = set()
+    links = equations.mechanism.n // 3
+    shape = Memory({}, set(), links, padded(links), 0)
+    place, ends = shape.place, shape.ends
+    starts = {"q": 0, "v": 3 * shape.stride}
+    place |= {x: shape.t if name == "t" else starts[name] + shape.coordinate(k) for x, (name, k) in groups.inputs.items()}
+    ends |= {shape.a + k * shape.stride + links - 1 for k in range(3)}
+    top = shape.a + shape.out
     needed = needed_outside(found)
-    for loop in found:
-        for group in loop.groups:
-            if group.operation != "OUT" and not place.keys() & set(group.results) and needed & set(group.results):
-                place |= {x: top + k for k, x in enumerate(group.results)}
-                padded.add(group.results)
-                top += -(-len(group.results) // 8) * 8
+    for array in _arrays(equations, found, needed):
+        place |= {x: top + lane for x, lane in array.items()}
+        last = max(array.values())
+        ends.add(top + last)
+        top += padded(last + 1)
+    return Memory(place, ends, links, shape.stride, top + WIDEST)
+
+
+def _arrays(equations: Equations, found: list[Loop], needed: set[int]) -> list[dict[int, int]]:
+    """Value -> place in its array: solutions by name of the array, results of groups that are needed as they come."""
+    homes: dict[str, dict[int, int]] = {}
+    for x, (name, lane) in equations.homes.items():
+        homes.setdefault(name, {})[x] = lane
+    arrays, single = [homes[name] for name in sorted(homes)], dict[int, int]()
     for group in (g for loop in found for g in loop.groups if g.operation != "OUT"):
-        for x in group.results:
-            if x in needed and x not in place:
-                place[x] = top
-                top += 1
-    return Memory(place, padded, t, a, t + 1, top + PADDING)
+        own = [x for x in group.results if x not in equations.homes]
+        if len(own) == 1 and own[0] in needed:
+            single[own[0]] = len(single)
+        elif len(own) > 1 and needed & set(own):
+            arrays.append({x: k for k, x in enumerate(own)})
+    return [*arrays, *([single] if single else [])]

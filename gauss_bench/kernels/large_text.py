@@ -143,8 +143,8 @@ def _side_by_side(places: list[int]) -> bool:
 class LoopWriter:
     """Writes loops one after the other into a function of the pointer %a."""
 
-    def __init__(self, text: Text, groups: Groups, found: list[Loop], memory: Memory, links: int):
-        self.text, self.groups, self.memory, self.links = text, groups, memory, links
+    def __init__(self, text: Text, groups: Groups, found: list[Loop], memory: Memory):
+        self.text, self.groups, self.memory = text, groups, memory
         self.needed = needed_outside(found)
         self.block = "entry"
         self.count = 0
@@ -283,13 +283,12 @@ class _Body:
         return wide.load([place[v] for v in values])
 
     def _store(self, wide: Wide, group: Group, value: str) -> None:
-        memory, links = self.writer.memory, self.writer.links
+        memory = self.writer.memory
         if group.operation == "OUT":
-            n = 3 * links
-            places = [memory.a + (j if j == n else j % 3 * links + j // 3) for j in group.results]
-            wide.store(value, places, room=False)
+            places = [memory.a + memory.coordinate(j) for j in group.results]
         else:
-            wide.store(value, [memory.place[v] for v in group.results], room=group.results in memory.padded)
+            places = [memory.place[v] for v in group.results]
+        wide.store(value, places, memory.room(places))
 
 
 def declarations(widths: set[int]) -> list[str]:

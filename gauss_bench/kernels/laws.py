@@ -1,9 +1,4 @@
-"""Motion laws as expressions of time: the formulas of `motion_laws`, with switches that are numbers 0 and 1.
-
-A law is a function and nothing else where linkages are read; what it was made from is found in its closure.
-"""
-
-import inspect
+"""Motion laws as expressions of time: the formulas of `motion_laws`, with switches that are numbers 0 and 1."""
 
 import numpy as np
 
@@ -21,18 +16,16 @@ def law_of_time(law: MotionLaw, graph: Graph, t: Node) -> Law:
     Raises:
         KernelError: a law of an unknown kind.
     """
-    made_of = inspect.getclosurevars(law.motion).nonlocals
-    try:
-        match law.name:
-            case "constant":
-                speed = float(made_of["speed"])
-                return t * speed + float(made_of["start"]), graph.constant(speed), graph.constant(0.0)
-            case "table":
-                return _table(graph, t, float(made_of["start"]), *(made_of[key].astype(float) for key in ("times", "angles", "k")))
-            case "sine" | "cosine" | "poly345":
-                return _rise(graph, t, law.name, *(float(made_of[key]) for key in ("start", "travel", "time")))
-    except KeyError as error:
-        raise KernelError(f"the motion law {law.name} does not tell its {error}") from error
+    numbers = law.numbers
+    match law.name:
+        case "constant":
+            speed = float(numbers["speed"])
+            return t * speed + float(numbers["start"]), graph.constant(speed), graph.constant(0.0)
+        case "table":
+            knots = (numbers[key].astype(float) for key in ("times", "angles", "curvatures"))
+            return _table(graph, t, float(numbers["start"]), *knots)
+        case "sine" | "cosine" | "poly345":
+            return _rise(graph, t, law.name, *(float(numbers[key]) for key in ("start", "travel", "time")))
     raise KernelError(f"no kernel for the motion law {law.name}")
 
 

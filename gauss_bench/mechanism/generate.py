@@ -1,8 +1,8 @@
 """Linkages written by rule: those with a motion in closed form (`reference/exact.py`), the N-four-bar in any size.
 
-n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side: N + 1 verticals on ground pivots (i l, 0) and N horizontals between their tops. On the
-parallelogram branch the whole is a pendulum; whenever all bars lie on the ground line it is singular.
-pendulum: one bar on a pin, let go at rest. projectile: one bar thrown.
+n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
+(i l, 0) and N horizontals between their tops. On the parallelogram branch the whole is a pendulum; whenever all bars lie on the
+ground line it is singular. pendulum: one bar on a pin, let go at rest. projectile: one bar thrown.
 """
 
 import re

@@ -5,8 +5,8 @@ acceleration, 3-4-5 polynomial, table. A law that runs for a time holds its end 
 Arguments may be of any type of number; what a law computes then is of that type too.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,17 @@ Motion = tuple[Any, Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class MotionLaw:
-    """A callable t -> (theta [rad], rate [rad/s], second rate [rad/s^2]); t may be an array."""
+    """A callable t -> (theta [rad], rate [rad/s], second rate [rad/s^2]); t may be an array.
+
+    Attributes:
+        name: of the family.
+        motion: what is called.
+        numbers: what the law is made of, for those who write it in another form.
+    """
 
     name: str
     motion: Callable[[Any], Motion]
+    numbers: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, t: Any) -> Motion:
         return self.motion(t)
@@ -30,7 +37,8 @@ class MotionLaw:
 
 def constant(start: Any, speed: Any) -> MotionLaw:
     """Constant speed [rad/s] from `start` [rad]."""
-    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t))
+    made_of = {"start": start, "speed": speed}
+    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), made_of)
 
 
 def sine(s: Any, pi: Any = np.pi) -> Motion:
@@ -65,7 +73,7 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
 
-    return MotionLaw(name, motion)
+    return MotionLaw(name, motion, {"start": start, "travel": travel, "time": time})
 
 
 def within(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
@@ -93,7 +101,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
         value = angles[j] + x * (slope + x * (k[j] / 2 + x * bend / 6))
         return start + value, (slope + x * (k[j] + x * bend / 2)) * moving, (k[j] + x * bend) * moving
 
-    return MotionLaw("table", motion)
+    return MotionLaw("table", motion, {"start": start, "times": times, "angles": angles, "curvatures": k})
 
 
 def _curvatures(h: Array, d: Array) -> Array:
