@@ -201,12 +201,28 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench import text
     from gauss_bench.bench.runner import run as run_suite
 
+    if options.suite == "kernel":
+        return run_kernel(options)
     cases = chosen_cases(options, options.suite)
     rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, driven=not options.linkages)
     if options.json:
         print_json(rows.to_dict("records"))
     else:
         print(text.format_run(rows, options.out))
+    return 0
+
+
+def run_kernel(options: argparse.Namespace) -> int:
+    """The suite of the compiled formulations: no cases, but tables of its own."""
+    from gauss_bench.bench.kernel_suite import LINKAGES, run_kernels, summary
+    from gauss_bench.mechanism.load import load
+
+    chosen = {x: load(x, options.scenario or LINKAGES.get(x)).scenario for x in options.linkages} or None
+    tables = run_kernels(chosen, options.out, options.jobs)
+    if options.json:
+        print_json({name: table.to_dict("records") for name, table in tables.items()})
+    else:
+        print(f"{summary(tables)}; tables in {options.out}")
     return 0
 
 

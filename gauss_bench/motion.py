@@ -1,6 +1,8 @@
 """One linkage moved through a law, without forces: the object that `gauss-bench kinematics --json` prints."""
 
 import copy
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
-from gauss_bench.kinematics.errors import MotionError
-from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loops import find_graph
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -17,9 +19,9 @@ from gauss_bench.mechanism.errors import Fault, LinkageError
 from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.simulation import ChoiceError, link_states, point_states
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
-METHODS = ("loop", "basic")
 TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
 RISE = {"travel_deg": 360.0, "time": 1.0}
 
@@ -116,7 +118,7 @@ def kinematics(
         driver: "LAW" or "LAW:key=value,..." in the keys of a scenario's driver, instead of the scenario's own.
         steps: equal parts of the duration.
         points: "link.point" to report; those the file observes where not given.
-        method: "loop" (link units) or "basic" (point coordinates).
+        method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
 
     Raises:
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used.
@@ -128,10 +130,9 @@ def kinematics(
     mechanism = driven(linkage, scenario, driver)
     chosen = observed(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, steps + 1)
-    solve = loop_motion if method == "loop" else basic_motion
     status, message = "ok", ""
     try:
-        motion = solve(mechanism, inputs_of(mechanism), times)
+        motion = METHODS[method](mechanism, inputs_of(mechanism), times)
     except MotionError as error:
         status, message, motion = "stopped", str(error), error.reached
     except ValueError as error:  # a linkage that the method does not cover, or inputs that do not match its freedom
@@ -156,6 +157,41 @@ def kinematics(
         "iterations": motion.iterations,
         "singular": described_singular(mechanism),
     }
+
+
+@dataclass(frozen=True, eq=False)
+class NativeMotion:
+    """States (k, n) from native code; its iterations are not counted."""
+
+    q: Array
+    v: Array
+    a: Array
+    iterations: None = None
+
+
+def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> NativeMotion:
+    """The motion at times (k,) [s], as from `loop_motion`.
+
+    Raises:
+        ValueError: the inputs do not fit the linkage, or there is no compiler.
+        LimitOfMotion, SingularPosition: with the motion up to there.
+    """
+    from gauss_bench.kernels.closure import compile_closure
+
+    closure = compile_closure(mechanism, backend="llvm", inputs=inputs)
+    laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]
+    sweep = closure.sweep(*np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0))
+    if not sweep.losses:
+        return NativeMotion(sweep.q, sweep.v, sweep.a)
+    loss = sweep.losses[0]
+    kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
+    where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
+    text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
+    reached = NativeMotion(sweep.q[: loss.sample], sweep.v[: loss.sample], sweep.a[: loss.sample])
+    raise kind(text, loss.inputs, float(times[loss.sample]), reached)
+
+
+METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
 
 
 def states(result: dict[str, Any]) -> Trajectory:

@@ -55,7 +55,7 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--points", type=lambda text: text.split(","), metavar="LINK.POINT,...", help="default: those the file observes"
     )
-    verb.add_argument("--method", choices=("loop", "basic"), default="loop", help="link units, or point coordinates")
+    verb.add_argument("--method", choices=("loop", "basic", "native"), default="loop", help="link units, points, or compiled loops")
     verb.add_argument("--plot", type=Path, metavar="SVG", help="paths, velocities and accelerations of the points")
     verb.add_argument("--animate", type=Path, metavar="SVG", help="the linkage moving")
     form = verb.add_mutually_exclusive_group()
@@ -83,7 +83,7 @@ def _verify(verb: argparse.ArgumentParser) -> None:
 
 def _run(verb: argparse.ArgumentParser) -> None:
     _suite(verb)
-    verb.add_argument("--suite", choices=("quick", "full", "gate"), default="quick")
+    verb.add_argument("--suite", choices=("quick", "full", "gate", "kernel"), default="quick")
     verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
     verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
     verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")

@@ -54,6 +54,20 @@ SIDE_TABLES = (
     "paper_motion",
     "published",
 )
+KERNEL_TABLES = (
+    "kernel_machine",
+    "kernel_steps",
+    "kernel_claim",
+    "kernel_ladder",
+    "kernel_accuracy",
+    "kernel_batch",
+    "kernel_rhs",
+    "kernel_bounds",
+    "kernel_agreement",
+    "kernel_long",
+    "kernel_energy",
+    "kernel_kinematics",
+)
 PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
 
 

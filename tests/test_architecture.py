@@ -25,7 +25,7 @@ ALLOWED = {
     "bench": {"mechanism", "kernels", "kinematics", "papers", "engines", "formulations", "reference", "metrics", "results", *LIGHT},
     "report": {"mechanism", "results", *LIGHT},
     "simulation": {"mechanism", "engines", "integrate", "metrics", "bench", *LIGHT},
-    "motion": {"kinematics", "mechanism", "simulation", *LIGHT},
+    "motion": {"kernels", "kinematics", "mechanism", "simulation", *LIGHT},
     "comparison": {"mechanism", "engines", "bench"},
     "text": {"mechanism", "engines", "bench"},
     "options": {"gauss_bench"},

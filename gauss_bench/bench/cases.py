@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from gauss_bench.engines import OWN, get, names
+from gauss_bench.engines import COMPILED, OWN, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 
@@ -46,11 +46,11 @@ def variants(engine: str, integrators: int | None = None) -> list[tuple[str, str
     """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
 
     Every setting with every integrator (or the first few) without stabilisation, and every stabilisation at the defaults. Own
-    formulations other than `gauss` differ in algebra alone, so their first integrator says all there is to say.
+    formulations other than `gauss` and `gauss-native` differ in algebra alone, so their first integrator says all there is to say.
     """
     adapter = get(engine)
     first_setting, first_integrator = next(iter(adapter.settings)), adapter.integrators[0]
-    if engine in OWN and engine != "gauss":
+    if engine in (*OWN, *COMPILED) and engine not in ("gauss", COMPILED[0]):
         return [(first_setting, first_integrator, "none")]
     crossed = [(s, i, "none") for s in adapter.settings for i in adapter.integrators[:integrators]]
     stabilized = [(first_setting, first_integrator, s) for s in adapter.stabilizations if s != "none"]

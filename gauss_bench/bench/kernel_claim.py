@@ -9,7 +9,7 @@ ratio's spread covers 1.
 import numpy as np
 
 from gauss_bench.bench.kernel_steps import FORMULATIONS, QUANTITY, STEPS, H
-from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, compared, row
+from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, row
 from gauss_bench.bench.timing import Block, lasting
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -50,7 +50,7 @@ def claim_row(mechanism: Mechanism, kernels: dict[str, Kernel | None], measured:
             start |= {f"{x}_{formulation}": getattr(found, x) for x in ("operations", "divisions", "critical")}
 
     def make() -> Row:
-        found: Row = compared(*(measured.of(Key(QUANTITY, x)) for x in FORMULATIONS))
+        found = measured.compared(*(Key(QUANTITY, x) for x in FORMULATIONS))
         return found | {"verdict": verdict(found["ratio_low"], found["ratio_high"])}
 
     return row(start, make) | _ratio("batch", BATCH, measured) | _ratio("numpy", TEXTBOOK, measured)
@@ -59,7 +59,7 @@ def claim_row(mechanism: Mechanism, kernels: dict[str, Kernel | None], measured:
 def _ratio(name: str, quantity: str, measured: Measured) -> Row:
     """Lagrange's time over Gauss's, under another name; nothing where it was not measured."""
     try:
-        found = compared(*(measured.of(Key(quantity, x)) for x in FORMULATIONS))
+        found = measured.compared(*(Key(quantity, x) for x in FORMULATIONS))
     except Missing:
         return {}
     return {f"{name}_{x}": found[x] for x in ("ratio", "ratio_low", "ratio_high")}

@@ -37,7 +37,7 @@ def _at(mechanism: Mechanism, target: float, ladders: Ladders, rounds: int, lead
     race, found = Race(), {method: largest_step(steps, target) for method, steps, _ in ladders}
     for method, rung in found.items():
         if rung is not None:
-            race.add(method, lambda m=method, r=rung: _block(mechanism, m, r, lead))  # type: ignore[misc]
+            race.add(method, _block, mechanism, method, rung, lead)
     measured = race.run(rounds)
     rows = [_row(mechanism, target, *entry, found[entry[0]], measured) for entry in ladders]
     return with_ratios(rows, measured)
@@ -74,12 +74,16 @@ def _row(
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "accuracy": target, **asdict(method), "ended": ended}
     if rung is not None:
         known = {"step": rung["step"], "error": rung["error"]}
-        return row(start | known, lambda: spread("seconds", measured.of(method)))
+        return row(start | known, _seconds_of, measured, method)
     best = smallest_error(steps)
     if best is None:
         return start | {"status": steps[-1]["status"], "message": steps[-1]["message"]}
     text = f"came to {best['error']:.1e} rad at step {best['step']:.2g} s; {ended}"
     return start | {"step": best["step"], "error": best["error"], "status": CANNOT, "message": text}
+
+
+def _seconds_of(measured: Measured, method: Method) -> Row:
+    return spread("seconds", measured.of(method))
 
 
 def with_ratios(rows: list[Row], measured: Measured) -> list[Row]:

@@ -40,7 +40,7 @@ def enter_rival(race: Race, mechanism: Mechanism, settings: str) -> None:
         return lasting(None, model.bare_calls()[which])  # type: ignore[attr-defined]
 
     for which, quantity in enumerate((BARE, EMPTY)):
-        race.add(Key(quantity, "pinocchio", settings), lambda which=which: make(which))  # type: ignore[misc]
+        race.add(Key(quantity, "pinocchio", settings), make, which)
 
 
 def rhs_rows(mechanism: Mechanism, measured: Measured) -> list[Row]:
@@ -51,14 +51,19 @@ def rhs_rows(mechanism: Mechanism, measured: Measured) -> list[Row]:
             for rival in (AS_CALLED, NET):
                 start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "own": own, "rival": rival}
                 start |= {"engine": "pinocchio", "settings": settings}
-                found = row(start, lambda o=own, r=rival, s=settings: compared(_own(measured, o), _rival(measured, s, r)))  # type: ignore[misc]
+                found = row(start, _compared, measured, settings, own, rival)
                 aimed = own == LOOP and rival == NET and mechanism.name in RIGHT_HAND_SIDE_OF
                 rows.append(at_least(found, "ratio", RIGHT_HAND_SIDE if aimed else None))
     return rows
 
 
+def _compared(measured: Measured, settings: str, own: str, rival: str) -> Row:
+    return compared(_own(measured, own), _rival(measured, settings, rival))
+
+
 def _own(measured: Measured, how: str) -> Array:
-    return measured.of(Key(QUANTITY, "gauss")) / STAGES if how == LOOP else measured.of(Key(CALL, "gauss"))
+    samples = measured.of(Key(QUANTITY if how == LOOP else CALL, "gauss"))
+    return np.asarray(samples / STAGES) if how == LOOP else samples
 
 
 def _rival(measured: Measured, settings: str, how: str) -> Array:
@@ -66,4 +71,4 @@ def _rival(measured: Measured, settings: str, how: str) -> Array:
     if how == AS_CALLED:
         return bare
     empty = float(np.quantile(measured.of(Key(EMPTY, "pinocchio", settings)), 0.25))
-    return np.maximum(bare - empty, LEAST)
+    return np.asarray(np.maximum(bare - empty, LEAST))

@@ -7,7 +7,7 @@ what is timed, and so is the call from Python, a share of about three in a hundr
 import numpy as np
 
 from gauss_bench.bench.kernel_targets import PROJECTED, STEP, at_least
-from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, compared, row
+from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
 from gauss_bench.bench.timing import Block, lasting
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -56,7 +56,7 @@ def step_rows(mechanism: Mechanism, measured: Measured) -> list[Row]:
                 start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation}
                 start |= {"stabilization": stabilization, "rival": "mujoco", "settings": settings, "step": H}
                 keys = Key(QUANTITY, formulation, "default", stabilization), Key(QUANTITY, "mujoco", settings)
-                found = row(start, lambda keys=keys: compared(*(measured.of(key) for key in keys)))  # type: ignore[misc]
+                found = row(start, measured.compared, *keys)
                 target = TARGETS[stabilization].get(mechanism.name) if formulation == "gauss" else None
                 rows.append(at_least(found, "ratio", target))
     return rows

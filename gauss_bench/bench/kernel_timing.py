@@ -52,6 +52,14 @@ class Measured:
             return self.samples[key]
         raise self.failed.get(key) or Missing(Status.SKIP, f"{key} was not measured")
 
+    def compared(self, own: Hashable, rival: Hashable) -> Row:
+        """`compared` of two entries.
+
+        Raises:
+            Missing: one of them was not measured.
+        """
+        return compared(self.of(own), self.of(rival))
+
 
 class Race:
     """Entries to be timed against each other; one that cannot be built drops out with its reason."""
@@ -60,10 +68,10 @@ class Race:
         self.blocks: list[Block] = []
         self.failed: dict[Hashable, Missing] = {}
 
-    def add(self, key: Hashable, make: Callable[[], Block]) -> None:
-        """Enter the block that `make` returns, under the key."""
+    def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
+        """Enter the block that make(*arguments) returns, under the key."""
         try:
-            block = make()
+            block = make(*arguments)
         except RunFailure as failure:
             self.failed[key] = Missing(failure.status, str(failure))
         except ImportError as error:
@@ -87,15 +95,15 @@ def spread(name: str, samples: Array) -> dict[str, float]:
     return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
 
 
-def compared(own: Array, rival: Array) -> dict[str, float]:
+def compared(own: Array, rival: Array) -> Row:
     """Times of both, and how many times longer the rival takes."""
-    found = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
+    found: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
     return found | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(rival, own), strict=True))
 
 
-def row(start: Row, make: Callable[[], Row]) -> Row:
-    """A row with its status: of what `make` finds, or of why it finds nothing."""
+def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
+    """A row with its status: of what make(*arguments) finds, or of why it finds nothing."""
     try:
-        return start | {"status": str(Status.OK), "message": ""} | make()
+        return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
     except Missing as missing:
         return start | {"status": str(missing.status), "message": str(missing)}

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from gauss_bench.kernels import native_code
 from gauss_bench.kernels.closure_assembly import deformed_starts
 from gauss_bench.kernels.closure_judge import Judge, Lost
-from gauss_bench.kernels.closure_paths import Loss, Motion, Start, Status, Tracker
+from gauss_bench.kernels.closure_motions import Loss, Motion, Start, Status
+from gauss_bench.kernels.closure_paths import Tracker
 from gauss_bench.kernels.closure_program import closure_program
 from gauss_bench.kernels.closure_runners import ArrayFollower, NativeFollower, Runner
 from gauss_bench.kernels.closure_vectors import loop_values

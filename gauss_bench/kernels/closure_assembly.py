@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from gauss_bench.kernels.closure_paths import Motion, Start, Tracker, held
+from gauss_bench.kernels.closure_motions import Start
+from gauss_bench.kernels.closure_paths import Tracker, held
 from gauss_bench.terms import Array
 
 STEPS = (32, 256)  # the last is the longest, a sixteenth or a 128th of the way
@@ -30,13 +31,12 @@ def deformed_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) ->
 
 def _deformed(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
     """Unknowns (linkages, U), NaN where lost."""
-    levels = held(start)
-    still = [Motion(levels, nominal, start)] * len(p)
-    inputs = np.concatenate([levels, levels])[None]
-    before = x = np.tile(start.x, (len(p), 1))
+    inputs = held(start).repeat(2, axis=0)[None]
+    signs = start.signs[None].repeat(len(p), axis=0)
+    before = x = start.x[None].repeat(len(p), axis=0)
     last = 1.0
     for a, b in pairwise(np.linspace(0.0, 1.0, steps + 1) ** 2):
         guess = x + (x - before) * ((b - a) / last)
-        followed = tracker.ends(still, guess, inputs, nominal + b * (p - nominal))
+        followed = tracker.ends(guess, signs, inputs, nominal + b * (p - nominal))
         x, before, last = np.where(followed.closed[:, None] == 1, followed.x, np.nan), x, b - a
     return np.asarray(x)

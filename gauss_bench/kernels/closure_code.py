@@ -17,9 +17,7 @@ from gauss_bench.kernels.export import reachable
 from gauss_bench.kernels.graph import Graph, Pair
 from gauss_bench.kernels.node import Node
 
-REACH = (
-    0.0065  # [rad, lengths] norm of one correction: two terms of the rotation's series reach so far, and no other assembly is near
-)
+REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
 TURN = 0.3  # [rad, lengths] norm of the way to the guess: far less than lies between two assemblies
 
 Outputs = Literal["states", "path"]
@@ -31,10 +29,10 @@ class Code:
 
     Attributes:
         start: sines and cosines of the guess's angles, by unknown.
-        score: sum of squares of A.
+        score: sum of squares of A; square: of the lengths of the vectors in it.
         moved: by leaf of the iterate ("%x0", "%s0", "%c0" ...), its value after a correction.
         near: mask, the correction is short enough for that.
-        turn: mask, the guess is not far from the sample before.
+        turn: mask, the guess is not far from the sample before; regular: mask, no guard is too small.
         guards: by guard, its value.
         guess: by unknown, at the next sample.
         outputs: the row to be stored.
@@ -43,9 +41,11 @@ class Code:
     graph: Graph
     start: dict[int, Pair]
     score: int
+    square: int
     moved: dict[str, int]
     near: int
     turn: int
+    regular: int
     guards: list[int]
     guess: list[int]
     outputs: list[int]
@@ -53,16 +53,17 @@ class Code:
     def roots(self) -> list[int]:
         """Everything that must be computed."""
         pairs = [x for pair in self.start.values() for x in pair]
-        return [*pairs, self.score, *self.moved.values(), self.near, self.turn, *self.guards, *self.guess, *self.outputs]
+        masks = [self.near, self.turn, self.regular]
+        return [*pairs, self.score, self.square, *self.moved.values(), *masks, *self.guards, *self.guess, *self.outputs]
 
     def replaced(self, graph: Graph, roots: list[int]) -> "Code":
         """The same code in another graph, for its roots there."""
         new = iter(roots)
         start = {k: (next(new), next(new)) for k in self.start}
-        score, moved = next(new), {name: next(new) for name in self.moved}
-        near, turn = next(new), next(new)
+        score, square, moved = next(new), next(new), {name: next(new) for name in self.moved}
+        near, turn, regular = next(new), next(new), next(new)
         guards, guess = [next(new) for _ in self.guards], [next(new) for _ in self.guess]
-        return Code(graph, start, score, moved, near, turn, guards, guess, list(new))
+        return Code(graph, start, score, square, moved, near, turn, regular, guards, guess, list(new))
 
 
 def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> Code:
@@ -82,7 +83,8 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
     leaves |= {(letter, j): g.leaf(f"%{letter}{j}") for letter in "wb" for j in range(program.inputs)}
     leaves |= {("p", i): g.leaf(f"%p{i}") for i in range(program.parameters)}
     stored = program.outputs if outputs == "states" else []
-    nodes = [*program.residual, *program.correction, *(x for x, _ in program.guards), *program.advance, *stored]
+    guards = [x for pair in program.guards for x in pair]
+    nodes = [*program.residual, program.square, *program.correction, *guards, *program.advance, *stored]
     value = lowered(g, nodes, leaves, pairs)
     z = [value(k) for k in program.correction]
     moved = {f"%x{k}": g.add(x[k], z[k]) for k in range(program.unknowns)}
@@ -95,13 +97,21 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
         g,
         {k: sincos(guess[k]) for k in turning},
         g.squares([value(k) for k in program.residual]),
+        value(program.square),
         moved,
         _within(g, [g.mul(c, a) for c, a in zip(scale, z, strict=True)], REACH),
         _within(g, way, TURN),
+        _regular(g, [(value(x), value(least)) for x, least in program.guards]),
         [value(k) for k, _ in program.guards],
         [g.add(a, value(k)) for a, k in zip(x, program.advance, strict=True)],
         [value(k) for k in stored] if stored else list(x),
     )
+
+
+def _regular(g: Graph, guards: list[Pair]) -> int:
+    """Mask where the square of every guard is at least what it must be."""
+    found = g.both([g.make("le", least, g.mul(x, x)) for x, least in guards])
+    return g.make("le", g.const(0.0), g.const(1.0)) if found is None else found
 
 
 def _within(g: Graph, values: list[int], bound: float) -> int:

@@ -31,7 +31,7 @@ from gauss_bench.terms import Array
 GOOD = 0.1  # sine of the angle between a pivot's columns at the worst sample: among such, the fewest operations decide
 
 Columns = dict[int, Vector]  # of one loop, by unknown
-Guard = tuple[Node, float]
+Guard = tuple[Node, Node]  # D, and what D^2 must not fall below
 LoopsAndUnknowns = tuple[list[int], list[int]]
 
 
@@ -44,7 +44,7 @@ class Solver(Protocol):
 
     @property
     def guards(self) -> list[Guard]:
-        """What is divided by, and how large it must be for rates to be exact to eight digits and more."""
+        """What is divided by, and how large its square must be for rates to be exact to eight digits and more."""
         ...
 
 
@@ -77,6 +77,7 @@ class Dyads:
     """A group with as many equations as unknowns: block elimination with pivots of two rows and columns."""
 
     def __init__(self, columns: dict[int, Columns]):
+        self.columns = columns
         self.pivots: list[Pivot] = []
         self.eliminated: list[dict[int, tuple[Vector, Vector]]] = []
         left = dict(columns)
@@ -109,7 +110,11 @@ class Dyads:
 
     @property
     def guards(self) -> list[Guard]:
-        return [(p.D, REGULAR * float((_sizes(p.columns[0]) * _sizes(p.columns[1])).max())) for p in self.pivots]
+        found = []
+        for p in self.pivots:
+            c1, c2 = (self.columns[p.loop].get(k, c) for k, c in zip(p.unknowns, p.columns, strict=True))
+            found.append((p.D, c1.dot(c1) * c2.dot(c2) * REGULAR**2))
+        return found
 
 
 def _taken(columns: Columns, pivot: Pivot) -> tuple[Vector, Vector]:
@@ -197,8 +202,8 @@ class Redundant:
 
     @property
     def guards(self) -> list[Guard]:
-        varying = (D for D in self.D if D.number is None)
-        return [(D, REGULAR**2 * float(np.abs(D.at[: self.graph.samples]).max())) for D in varying]
+        whole = {k: self._product(k, k) for k in self.order}
+        return [(D, whole[k] * whole[k] * REGULAR**4) for k, D in zip(self.order, self.D, strict=True) if D.number is None]
 
 
 class Groups:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.parameters import Parameters
-from gauss_bench.kinematics.errors import MotionError
+from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.mechanism import forces
@@ -24,7 +24,7 @@ class Lost(ArithmeticError):
     """The inputs cannot be followed to a sample.
 
     Attributes:
-        kind: "LimitOfMotion" or "SingularPosition", as the library's own errors are called.
+        kind: "limit of motion", "singular position" or "not assembled".
         inputs: the last ones that were reached [rad, m].
     """
 
@@ -67,7 +67,8 @@ class Judge:
         try:
             motion = loop_motion(mechanism, given, np.array([1.0]))
         except MotionError as error:
-            raise Lost(str(error).rpartition(": ")[2], type(error).__name__, error.inputs) from error
+            kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
+            raise Lost(str(error).rpartition(": ")[2], kind, error.inputs) from error
         q, v, a = motion.q[0], motion.v[0], motion.a[0]
         return np.concatenate([q, v, a, *(_point(mechanism, point, q, v, a) for point in self.points)])
 

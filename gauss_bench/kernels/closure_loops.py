@@ -1,21 +1,21 @@
 """Native loop over the samples of whole turns: each lane follows a part of a turn, or a linkage of its own.
 
-    void follow(ptr x, ptr sides, ptr inputs, ptr p, ptr out, ptr where, ptr report, double tolerance, i64 samples, i64 shift,
+    void follow(ptr x, ptr signs, ptr inputs, ptr p, ptr out, ptr where, ptr report, double tolerance, i64 samples, i64 shift,
                 i64 groups)
 
 Arrays are C-contiguous, the lane last; U unknowns, K inputs, G guards, R numbers stored at each sample:
 
     x        (groups, U, W)                 guess at the first sample; afterwards the last closed sample
-    sides    (groups, 2 G, W)               signs that the guards must keep, then the least values of sign times guard
+    signs    (groups, G, W)                 that the guards must keep; 0 for any
     inputs   (groups, samples + 1, 3 K, W)  values, rates, second rates; the next group's begin `shift` further on, 0 if shared
     p        (groups, n_p, W)               open parameters
     where    (groups, W)                    integers: where in `out` a lane's samples begin
     out      a lane's samples, one after the other: R numbers each
     report   (groups, 1 + G, W)             samples closed before the first that could not be, guards at the last of them
 
-A sample is closed where |A|^2 <= tolerance after at most LIMIT corrections, none of which left the reach of the rotation; the guess
-was not far from the sample before; and every guard keeps its side. A lane that fails keeps its last closed state; what it goes on
-to store is void.
+A sample is closed where |A|^2 <= tolerance sum |R|^2 after at most LIMIT corrections, none of which left the reach of the rotation;
+the guess was not far from the sample before; and every guard keeps its sign and is not too small. A lane that fails keeps its last
+closed state; what it goes on to store is void.
 
 Numbers of W lanes are stored lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
 """
@@ -34,7 +34,7 @@ from gauss_bench.kernels.schedule import live, order
 
 SIGNATURE = "pppppppdiii"
 LIMIT = 8  # corrections; quadratic convergence needs four from the farthest guess that is taken
-ARRAYS = ("x", "sides", "inputs", "p", "out", "where", "report")
+ARRAYS = ("x", "signs", "inputs", "p", "out", "where", "report")
 BLOCK = 8  # rows and lanes of the largest transposition
 
 
@@ -69,9 +69,9 @@ def _blocks(code: Code) -> _Blocks:
     iterate = {f"%{letter}{k}" for k in range(len(code.guess)) for letter in "xsc"}
     varying = _depending(g, iterate)
     fixed = set(constant_values(g, values, {name: name for name in leaves(g, values) if name.startswith("%p")}))
-    score = set(live(g, [code.score]))
+    score = set(live(g, [code.score, code.square]))
     corrected = set(live(g, [*code.moved.values(), code.near]))
-    closed = set(live(g, [code.turn, *code.guards, *code.guess, *code.outputs]))
+    closed = set(live(g, [code.turn, code.regular, *code.guards, *code.guess, *code.outputs]))
     early = score | corrected | set(live(g, [x for pair in code.start.values() for x in pair]))
     iterated = (score | (corrected & closed)) & varying
     written = order(g, values, {name: x for name, x in code.moved.items() if name in iterate})
@@ -130,8 +130,7 @@ class _Loop:
         w = self.w
         w.names = {x: name for name, x in self.leaves.items()}
         found = [w.load("%x", k) for k in self.unknowns]
-        self.signs = [w.load("%sides", k) for k in self.guards]
-        self.least = [w.load("%sides", len(self.guards) + k) for k in self.guards]
+        self.signs = [w.load("%signs", k) for k in self.guards]
         w.names |= {x: w.load("%p", int(name[2:])) for name, x in self.leaves.items() if name.startswith("%p")}
         w.write(self.code.graph, self.blocks.fixed)
         self.tolerance = w.broadcast("%tolerance")
@@ -156,7 +155,8 @@ class _Loop:
         header = len(w.lines)
         w.line("")
         w.write(code.graph, self.blocks.iterated)
-        closed = w.let(f"fcmp ole {w.real} {w.names[code.score]}, {self.tolerance}")
+        enough = w.let(f"fmul {w.real} {w.names[code.square]}, {self.tolerance}")
+        closed = w.let(f"fcmp ole {w.real} {w.names[code.score]}, {enough}")
         going = w.let(f"and {w.mask} %alive, %near")
         open_lanes = w.let(f"and {w.mask} {going}, {w.let(f'xor {w.mask} {closed}, ' + w.splat('true', 'i1'))}")
         w.line(f"  %few = icmp ult i64 %j, {LIMIT}\n  %again = and i1 {w.any(open_lanes)}, %few")
@@ -176,9 +176,10 @@ class _Loop:
         w, code = self.w, self.code
         w.write(code.graph, self.blocks.closed)
         good = w.let(f"and {w.mask} {closed}, {w.names[code.turn]}")
-        for guard, sign, least in zip(code.guards, self.signs, self.least, strict=True):
+        good = w.let(f"and {w.mask} {good}, {w.names[code.regular]}")
+        for guard, sign in zip(code.guards, self.signs, strict=True):
             side = w.let(f"fmul {w.real} {w.names[guard]}, {sign}")
-            good = w.let(f"and {w.mask} {good}, {w.let(f'fcmp oge {w.real} {side}, {least}')}")
+            good = w.let(f"and {w.mask} {good}, {w.let(f'fcmp oge {w.real} {side}, ' + w.const(0.0))}")
         self._store([w.names[x] for x in code.outputs])
         following = {f"%X{k}": w.names[x] for k, x in enumerate(code.guess)}
         following |= {f"%l{k}": w.select(good, f"%x{k}", f"%l{k}") for k in self.unknowns}
@@ -255,7 +256,7 @@ def _over_groups(program: ClosureProgram, lanes: int) -> str:
     """The exported function: one group after the other."""
     guards, n_p = len(program.guards), program.parameters
     strides = {
-        "x": program.unknowns * lanes, "sides": 2 * guards * lanes, "inputs": "%shift", "p": n_p * lanes,
+        "x": program.unknowns * lanes, "signs": guards * lanes, "inputs": "%shift", "p": n_p * lanes,
         "where": lanes, "report": (1 + guards) * lanes,
     }  # fmt: skip
     moves = "".join(

@@ -9,8 +9,7 @@ closes is taken over; where it finds a limit or a singular position, the motion 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.kernels.closure_code import TURN
 from gauss_bench.kernels.closure_judge import Judge, Lost, Step
+from gauss_bench.kernels.closure_motions import Loss, Motion, Start, Status
 from gauss_bench.kernels.closure_program import ClosureProgram
 from gauss_bench.kernels.closure_runners import Course, Followed, Runner
 from gauss_bench.kernels.closure_vectors import loop_values
@@ -25,73 +25,10 @@ from gauss_bench.kernels.trigonometry import LARGEST
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.terms import Array
 
-Flags = NDArray[np.bool_]
-
 STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
-CLOSED = 1e-14  # of the longest vector: some rounding units of a loop's sum
+CLOSED = 4e-15  # of the loops' vectors: four times what rounding of sines and sums leaves
 SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
 FEW = 4  # samples of a part, at least
-
-
-class Status(IntEnum):
-    """How a sample was closed."""
-
-    CLOSED = 0
-    LIBRARY = 1  # by the library's closure
-    LOST = 2  # not: the numbers are NaN
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Where and why a motion ended.
-
-    Attributes:
-        linkage: row of the parameters; 0 for one linkage.
-        sample: the first that could not be closed.
-        kind: "limit of motion", "singular position" or "not assembled".
-        inputs: name -> value [rad, m] up to which it went.
-        text: one sentence.
-    """
-
-    linkage: int
-    sample: int
-    kind: str
-    inputs: dict[str, float]
-    text: str
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where a linkage starts.
-
-    Attributes:
-        x: (U,) unknowns, NaN where there is no start; u: (K,) inputs.
-        sides: (2 G,) signs that the guards keep, and their least values.
-        fault: why there is no start.
-    """
-
-    x: Array
-    u: Array
-    sides: Array
-    fault: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """One linkage to be followed.
-
-    Attributes:
-        levels: (k, 3 K) inputs, rates, second rates; one array for all linkages that share them.
-        p: (n_p,) open numbers.
-    """
-
-    levels: Array
-    p: Array
-    start: Start
-
-    @property
-    def u(self) -> Array:
-        return self.levels[:, : self.levels.shape[1] // 3]
 
 
 class Tracker:
@@ -104,24 +41,21 @@ class Tracker:
         self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) / STRIDE
 
     def tolerance(self, u: Array, x: Array) -> float:
-        """|A|^2 of a closed sample: angles of many turns are rounded more coarsely."""
+        """|A|^2 of a closed sample, of the squared vectors in it: angles of many turns are rounded more coarsely."""
         turns = max(_largest(u), _largest(x))
-        return (CLOSED * self.program.size * (1.0 + turns / 8.0)) ** 2
+        return (CLOSED * (1.0 + turns / 8.0)) ** 2
 
     def start(self, x: Array, u: Array, p: Array) -> Start:
-        """The start at a closed state, with the sides its guards are on.
+        """The start at a closed state, with the signs of its guards.
 
         Raises:
-            Lost: not closed, or too near a singular position.
+            Lost: not closed, or too near a singular position to tell assemblies apart.
         """
-        G = len(self.program.guards)
-        followed, _ = self._single(Start(x, u, np.zeros(2 * G)), u[None], p)
+        still = Start(x, u, np.zeros(len(self.program.guards)))
+        followed, _ = self._single(still, u[None], p)
         if not followed.closed[0]:
-            raise Lost("the start is not closed", "not assembled", self.named(u))
-        guards, least = followed.guards[0], self.program.thresholds
-        if (np.abs(guards) < least).any():
-            raise Lost("the start is at a singular position", "singular position", self.named(u))
-        return Start(followed.x[0], u, np.concatenate([np.sign(guards), least]))
+            raise Lost("the start is not closed, or at a singular position", "not assembled", self.named(u))
+        return replace(still, x=followed.x[0], signs=np.sign(followed.guards[0]))
 
     def named(self, u: Array) -> dict[str, float]:
         """Name -> value of inputs as their laws count them."""
@@ -134,7 +68,7 @@ class Tracker:
         inputs[0, :k, :K], inputs[0, k, :K] = u, u[-1]
         rows = np.empty((k, self.program.unknowns))
         where = np.zeros(1, dtype=np.int64)
-        course = Course(start.x[None], start.sides[None], inputs, p[None], where, rows, self.tolerance(u, start.x))
+        course = Course(start.x[None], start.signs[None], inputs, p[None], where, rows, self.tolerance(u, start.x))
         return self.path.run(course), rows
 
     def strides(self, u: Array) -> float:
@@ -148,19 +82,18 @@ class Tracker:
         levels = _padded(motion.levels, parts * count + 1)
         inputs = np.empty((parts, count + 1, levels.shape[1]))
         inputs[:, :count], inputs[:, count] = levels[:-1].reshape(parts, count, -1), levels[count::count]
-        sides, p = (x[None].repeat(parts, axis=0) for x in (motion.start.sides, motion.p))
+        signs, p = (x[None].repeat(parts, axis=0) for x in (motion.start.signs, motion.p))
         tolerance = self.tolerance(motion.u, starts)
-        followed = self.states.run(Course(starts, sides, inputs, p, np.arange(parts) * count, rows, tolerance))
+        followed = self.states.run(Course(starts, signs, inputs, p, np.arange(parts) * count, rows, tolerance))
         self._check_turns(followed.x, count)
-        closed = np.where(self._joined(starts, followed.x), followed.closed, 0)
-        if (closed == count).all():
+        if (followed.closed == count).all() and self._joined(followed.x[:-1], starts[1:]):
             return None
-        return self._mend(motion, rows, status, replace(followed, closed=closed), count)
+        return self._mend(motion, rows, status, starts, followed, count)
 
-    def _joined(self, starts: Array, ends: Array) -> Flags:
-        """(parts,) whether a part begins near where the one before ended, and so in the same assembly."""
-        gaps = (starts[1:] - ends[:-1]) / self.program.lengths
-        return np.concatenate([[True], np.sqrt((gaps * gaps).sum(axis=1)) < 2 * TURN])
+    def _joined(self, ends: Array, starts: Array) -> bool:
+        """Whether states (..., U) lie near those a sample before, and so in the same assembly."""
+        gaps = (starts - ends) / self.program.lengths
+        return bool((np.sqrt((gaps * gaps).sum(axis=-1)) < 2 * TURN).all())
 
     def track_many(self, motions: Sequence[Motion], rows: Array, status: NDArray[np.int8], threads: int = 1) -> list[Loss]:
         """Many linkages with as many samples each: fills rows (linkages, k, R) and status (linkages, k)."""
@@ -170,7 +103,7 @@ class Tracker:
         x = self._walked_in(motions)
         course = Course(
             x,
-            np.array([m.start.sides for m in motions]),
+            np.array([m.start.signs for m in motions]),
             inputs,
             np.array([m.p for m in motions]),
             np.arange(len(motions)) * k,
@@ -181,8 +114,9 @@ class Tracker:
         self._check_turns(followed.x, k)
         losses = []
         for i in np.flatnonzero(followed.closed < k).tolist():
-            alone = Followed(followed.closed[i : i + 1], followed.x[i : i + 1], followed.guards[i : i + 1])
-            lost = self._mend(motions[i], rows[i], status[i], alone, k)
+            one = slice(i, i + 1)
+            alone = Followed(followed.closed[one], followed.x[one], followed.guards[one])
+            lost = self._mend(motions[i], rows[i], status[i], x[one], alone, k)
             losses += [] if lost is None else [replace(lost, linkage=i)]
         return losses
 
@@ -193,16 +127,16 @@ class Tracker:
         parts = np.minimum(np.arange(steps + 2) / steps, 1.0)
         inputs = np.zeros((len(motions), steps + 2, 3 * self.program.inputs))
         inputs[:, :, : self.program.inputs] = np.array([m.start.u for m in motions])[:, None] + parts[:, None] * ways[:, None]
-        followed = self.ends(motions, np.array([m.start.x for m in motions]), inputs, np.array([m.p for m in motions]))
+        x, signs = np.array([m.start.x for m in motions]), np.array([m.start.signs for m in motions])
+        followed = self.ends(x, signs, inputs, np.array([m.p for m in motions]))
         return np.where((followed.closed == steps + 1)[:, None], followed.x, np.nan)
 
-    def ends(self, motions: Sequence[Motion], x: Array, inputs: Array, p: Array) -> Followed:
-        """A lane for each linkage; only where it ends is kept."""
+    def ends(self, x: Array, signs: Array, inputs: Array, p: Array) -> Followed:
+        """A lane for each linkage, as in Course; only where it ends is kept."""
         count = inputs.shape[1] - 1
-        rows = np.empty((len(motions) * count, self.program.width))
-        sides = np.array([m.start.sides for m in motions])
-        where = np.arange(len(motions)) * count
-        return self.states.run(Course(x, sides, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
+        rows = np.empty((len(x) * count, self.program.width))
+        where = np.arange(len(x)) * count
+        return self.states.run(Course(x, signs, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
 
     def cut(self, samples: int) -> tuple[int, int]:
         """Parts, and samples of each, of which the last may have fewer."""
@@ -224,7 +158,7 @@ class Tracker:
         found = np.full((len(u), self.program.unknowns), np.nan)
         at, x = 0, motion.start.x
         while at < len(u):
-            followed, rows = self._single(Start(x, u[at], motion.start.sides), u[at:], motion.p)
+            followed, rows = self._single(Start(x, u[at], motion.start.signs), u[at:], motion.p)
             closed = int(followed.closed[0])
             found[at : at + closed] = rows[:closed]
             at += closed
@@ -240,21 +174,23 @@ class Tracker:
         """Unknowns at `after` from those at `before`, on a way that is divided ever more finely."""
         for parts in SUBDIVISIONS:
             u = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (after - before)
-            followed, _ = self._single(Start(x, before, motion.start.sides), u, motion.p)
+            followed, _ = self._single(Start(x, before, motion.start.signs), u, motion.p)
             if followed.closed[0] == parts + 1:
                 return np.asarray(followed.x[0])
         return None
 
-    def _mend(self, motion: Motion, rows: Array, status: NDArray[np.int8], followed: Followed, count: int) -> Loss | None:
+    def _mend(
+        self, motion: Motion, rows: Array, status: NDArray[np.int8], starts: Array, followed: Followed, count: int
+    ) -> Loss | None:
         """Close what the lanes left open, part after part; the loss where the motion ends."""
         x, k = motion.start.x, len(motion.levels)
         if motion.start.fault:
             rows[:k], status[:] = np.nan, Status.LOST
             return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
         for part, closed in enumerate(followed.closed.tolist()):
-            first, end = part * count, min((part + 1) * count, k)
-            at = min(first + closed, end)
-            x = followed.x[part] if closed else x
+            at, end = part * count, min((part + 1) * count, k)
+            if closed and (part == 0 or self._joined(x, starts[part])):
+                at, x = min(at + closed, end), followed.x[part]
             while at < end:
                 try:
                     at, x = self._onward(motion, rows, status, at, end, x)
@@ -280,8 +216,8 @@ class Tracker:
     def _follow_one(self, motion: Motion, x: Array, at: int, end: int, rows: Array) -> Followed:
         """One lane through the samples from `at` to `end`."""
         inputs = np.concatenate([motion.levels[at:end], motion.levels[end - 1 : end]])[None]
-        where, sides = np.array([at]), motion.start.sides[None]
-        return self.states.run(Course(x[None], sides, inputs, motion.p[None], where, rows, self.tolerance(motion.u, x)))
+        where, signs = np.array([at]), motion.start.signs[None]
+        return self.states.run(Course(x[None], signs, inputs, motion.p[None], where, rows, self.tolerance(motion.u, x)))
 
     def state(self, motion: Motion, x: Array) -> Array:
         """q (n,) at the start."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kernels.closure_groups import Groups
+from gauss_bench.kernels.closure_groups import Groups, Guard
 from gauss_bench.kernels.closure_vectors import LoopExpressions
 from gauss_bench.kernels.node import Graph, Node
 from gauss_bench.kernels.parameters import Parameters
@@ -32,10 +32,9 @@ class ClosureProgram:
     Attributes:
         angles: which unknowns are angles; known_angles: which inputs are.
         lengths: what a change of each unknown is measured by.
-        size: [m] of the longest vector of a loop.
-        residual: A by row.
+        residual: A by row; square: [m^2] sum of the squared lengths of all vectors in it.
         correction: z by unknown.
-        guards: what must not change its sign nor fall below its threshold.
+        guards: what must not change its sign, and what its square must not fall below.
         advance: by unknown, from this sample to the guess at the next.
         outputs: q, v, a of all links, then x, y and rates and second rates of each point.
         n, points, parameters: coordinates of the linkage, points, open numbers.
@@ -49,20 +48,16 @@ class ClosureProgram:
     angles: tuple[bool, ...]
     known_angles: tuple[bool, ...]
     lengths: tuple[float, ...]
-    size: float
     residual: list[Node]
+    square: Node
     correction: list[Node]
-    guards: list[tuple[Node, float]]
+    guards: list[Guard]
     advance: list[Node]
     outputs: list[Node]
 
     @property
     def unknowns(self) -> int:
         return len(self.angles)
-
-    @property
-    def thresholds(self) -> Array:
-        return np.array([x for _, x in self.guards])
 
     @property
     def width(self) -> int:
@@ -94,8 +89,8 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
         angles=tuple(map(bool, equations.is_angle[:unknown])),
         known_angles=tuple(map(bool, equations.is_angle[unknown:])),
         lengths=tuple(np.where(equations.is_angle[:unknown], 1.0, length).tolist()),
-        size=max((loop.size() for loop in loops.loops), default=length),
         residual=[x for loop in loops.loops for x in (loop.residual().x, loop.residual().y)],
+        square=graph.total(loop.square for loop in loops.loops),
         correction=[correction.get(k, graph.constant(0.0)) for k in range(unknown)],
         guards=rates.groups.guards,
         advance=advance,

@@ -31,16 +31,16 @@ class Course:
 
     Attributes:
         x: (lanes, U) guess at each lane's first sample.
-        sides: (lanes, 2 G) signs that the guards must keep, and the least values of sign times guard.
+        signs: (lanes, G) that the guards must keep; 0 for any.
         inputs: (lanes or 1, samples + 1, 3 K) values, rates, second rates; of the row after the last only the values count.
         parameters: (lanes, n_p).
         where: (lanes,) row of each lane's first sample in `rows`.
         rows: (any, R) where samples are stored.
-        tolerance: |A|^2 of a closed sample [m^2].
+        tolerance: |A|^2 of a closed sample, of the squared lengths of the vectors in it.
     """
 
     x: Array
-    sides: Array
+    signs: Array
     inputs: Array
     parameters: Array
     where: Counts
@@ -86,7 +86,7 @@ class NativeFollower:
     def run(self, course: Course, threads: int = 1) -> Followed:
         lanes, count = self.lanes, len(course.x)
         x = in_lanes(course.x.copy(), lanes)  # is written to; one lane would be a view
-        sides, p = (in_lanes(a, lanes) for a in (course.sides, course.parameters))
+        signs, p = (in_lanes(a, lanes) for a in (course.signs, course.parameters))
         where = in_lanes(np.asarray(course.where, dtype=np.int64)[:, None] * course.rows.shape[1], lanes)
         inputs, shift = _input_lanes(course.inputs, lanes)
         report = np.empty((len(x), 1 + len(self.program.guards), lanes))
@@ -95,7 +95,7 @@ class NativeFollower:
         def part(bounds: tuple[int, int]) -> None:
             low, high = bounds
             given = address(inputs) + 8 * shift * low
-            arrays = [address(a[low:high]) for a in (x, sides, p, where, report)]
+            arrays = [address(a[low:high]) for a in (x, signs, p, where, report)]
             call(*arrays[:2], given, arrays[2], rows, *arrays[3:], course.tolerance, samples, shift, high - low)
 
         parts = list(pairwise(np.linspace(0, len(x), min(threads, len(x)) + 1).astype(int).tolist()))
@@ -131,11 +131,11 @@ class ArrayFollower:
         known = ("u", "p")
         self.turning = turning
         self._start = function(code.graph, [x for k in turning for x in code.start[k]], ("X",), names)
-        self._score = function(code.graph, [code.score], ("x", "s", "c", *known), names)
+        self._score = function(code.graph, [code.score, code.square], ("x", "s", "c", *known), names)
         moved = [code.moved[f"%x{k}"] for k in range(program.unknowns)]
         moved += [code.moved[f"%{letter}{k}"] for letter in "sc" for k in turning]
         self._moved = function(code.graph, [*moved, code.near], ("x", "s", "c", *known), names)
-        self._checks = function(code.graph, [code.turn, *code.guards], ("x", "s", "c", "X", "l", *known), names)
+        self._checks = function(code.graph, [code.turn, code.regular, *code.guards], ("x", "s", "c", "X", "l", *known), names)
         self._closed = function(code.graph, [*code.guess, *code.outputs], ("x", "s", "c", "w", "b", "n", *known), names)
 
     def run(self, course: Course, threads: int = 1) -> Followed:
@@ -144,15 +144,14 @@ class ArrayFollower:
         inputs = np.broadcast_to(course.inputs, (lanes, *course.inputs.shape[1:])).transpose(1, 2, 0)
         guess, last, p = course.x.T.copy(), course.x.T.copy(), course.parameters.T
         guards, closed = np.zeros((len(self.program.guards), lanes)), np.zeros(lanes, int)
-        signs, least = np.split(course.sides.T, 2)
         alive = np.ones(lanes, bool)
         with np.errstate(all="ignore"):
             for i in range(course.samples):
                 u, w, b = (inputs[i, k * K : (k + 1) * K] for k in range(3))
                 x, s, c, good = self._newton(guess, u, p, course.tolerance, alive)
-                turn, *values = self._checks(x, s, c, guess, last, u, p)
+                turn, regular, *values = self._checks(x, s, c, guess, last, u, p)
                 at = _stacked(values, lanes)
-                alive = alive & good & turn & (signs * at >= least).all(axis=0)
+                alive = alive & good & turn & regular & (course.signs.T * at >= 0.0).all(axis=0)
                 found = _stacked(self._closed(x, s, c, w, b, inputs[i + 1, :K], u, p), lanes)
                 course.rows[course.where[alive] + i] = found[U:].T[alive]
                 last, guards, guess = np.where(alive, x, last), np.where(alive, at, guards), found[:U]
@@ -169,7 +168,8 @@ class ArrayFollower:
         s[self.turning], c[self.turning] = pairs[::2], pairs[1::2]
         near = np.ones(lanes, bool)
         for _ in range(closure_loops.LIMIT + 1):
-            closed = np.broadcast_to(self._score(x, s, c, u, p)[0] <= tolerance, lanes)
+            score, square = self._score(x, s, c, u, p)
+            closed = np.broadcast_to(score <= tolerance * square, lanes)
             if not (alive & near & ~closed).any():
                 break
             *new, short = self._moved(x, s, c, u, p)

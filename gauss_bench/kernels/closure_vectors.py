@@ -13,7 +13,7 @@ eqs. (1)-(15); the same equations as in kinematics/loop_equations.py, there in n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -46,25 +46,22 @@ class Moving:
         return Moving(self.at - other.at, self.rate - other.rate, self.second - other.second)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class LoopVectors:
     """The vectors of one loop, by column of x: those that turn, those that slides add, and what is fixed in the frame.
 
-    `sliding` holds V and the column of the angle it turns with, or None.
+    `sliding` holds V and the column of the angle it turns with, or None; `square` is the sum of the squared lengths of the others.
     """
 
     fixed: Vector
-    turning: dict[int, Vector] = field(default_factory=dict)
-    sliding: dict[int, list[tuple[Vector, int | None]]] = field(default_factory=dict)
+    turning: dict[int, Vector]
+    sliding: dict[int, list[tuple[Vector, int | None]]]
+    square: Node
 
     def residual(self) -> Vector:
         """A."""
         graph, vectors = self.fixed.x.graph, [self.fixed, *self.turning.values()]
         return Vector(graph.total([w.x for w in vectors]), graph.total([w.y for w in vectors]))
-
-    def size(self) -> float:
-        """[m] of the longest vector at any sample."""
-        return max(float(np.hypot(w.x.at, w.y.at).max()) for w in (self.fixed, *self.turning.values()))
 
     def columns(self) -> dict[int, Vector]:
         """J and B by column of x."""
@@ -151,7 +148,9 @@ class LoopExpressions:
             w = self.in_root(way.link, w)
             collected[column] = collected[column] + w if column in collected else w
         fixed = collected.pop(None)
-        return LoopVectors(fixed, {k: self.turned(k, w) for k, w in collected.items() if k is not None}, sliding)
+        turning = {k: w for k, w in collected.items() if k is not None}
+        square = self.graph.total(w.dot(w) for w in (fixed, *turning.values()))  # first, so that the rotated ones are known by it
+        return LoopVectors(fixed, {k: self.turned(k, w) for k, w in turning.items()}, sliding, square)
 
     def arm(self, link: int, w: Vector, element: Element | None, rates: Sequence[Node], seconds: Sequence[Node]) -> Moving:
         """The arm w of a link's frame, with what a slide at its end adds, in world axes."""

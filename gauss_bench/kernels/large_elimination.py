@@ -3,10 +3,10 @@
 Ordinary elimination of a chain of loops walks from one end to the other, every operation waiting for the one before. Two pivots
 (r, c) and (s, d) can be eliminated side by side where A[r, d] = A[s, c] = 0. A round takes a maximal set of such pivots, cheapest
 first by Markowitz's count, and goes as high in cost as it must to take a fair share of what is left. For loops in a chain this
-comes to cyclic reduction: first the same few steps inside every loop, then every second unknown, so that N loops take about log N
-rounds of equal operations, which large_groups.py joins. It costs more operations than the walk, but eight at a time.
-Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), section 7.6 and chapter 15; Hockney, A fast direct
-solution of Poisson's equation, J. ACM 12 (1965) (cyclic reduction).
+comes to cyclic reduction: first the same few steps inside every loop, then two of every three unknowns, so that N loops take about
+log N rounds of equal operations, which large_groups.py joins. It costs a few operations more than the walk, but eight at a time.
+Sources: Calahan, Parallel solution of sparse simultaneous linear equations, Allerton Conference (1973), for compatible pivots;
+Hockney, A fast direct solution of Poisson's equation using Fourier analysis, J. ACM 12 (1965), for cyclic reduction.
 
 The right-hand sides are eliminated along with the matrix. Pivots are chosen, and guarded, as in elimination.py.
 """
@@ -24,6 +24,8 @@ from gauss_bench.terms import Array
 
 SHARE = 10  # a round takes at least a tenth of the rows that are left, whatever the fill
 SMALL = 8  # rows; so few are eliminated by least fill alone
+
+Changes = dict[tuple[int, int], list[Node]]  # row, and column or number of a right-hand side -> what is added
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +98,8 @@ class _Elimination:
 
     def _round(self) -> None:
         chosen = self._chosen()
-        changes: dict[tuple[int, int], list[Node]] = {}
-        right: dict[tuple[int, int], list[Node]] = {}
+        changes: Changes = {}
+        right: Changes = {}
         for r, c in chosen:
             self._eliminate(r, c, changes, right)
         for (r, c), terms in changes.items():
@@ -148,7 +150,7 @@ class _Elimination:
         return (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1) + penalty
 
     def _usable(self, r: int, c: int, steady: bool) -> bool:
-        largest, sizes = self._row_sizes(r)
+        _, sizes = self._row_sizes(r)
         values = self.rows[r][c].at[: self.graph.samples]
         if steady and float(values.min()) < 0.0 < float(values.max()):
             return False
@@ -162,7 +164,7 @@ class _Elimination:
             self.sizes[r] = largest, {c: x / largest for c, x in sizes.items()}
         return self.sizes[r]
 
-    def _eliminate(self, r: int, c: int, changes: dict[tuple[int, int], list[Node]], right: dict[tuple[int, int], list[Node]]) -> None:
+    def _eliminate(self, r: int, c: int, changes: Changes, right: Changes) -> None:
         threshold = GUARD * self.scale[c] * float(np.median(self._row_sizes(r)[0]))
         row, b = self.rows.pop(r), self.right.pop(r)
         pivot = row.pop(c)

@@ -5,8 +5,8 @@ belong to one group where they are the same operation on operands of the same gr
 alone, and its operands are gathered. The members of a group are its lanes, ordered as their operands are, so that the k-th lane
 mostly needs the k-th lane of another group, or the one after: then it can be loaded without gathering.
 
-The stages of the elimination bound the levels (`Equations.phases`): without them equal steps in loops that are finished in different
-rounds would drift apart.
+The stages of the elimination bound the levels (`Equations.phases`): without them equal steps in loops that are finished in
+different rounds would drift apart.
 """
 
 from bisect import bisect_right
@@ -35,7 +35,8 @@ class Group:
     """One operation in several lanes.
 
     Attributes:
-        operation: ADD, MUL, INV, SQRT, SIN, COS, FMIN, FMAX, LE, IS (the operand itself); SUM over all lanes of its operand; OUT of its operand.
+        operation: ADD, MUL, INV, SQRT, SIN, COS, FMIN, FMAX, LE; IS, the operand itself; SUM, over all lanes of its operand; OUT,
+            an acceleration or the guard.
         results: the values by lane; the one of a SUM; coordinates of an OUT.
         operands: for each operand the values by lane.
         negative: for each operand whether it counts negative.

@@ -1,6 +1,6 @@
 """Groups joined to loops, and places in memory.
 
-A loop does several groups at once, lane by lane, and what one of them makes and another needs in the same lane never touches memory.
+A loop does several groups at once, lane by lane, and what one of them makes and another needs in the same lane stays in registers.
 A group may join a loop of its own number of lanes if everything else it needs has been made in earlier loops.
 
 Memory is one array of elements, an element being one double or one for each trajectory. In it stand one after the other
@@ -133,25 +133,54 @@ def memory(equations: Equations, groups: Groups, found: list[Loop]) -> Memory:
     place |= {x: shape.t if name == "t" else starts[name] + shape.coordinate(k) for x, (name, k) in groups.inputs.items()}
     ends |= {shape.a + k * shape.stride + links - 1 for k in range(3)}
     top = shape.a + shape.out
-    needed = needed_outside(found)
-    for array in _arrays(equations, found, needed):
-        place |= {x: top + lane for x, lane in array.items()}
-        last = max(array.values())
-        ends.add(top + last)
-        top += padded(last + 1)
-    return Memory(place, ends, links, shape.stride, top + WIDEST)
-
-
-def _arrays(equations: Equations, found: list[Loop], needed: set[int]) -> list[dict[int, int]]:
-    """Value -> place in its array: solutions by name of the array, results of groups that are needed as they come."""
     homes: dict[str, dict[int, int]] = {}
     for x, (name, lane) in equations.homes.items():
         homes.setdefault(name, {})[x] = lane
-    arrays, single = [homes[name] for name in sorted(homes)], dict[int, int]()
-    for group in (g for loop in found for g in loop.groups if g.operation != "OUT"):
-        own = [x for x in group.results if x not in equations.homes]
-        if len(own) == 1 and own[0] in needed:
-            single[own[0]] = len(single)
-        elif len(own) > 1 and needed & set(own):
-            arrays.append({x: k for k, x in enumerate(own)})
-    return [*arrays, *([single] if single else [])]
+    for array in homes.values():
+        _put(shape, top, array)
+        top += padded(max(array.values()) + 1)
+    top = _results(shape, found, top)
+    return Memory(place, ends, links, shape.stride, top + WIDEST)
+
+
+def _put(where: Memory, start: int, array: dict[int, int]) -> None:
+    """Place an array of values, given the lane of each."""
+    where.place.update({x: start + lane for x, lane in array.items()})
+    where.ends.add(start + max(array.values()))
+
+
+def _results(where: Memory, found: list[Loop], top: int) -> int:
+    """Place the results of groups; room whose last reader is done is used again, the latest first, as it is the nearest by.
+
+    Returns:
+        the end of memory.
+    """
+    needed, read = needed_outside(found), _last_readers(found)
+    free: dict[int, list[int]] = {}
+    ending: dict[int, list[tuple[int, int]]] = {}
+    for number, loop in enumerate(found):
+        for group in loop.groups:
+            own = [x for x in group.results if x not in where.place] if group.operation != "OUT" else []
+            if needed.isdisjoint(own):
+                continue
+            size = padded(len(own)) if len(own) > 1 else 1
+            again = free.get(size)
+            start = again.pop() if again else top
+            top = max(top, start + size)
+            where.place.update({x: start + k for k, x in enumerate(own)})
+            if size > 1:
+                where.ends.add(start + len(own) - 1)
+            ending.setdefault(max(read.get(x, number) for x in own), []).append((size, start))
+        for size, start in ending.pop(number, []):
+            free.setdefault(size, []).append(start)
+    return top
+
+
+def _last_readers(found: list[Loop]) -> dict[int, int]:
+    """Value -> the last loop that has it as an operand."""
+    read: dict[int, int] = {}
+    for number, loop in enumerate(found):
+        for group in loop.groups:
+            for values in group.operands:
+                read |= dict.fromkeys(values, number)
+    return read

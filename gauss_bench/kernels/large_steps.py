@@ -22,7 +22,8 @@ from gauss_bench.kernels.large_groups import Groups
 from gauss_bench.kernels.large_loops import Loop, Memory
 from gauss_bench.kernels.large_text import LoopWriter, Text, declarations
 
-STAGES = (("%half", 1.0, "%none"), ("%half", 2.0, "%half"), ("%h", 2.0, "%half"), (None, 1.0, "%h"))  # c, w, time since the step began
+# c, w, and time since the step began; what the last stage leaves at q_s, v_s is not used
+STAGES = (("%half", 1.0, "%none"), ("%half", 2.0, "%half"), ("%h", 2.0, "%half"), ("%none", 1.0, "%h"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,9 @@ def _pass(w: Text, head: str, count: int, write: Callable[[str], None]) -> None:
     w.width(max(w.across, w.trajectories))
     write("%k")
     w.width(w.trajectories)
-    w.line(f"  %next = add i64 %k, {at_once}\n  %more = icmp ult i64 %next, {count}\n  br i1 %more, label %loop, label %done\ndone:")
+    w.line(
+        f"  %next = add i64 %k, {at_once}\n  %more = icmp ult i64 %next, {count}\n  br i1 %more, label %loop, label %done\ndone:"
+    )
     w.line("  ret void\n}")
 
 
@@ -127,7 +130,9 @@ def _rollout(w: Text, sizes: Sizes) -> None:
     _finish(w, sizes)
     names = ("ptr noalias %y", "ptr noalias %a", "double %h", "double %t0", "i64 %n", "i64 %every", "ptr %samples")
     w.line(f"define void @rollout({', '.join(names)}, ptr noalias %report, i64 %slots, i64 %groups) {{\nentry:")
-    w.line("  %half = fmul double %h, 0.5\n  %sixth = fdiv double %h, 6.0\n  %none = fmul double %h, 0.0\n  br label %group\ngroup:")
+    w.line(
+        "  %half = fmul double %h, 0.5\n  %sixth = fdiv double %h, 6.0\n  %none = fmul double %h, 0.0\n  br label %group\ngroup:"
+    )
     w.line("  %g = phi i64 [0, %entry], [%g_next, %finish]")
     state, report = w.address("%y", w.let(f"mul i64 %g, {m.state}")), w.address("%report", w.let("mul i64 %g, 3"))
     w.line("  br label %step\nstep:\n  %i = phi i64 [0, %group], [%i_next, %stepped]")
@@ -161,5 +166,5 @@ def _stages(w: Text, sizes: Sizes, state: str) -> str:
         w.line("  call void @evaluate(ptr %a)")
         holds = w.let(f"fcmp oeq {w.real} {w.load('%a', m.a + m.coordinate(3 * m.links))}, {w.const(float(sizes.guards))}")
         good = w.let(f"and {w.mask} {good}, {holds}")
-        w.line(f"  call void @advance(ptr {state}, ptr %a, double {c or '%none'}, double {weight})")
+        w.line(f"  call void @advance(ptr {state}, ptr %a, double {c}, double {weight})")
     return good

@@ -85,7 +85,9 @@ class Wide:
         """Addresses of this turn's elements; those of lanes that do not exist are `spare`, or the last one's."""
         w = self.text
         missing = -len(places) % self.at_once
-        table = w.address(w.table("i32", [str(x) for x in places + [places[-1] if spare is None else spare] * missing]), self.k, "i32")
+        table = w.address(
+            w.table("i32", [str(x) for x in places + [places[-1] if spare is None else spare] * missing]), self.k, "i32"
+        )
         found = []
         for lane in range(self.at_once):
             entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
