@@ -67,6 +67,8 @@ KERNEL_TABLES = (
     "kernel_long",
     "kernel_energy",
     "kernel_kinematics",
+    "scaling",
+    "kernel_growth",
 )
 PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
 

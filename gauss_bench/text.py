@@ -138,7 +138,7 @@ def format_certificate(row: dict[str, Any]) -> str:
     bars = (("positions", "q"), ("velocities", "v"), ("accelerations", "a"), ("joint forces", "multipliers"))
     for words, level in bars:
         bar = row[f"error_{level}"]
-        lines.append(f"  {words:14} error bar {'none: not stored, or left open by redundant rows' if bar is None else format(bar, '.1e')}")
+        lines.append(f"  {words:14} error bar {'none: left open by redundant rows' if bar is None else format(bar, '.1e')}")
     floor = row["floor_q"]
     lines.append(
         f"parameters known to 1e-16 leave positions uncertain by {'an unknown amount' if floor is None else format(floor, '.1e')}"

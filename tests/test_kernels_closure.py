@@ -270,6 +270,22 @@ def test_nothing_is_closed_behind_a_loss() -> None:
     assert (compiled.sweep(angles).status[loss.sample :] == Status.LOST).all()
 
 
+def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start that is a whole turn off closes as well as the right one, and on the same sides."""
+    compiled = compile_closure(mechanism("four_bar"), cache=False)
+    truth, found = compiled.turn(400), compiled._tracker._starts
+
+    def shifted(*given: Any) -> Array:
+        starts = found(*given)
+        starts[2:] += 2 * np.pi
+        return starts
+
+    monkeypatch.setattr(compiled._tracker, "_starts", shifted)
+    sweep = compiled.turn(400)
+    assert (sweep.status == Status.CLOSED).all()
+    assert_same(sweep, truth.q, truth.v, truth.a)
+
+
 def test_a_start_at_a_dead_centre_is_refused() -> None:
     """A slider cannot push its crank out of line."""
     m = load("crank_slider", "driven")

@@ -28,5 +28,5 @@ class Effort:
     sizes: tuple[int, ...]
 
 
-FULL = Effort(rounds=40, cap=2.0, lead=0.03, states=1000, batch=4096, long=100.0, chains=(2, 4, 8, 16), sizes=(1, 4, 16, 64, 256))
+FULL = Effort(rounds=30, cap=2.0, lead=0.03, states=1000, batch=4096, long=100.0, chains=(2, 4, 8, 16), sizes=(1, 4, 16, 64, 256))
 REDUCED = Effort(rounds=5, cap=0.05, lead=0.005, states=50, batch=64, long=2.0, chains=(2,), sizes=(1, 2))

@@ -1,14 +1,16 @@
 """Kinematics compiled: positions, velocities and accelerations of all links per second, over whole turns of the crank.
 
 Each turn is judged by pure geometry, the closure in the crank angle by Newton's method, at every sample; errors are relative to the
-largest value of each level. The suite's own link units in numpy race along.
+largest value of each level. The suite's own link units in numpy
+race along, and pylinkage where it is installed.
 """
 
-from importlib.util import find_spec
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench import kernel_pylinkage
 from gauss_bench.bench.kernel_effort import Effort
 from gauss_bench.bench.kernel_targets import CLOSURE, KINEMATICS, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
@@ -25,7 +27,7 @@ from gauss_bench.trajectory import Status
 LINKAGES = ("four_bar", "eight_bar")
 SCENARIO = "driven"
 SAMPLES = 3600
-NATIVE, LINK_UNITS, OTHER = "closure, compiled", "link units, numpy", "pylinkage"
+NATIVE, LINK_UNITS, RIVAL = "closure, compiled", "link units, numpy", "pylinkage"
 PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all the rest
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
@@ -33,6 +35,7 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 def kinematics_speed(linkage: str, effort: Effort) -> dict[str, Any]:
     """Rows of a linkage, {"kernel_kinematics": [...]}."""
     mechanism, race, closures = load(linkage, SCENARIO), Race(), list[Closure]()
+    turns: list[Callable[[], kernel_pylinkage.Turn]] = []
 
     def native() -> Block:
         closures.append(compile_closure(mechanism))
@@ -43,14 +46,23 @@ def kinematics_speed(linkage: str, effort: Effort) -> dict[str, Any]:
         return lasting(None, lambda: loop_motion(mechanism, inputs, times), PLAIN_SAMPLES)
 
     race.add(Key("turn", NATIVE), native)
+
+    def rival() -> Block:
+        turns.append(kernel_pylinkage.turning(mechanism, SAMPLES))
+        return lasting(None, turns[0], SAMPLES)
+
     race.add(Key("turn", LINK_UNITS), plain)
+    race.add(Key("turn", RIVAL), rival)
     measured = race.run(effort.rounds)
     start: Row = {"mechanism": mechanism.name, "scenario": SCENARIO, "samples": SAMPLES}
     own = row(start | {"method": NATIVE}, lambda: rates(measured, NATIVE) | errors(mechanism, closures[0].turn(SAMPLES)))
     own = at_least(own, "rate", KINEMATICS[mechanism.name])
     own["met"] = own.get("met", False) and all(own[level] <= CLOSURE for level in LEVELS)
     rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rates(measured, LINK_UNITS))
-    return {"kernel_kinematics": [own, rest, other(start)]}
+    other = row(start | {"method": RIVAL}, lambda: rates(measured, RIVAL) | named(kernel_pylinkage.errors(mechanism, turns[0]())))
+    if other["status"] == Status.OK:
+        other["message"] = kernel_pylinkage.version()
+    return {"kernel_kinematics": [own, rest, other]}
 
 
 def rates(measured: Measured, method: str) -> Row:
@@ -67,12 +79,9 @@ def errors(mechanism: Mechanism, turn: Sweep) -> Row:
     one = np.ones(1)
     parts = [motion.state(x, one, 0 * one) for x in theta[:, None]]
     exact = [np.concatenate([part[k] for part in parts]) for k in range(3)]
-    found = zip(LEVELS, (turn.q, turn.v, turn.a), exact, strict=True)
-    return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in found}
+    return named(float(np.abs(x - y).max() / np.abs(y).max()) for x, y in zip((turn.q, turn.v, turn.a), exact, strict=True))
 
 
-def other(start: Row) -> Row:
-    """pylinkage, which this suite has no adapter for: whether it is there at all."""
-    there = find_spec("pylinkage") is not None
-    message = "installed, but there is no adapter for it here" if there else "not installed"
-    return start | {"method": OTHER, "status": str(Status.SKIP), "message": message}
+def named(off: Iterable[float]) -> Row:
+    """Errors of positions, velocities and accelerations as columns."""
+    return dict(zip(LEVELS, off, strict=True))

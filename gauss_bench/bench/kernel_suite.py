@@ -6,6 +6,7 @@ after the other in one worker process and nothing beside it. Finished tasks are 
 
 import hashlib
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,14 @@ from gauss_bench.bench.kernel_equal import Ladders, equal_accuracy
 from gauss_bench.bench.kernel_ladder import METHODS, ladder
 from gauss_bench.bench.kernel_long import SCENARIO as LONG
 from gauss_bench.bench.kernel_long import long_run
+from gauss_bench.bench.scaling import growth, scaling
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.mechanism.load import load
 from gauss_bench.results import KERNEL_TABLES, environment, write_table
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "shaper": "torque", "eight_bar": "torque"}
 LIMIT = 300.0  # [s] the slowest task generates the longest chain of pendulums, in half a minute
+LARGE = 16  # windows: below, what calling and filling of vectors cost hides how time grows
 FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
 NAMES = ("mechanism", "scenario", "formulation", "stabilization", "settings", "place", "own", "method")  # that tell rows apart
 Found = dict[str, dict[str, Any]]
@@ -91,6 +94,8 @@ def timed_tasks(chosen: dict[str, str], whole: bool, effort: Effort, stamp: str,
         if linkage in chosen:
             key = f"kernel_kinematics|{linkage}|{kernel_kinematics.SCENARIO}"
             tasks.append(_task(key, kernel_kinematics.kinematics_speed, (linkage, effort), stamp, effort))
+    for size in effort.sizes if whole else ():
+        tasks.append(_task(f"scaling|{size}|", scaling, ((size,),), stamp, effort))
     for links in effort.chains if whole else ():
         tasks.append(_task(f"kernel_claim|{name_of(links)}|{SWING}", chain_costs, (name_of(links), SWING, effort), stamp, effort))
     return tasks
@@ -124,6 +129,7 @@ def _write(found: Found, folder: Path) -> dict[str, pd.DataFrame]:
         if "row" in entry:
             table, mechanism, scenario = key.split("|")[:3]
             rows[table].append({"mechanism": mechanism, "scenario": scenario, "met": False, **entry["row"]})
+    rows["kernel_growth"] = exponents(rows["scaling"])
     where = environment()
     rows["kernel_machine"] += [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]
     rows["kernel_machine"] += [{"key": name, "status": "ok", "statement": x} for name, x in sorted(where["versions"].items())]
@@ -131,3 +137,14 @@ def _write(found: Found, folder: Path) -> dict[str, pd.DataFrame]:
     for name, frame in tables.items():
         write_table(frame, folder / f"{name}.csv")
     return tables
+
+
+def exponents(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How time grows with size from LARGE on, of everything that was timed at two such sizes or more."""
+    timed = [row for row in rows if row["status"] == "ok" and row["size"] >= LARGE]
+    pairs = Counter((row["engine"], row["quantity"]) for row in timed)
+    return [
+        {"engine": engine, "quantity": quantity, "sizes": sizes, "from": LARGE, "exponent": growth(timed, engine, quantity, LARGE)}
+        for (engine, quantity), sizes in pairs.items()
+        if sizes > 1
+    ]

@@ -41,7 +41,7 @@ PARTS = 32  # lanes of arrays: they share what a call of numpy costs
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """States of one linkage at k samples, or of many.
+    """States of one linkage at k samples, or of many; all arrays of numbers are views of one.
 
     Attributes:
         q, v, a: (k, n) or (linkages, k, n) positions, velocities, accelerations of all links in the mechanism's absolute

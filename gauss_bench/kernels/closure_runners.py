@@ -98,10 +98,10 @@ class NativeFollower:
             arrays = [address(a[low:high]) for a in (x, signs, p, where, report)]
             call(*arrays[:2], given, arrays[2], rows, *arrays[3:], course.tolerance, samples, shift, high - low)
 
-        parts = list(pairwise(np.linspace(0, len(x), min(threads, len(x)) + 1).astype(int).tolist()))
-        if len(parts) == 1:
-            part(parts[0])
+        if min(threads, len(x)) < 2:
+            part((0, len(x)))
         else:
+            parts = list(pairwise(np.linspace(0, len(x), min(threads, len(x)) + 1).astype(int).tolist()))
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(part, parts))
         found = out_of_lanes(report, count)

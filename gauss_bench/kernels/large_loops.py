@@ -140,7 +140,7 @@ def memory(equations: Equations, groups: Groups, found: list[Loop]) -> Memory:
         _put(shape, top, array)
         top += padded(max(array.values()) + 1)
     top = _results(shape, found, top)
-    return Memory(place, ends, links, shape.stride, top + WIDEST)
+    return Memory(place, ends, links, shape.stride, padded(top) + WIDEST)
 
 
 def _put(where: Memory, start: int, array: dict[int, int]) -> None:
@@ -164,9 +164,11 @@ def _results(where: Memory, found: list[Loop], top: int) -> int:
             if needed.isdisjoint(own):
                 continue
             size = padded(len(own)) if len(own) > 1 else 1
-            again = free.get(size)
-            start = again.pop() if again else top
-            top = max(top, start + size)
+            if not free.get(size):
+                room = padded(size)  # single values share one vector's
+                free[size] = list(range(top, top + room, size))[::-1]
+                top += room
+            start = free[size].pop()
             where.place.update({x: start + k for k, x in enumerate(own)})
             if size > 1:
                 where.ends.add(start + len(own) - 1)

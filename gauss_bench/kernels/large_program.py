@@ -10,7 +10,7 @@ import numpy as np
 from gauss_bench.kernels import native_code
 from gauss_bench.kernels.large_algebra import equations
 from gauss_bench.kernels.large_groups import Groups, grouped
-from gauss_bench.kernels.large_loops import Loop, Memory, loops, memory
+from gauss_bench.kernels.large_loops import WIDEST, Loop, Memory, loops, memory
 from gauss_bench.kernels.large_steps import Sizes, module
 from gauss_bench.kernels.parameters import open_parameters
 from gauss_bench.kernels.partition import Study
@@ -19,12 +19,19 @@ from gauss_bench.kernels.workspace import Plan, workspace
 from gauss_bench.terms import Array
 
 
+def aligned(size: int) -> Array:
+    """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
+    room = np.zeros(size + WIDEST)
+    start = -(address(room) // room.itemsize) % WIDEST
+    return room[start : start + size]
+
+
 class Single(threading.local):
     """Memory for one trajectory, of each thread its own: arrays, views of them in the order of the mechanism, addresses."""
 
     def __init__(self, m: Memory, guards: int):
-        self.y, self.out, self.t, self.report = np.zeros(m.state), np.zeros(m.out), np.zeros(1), np.zeros(3)
-        self.work = np.zeros(Sizes(m, guards).total)
+        self.y, self.out, self.t, self.report = aligned(m.state), aligned(m.out), np.zeros(1), np.zeros(3)
+        self.work = aligned(Sizes(m, guards).total)
         self.q, self.v = (x[:, : m.links].T for x in self.y.reshape(2, 3, m.stride))
         self.a = self.out[: 3 * m.stride].reshape(3, m.stride)[:, : m.links].T
         self.addresses = [ctypes.c_void_p(address(x)) for x in (self.y, self.work, self.t, self.out, self.report)]
@@ -107,7 +114,7 @@ class LargeProgram:
         return x.q.reshape(3 * m.links), x.v.reshape(3 * m.links), int(x.report[0])
 
     def _work(self, lanes: int) -> Array:
-        return np.zeros(Sizes(self.memory, self.guards).total * lanes)
+        return aligned(Sizes(self.memory, self.guards).total * lanes)
 
 
 def generate_large(found: Study, plan: Plan, cache: bool = True) -> LargeProgram:

@@ -20,6 +20,7 @@ from gauss_bench.report.sections import (
     environment,
     failures,
     findings,
+    kernels,
     kinematics,
     limitations,
     papers,
@@ -30,11 +31,13 @@ from gauss_bench.report.sections import (
     trajectories,
 )
 from gauss_bench.report.tables import Block, Picture, Section
-from gauss_bench.results import SIDE_TABLES, write_text
+from gauss_bench.results import KERNEL_TABLES, SIDE_TABLES, write_text
 
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
 LAST = (
+    kernels.claim,
+    kernels.section,
     kinematics.section,
     references.section,
     reproduction.section,
@@ -62,9 +65,10 @@ OUTCOMES = (
     *("group", "key", "unit", "statement", "published", "certified"),
     *(f"{pipeline}_{x}" for pipeline in ("taylor", "collocation") for x in ("stopped", "method")),
     "file",
+    *("formulation", "place", "own", "rival", "against", "ended"),
 )
 TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), *OUTCOMES)
-FLAGS = ("valid", "control", "complete", "stands")
+FLAGS = ("valid", "control", "complete", "stands", "met", "best")
 
 
 def read_run(folder: Path) -> Run:
@@ -72,7 +76,8 @@ def read_run(folder: Path) -> Run:
     path = folder / "environment.json"
     environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     tables = {name: _read_table(folder, name) for name in ("results", "series", "samples", *SIDE_TABLES)}
-    return Run(**tables, environment=environment)
+    kernels = {name: _read_table(folder, name) for name in KERNEL_TABLES}
+    return Run(**tables, kernels=kernels, environment=environment)
 
 
 def _read_table(folder: Path, name: str) -> tuple[Row, ...]:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 
+from gauss_bench.report.kernel_findings import kernel_findings
 from gauss_bench.report.paper_findings import paper_findings
 from gauss_bench.report.rows import (
     KEYS,
@@ -48,6 +49,7 @@ def all_findings(run: Run) -> Iterator[Finding]:
     yield from failed(run)
     yield from published(run)
     yield from paper_findings(run)
+    yield from kernel_findings(run)
 
 
 def published(run: Run) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ ok, passed the validity gate and is no negative control.
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 Row = Mapping[str, Any]
@@ -37,6 +37,7 @@ class Run:
         reproduction: one row per quantity of the first paper's example.
         paper_motion: one row per time of that example's motion.
         published: one row per published value held against a certified one.
+        kernels: rows of the kernel suite, by table.
         environment: where, when and with what the run was made.
     """
 
@@ -54,6 +55,7 @@ class Run:
     reproduction: tuple[Row, ...] = ()
     paper_motion: tuple[Row, ...] = ()
     published: tuple[Row, ...] = ()
+    kernels: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
 
     @property
     def linkages(self) -> tuple[str, ...]:

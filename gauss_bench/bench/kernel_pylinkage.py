@@ -1,0 +1,63 @@
+"""pylinkage beside the compiled closure: a turn of the crank with velocities and accelerations, by its own fastest loop.
+
+It places pins one after the other by intersecting circles (chains of dyads), so of the linkages here the four-bar can be written
+for it and the eight-bar, whose last three links close together, cannot. With numba installed its loop is compiled, else it is
+Python; the row says which. It is no part of the suite's extras.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+FOUR_BAR = "four_bar"
+PIN = "C"  # of coupler and rocker
+Turn = tuple[Array, Array, Array]
+
+
+def version() -> str:
+    """Whether its loops are compiled."""
+    return "compiled by numba" if find_spec("numba") else "without numba, in Python"
+
+
+def turning(mechanism: Mechanism, samples: int) -> Callable[[], Turn]:
+    """A call that goes on for a turn in equal steps at 1 rad/s: positions, velocities, accelerations (samples, pins, 2).
+
+    The pins are those of the ground, that of the crank, and PIN.
+
+    Raises:
+        ImportError: pylinkage is not there.
+        RunFailure: the linkage is no chain of dyads that is written for it here.
+    """
+    parts: Any = import_module("pylinkage")
+    if mechanism.name != FOUR_BAR:
+        raise RunFailure(Status.SKIP, "its links do not close two by two, as pylinkage's dyads must")
+    ground = [parts.Ground(*map(float, mechanism.ground_points[name]), name=name) for name in "AD"]
+    lengths = [float(np.hypot(*np.subtract(*link.points.values()))) for link in mechanism.links if len(link.points) == 2]
+    coupler = mechanism.links[1].points
+    reach = float(np.hypot(*(coupler[PIN] - coupler["B"])))
+    crank = parts.Crank(ground[0], lengths[0], angular_velocity=2 * np.pi / samples, initial_angle=float(mechanism.q0[2]))
+    start = (float(x) for x in position(mechanism.q0, mechanism.point(1, PIN)))
+    linkage = parts.Linkage([*ground, crank, parts.RRRDyad(crank.output, ground[1], reach, lengths[1], *start)])
+    linkage.set_input_velocity(crank, omega=1.0)
+    return lambda: linkage.step_fast_with_kinematics(iterations=samples)
+
+
+def errors(mechanism: Mechanism, turn: Turn) -> tuple[float, float, float]:
+    """Largest differences of PIN's positions, velocities and accelerations from pure geometry, relative to each's largest value."""
+    motion, point, one = MinimalCoordinate(mechanism), mechanism.point(1, PIN), np.ones(1)
+    away = turn[0][:, 2] - mechanism.ground_points["A"]
+    theta = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    parts = [motion.state(x, one, 0 * one) for x in theta[:, None]]
+    q, v, a = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    exact = position(q, point), velocity(q, v, point), acceleration(q, v, a, point)
+    off = [float(np.abs(x[:, -1] - y).max() / np.abs(y).max()) for x, y in zip(turn, exact, strict=True)]
+    return off[0], off[1], off[2]
