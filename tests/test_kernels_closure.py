@@ -31,6 +31,7 @@ from tests.conftest import redundant
 TURNING = ["four_bar", "crank_slider", "six_bar", "eight_bar", "shaper", "jansen", "parallelogram", "squeezer", "redundant"]
 SEVERAL = ["five_bar/driven", "excavator/dig"]
 BACKENDS = ["llvm", "numpy"]
+SHAPE = ("points.crank.B.x", "points.coupler.C.x", "points.rocker.C.x")
 ROUNDING = 1e-12  # of the largest value of its kind: rounding times the condition of J, squared for accelerations
 
 
@@ -66,8 +67,8 @@ def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = R
 
 def part(sweep: Sweep, which: int | slice) -> Sweep:
     """One linkage of many, or some samples of one."""
-    levels = (sweep.q, sweep.v, sweep.a, sweep.points, sweep.point_rates, sweep.point_seconds, sweep.status)
-    return Sweep(*(x[which] for x in levels), ())  # type: ignore[arg-type,call-arg]
+    levels = ("q", "v", "a", "points", "point_rates", "point_seconds", "status", "rows")
+    return replace(sweep, **{name: getattr(sweep, name)[which] for name in levels})
 
 
 def turn_angles(m: Mechanism, count: int) -> Array:
@@ -131,6 +132,18 @@ def test_lanes_and_parts_make_no_difference(lanes: int, count: int) -> None:
 def test_samples_may_lie_far_apart(count: int) -> None:
     fine, coarse = closure("jansen").turn(60 * count), closure("jansen").turn(count)
     assert_same(coarse, fine.q[::60], fine.v[::60], fine.a[::60])
+
+
+@pytest.mark.parametrize("linkages", [0, 11])
+def test_memory_may_be_used_again(linkages: int) -> None:
+    compiled = closure("four_bar", open_parameters=SHAPE)
+    p = compiled.values if not linkages else np.tile(compiled.values, (linkages, 1))
+    truth, memory = compiled.turn(100, parameters=p), np.full_like(compiled.turn(100, parameters=p).rows, np.nan)
+    again = compiled.turn(100, parameters=p, out=memory)
+    assert np.shares_memory(again.q, memory)
+    np.testing.assert_array_equal(again.rows, truth.rows)
+    with pytest.raises(ValueError, match="not the memory"):
+        compiled.turn(101, parameters=p, out=memory)
 
 
 def test_rates_of_the_input_count() -> None:
@@ -295,8 +308,6 @@ def test_a_start_at_a_dead_centre_is_refused() -> None:
 
 
 # Other dimensions, one linkage in a lane
-
-SHAPE = ("points.crank.B.x", "points.coupler.C.x", "points.rocker.C.x")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -45,8 +45,9 @@ def run_kernels(linkages: dict[str, str] | None, folder: Path, jobs: int = 2, ef
     Raises:
         Busy: another kernel run writes into the same folder.
     """
-    stamp = f"{fingerprint()}.{certificates_digest()}"
     chosen, whole = linkages or LINKAGES, linkages is None
+    files = "".join(load(linkage).sha256 for linkage in (*chosen, *FOLDED))
+    stamp = f"{fingerprint()}.{certificates_digest()}.{hashlib.sha256(files.encode()).hexdigest()[:16]}"
     with Journal(folder / ".run" / "kernel.jsonl") as journal:
         store = str(folder / ".run" / "references")
         found = finish(exact_tasks(chosen, whole, effort, store, stamp), jobs, LIMIT, "accuracy", journal)
@@ -128,7 +129,7 @@ def _write(found: Found, folder: Path) -> dict[str, pd.DataFrame]:
             rows[name] += entry.get(name, [])
         if "row" in entry:
             table, mechanism, scenario = key.split("|")[:3]
-            rows[table].append({"mechanism": mechanism, "scenario": scenario, "met": False, **entry["row"]})
+            rows[table].append({"mechanism": mechanism, "scenario": scenario, **entry["row"]})
     rows["kernel_growth"] = exponents(rows["scaling"])
     where = environment()
     rows["kernel_machine"] += [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]

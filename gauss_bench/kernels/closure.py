@@ -41,7 +41,7 @@ PARTS = 32  # lanes of arrays: they share what a call of numpy costs
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """States of one linkage at k samples, or of many; all arrays of numbers are views of one.
+    """States of one linkage at k samples, or of many.
 
     Attributes:
         q, v, a: (k, n) or (linkages, k, n) positions, velocities, accelerations of all links in the mechanism's absolute
@@ -49,6 +49,7 @@ class Sweep:
         points, point_rates, point_seconds: (k, P, 2) or (linkages, k, P, 2) of the points asked for.
         status: (k,) or (linkages, k) of Status.
         losses: where and why motions ended, at most one for each linkage.
+        rows: (k, 3 n + 6 P) or (linkages, k, 3 n + 6 P) all numbers, of which the others are views.
     """
 
     q: Array
@@ -59,6 +60,7 @@ class Sweep:
     point_seconds: Array
     status: Statuses
     losses: tuple[Loss, ...]
+    rows: Array
 
 
 def compile_closure(
@@ -157,12 +159,14 @@ class Closure:
         x = loop_values(self._equations, self._judge.mechanism_with(p), q)
         return self._tracker.start(x[: self._program.unknowns], x[self._program.unknowns :], p)
 
-    def turn(self, angles: int | Array = 3600, parameters: Array | None = None, threads: int = 1) -> Sweep:
+    def turn(
+        self, angles: int | Array = 3600, parameters: Array | None = None, threads: int = 1, out: Array | None = None
+    ) -> Sweep:
         """One turn of the input from its start, or the values (k,) given; v and a are derivatives by the input.
 
         Args:
             angles: a number of equal steps, of which the last would be the start again, or values of the input [rad, m].
-            parameters: (n_p,) or (linkages, n_p); those of the file where None.
+            parameters, threads, out: as in `sweep`.
 
         Raises:
             ValueError: several inputs, or numbers that are not finite.
@@ -172,7 +176,7 @@ class Closure:
         if isinstance(angles, int):
             first = float(self._start.u[0] + self._phases[0])
             angles = first + 2 * np.pi / angles * np.arange(angles)
-        return self.sweep(angles, parameters=parameters, threads=threads)
+        return self.sweep(angles, parameters=parameters, threads=threads, out=out)
 
     def sweep(
         self,
@@ -182,6 +186,7 @@ class Closure:
         parameters: Array | None = None,
         start: Array | None = None,
         threads: int = 1,
+        out: Array | None = None,
     ) -> Sweep:
         """States at samples of the inputs, which go straight from one to the next.
 
@@ -193,6 +198,8 @@ class Closure:
             start: (n,) or (linkages, n) assembled positions to start from; where None, that of the file, with its dimensions
                 changed little by little.
             threads: that share many linkages.
+            out: `rows` of an earlier sweep of the same shape, to be overwritten: new memory costs more than what is written to it.
+                Not used where samples lie so far apart that there must be steps between them.
 
         Raises:
             ValueError: shapes that do not fit, or numbers that are not finite.
@@ -209,10 +216,18 @@ class Closure:
             levels = _divided(levels, divided)
         starts = self._starts(p, start, linkages)
         one = [Motion(levels if levels.ndim == 2 else levels[i], p if p.ndim == 1 else p[i], x) for i, x in enumerate(starts)]
-        rows, status, losses = self._tracked(one, threads)
-        losses = [replace(x, sample=-(-x.sample // divided)) for x in losses]
+        rows = self._memory((linkages, len(one[0].levels), self._program.width), many, out if divided == 1 else None)
+        status = np.zeros(rows.shape[:2], dtype=np.int8)
+        losses = [replace(x, sample=-(-x.sample // divided)) for x in self._tracked(one, rows, status, threads)]
         rows, status = rows[:, ::divided], status[:, ::divided]
         return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
+
+    def _memory(self, shape: tuple[int, ...], many: tuple[int, ...], out: Array | None) -> Array:
+        if out is None:
+            return np.empty(shape)
+        if out.shape != (shape if many else shape[1:]) or out.dtype != np.float64 or not out.flags.c_contiguous:
+            raise ValueError(f"out of shape {out.shape} is not the memory of {shape if many else shape[1:]} doubles")
+        return out.reshape(shape)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
         """Inputs, rates and second rates (..., k, 3 K)."""
@@ -251,25 +266,18 @@ class Closure:
         except Lost as error:
             return replace(self._start, x=np.full_like(self._start.x, np.nan), fault=str(error))
 
-    def _tracked(self, motions: list[Motion], threads: int) -> tuple[Array, Statuses, list[Loss]]:
-        """Rows (linkages, k, R) and status of all motions: cut into parts while there are fewer than lanes, else side by side."""
-        k, linkages, losses = len(motions[0].levels), len(motions), list[Loss]()
-        status = np.zeros((linkages, k), dtype=np.int8)
-        if linkages >= self.lanes:
-            rows = np.empty((linkages, k, self._program.width))
-            return rows, status, self._tracker.track_many(motions, rows, status, threads)
-        parts, each = self._tracker.cut(k)
-        rows = np.empty((linkages, parts * each, self._program.width))
-        for i, motion in enumerate(motions):
-            lost = self._tracker.track(motion, rows[i], status[i])
-            losses += [] if lost is None else [replace(lost, linkage=i)]
-        return rows[:, :k], status, losses
+    def _tracked(self, motions: list[Motion], rows: Array, status: Statuses, threads: int) -> list[Loss]:
+        """Follow all motions: cut into parts while there are fewer than lanes, else side by side."""
+        if len(motions) >= self.lanes:
+            return self._tracker.track_many(motions, rows, status, threads)
+        lost = [self._tracker.track(motion, rows[i], status[i]) for i, motion in enumerate(motions)]
+        return [replace(x, linkage=i) for i, x in enumerate(lost) if x is not None]
 
     def _sweep(self, rows: Array, status: Statuses, losses: list[Loss]) -> Sweep:
         n = self.mechanism.n
         q, v, a = (rows[..., level * n : (level + 1) * n] for level in range(3))
         places = rows[..., 3 * n :].reshape(*rows.shape[:-1], self._points, 3, 2)
-        return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, tuple(losses))
+        return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, tuple(losses), rows)
 
 
 def _divided(levels: Array, parts: int) -> Array:

@@ -10,7 +10,7 @@ closes is taken over; where it finds a limit or a singular position, the motion 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import ceil
+from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from gauss_bench.terms import Array
 
 STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
 CLOSED = 4e-15  # of the loops' vectors: four times what rounding of sines and sums leaves
+MANY = 8  # unknowns; beyond, strides are shorter
 SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
 FEW = 4  # samples of a part, at least
 
@@ -38,7 +39,8 @@ class Tracker:
         self.program, self.equations, self.states, self.path = program, equations, states, path
         self.judge, self.lanes = judge, lanes
         length = max(program.lengths, default=1.0)
-        self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) / STRIDE
+        many = max(1.0, sqrt(program.unknowns / MANY))  # what bounds a way and a correction is the norm of all unknowns
+        self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) * many / STRIDE
 
     def tolerance(self, u: Array, x: Array) -> float:
         """|A|^2 of a closed sample, of the squared vectors in it: angles of many turns are rounded more coarsely."""
@@ -76,17 +78,18 @@ class Tracker:
         return _largest((u[..., 1:, :] - u[..., :-1, :]) * self.per_stride)
 
     def track(self, motion: Motion, rows: Array, status: NDArray[np.int8]) -> Loss | None:
-        """One linkage: fills its rows (>= parts * count, R), of which the first k count, and status (k,)."""
+        """One linkage: fills its rows (k, R) and status (k,)."""
         parts, count = self.cut(len(motion.levels))
-        starts = self._starts(motion, parts, count)
-        levels = _padded(motion.levels, parts * count + 1)
+        starts, levels = self._starts(motion, parts, count), motion.levels[: parts * count]
         inputs = np.empty((parts, count + 1, levels.shape[1]))
-        inputs[:, :count], inputs[:, count] = levels[:-1].reshape(parts, count, -1), levels[count::count]
+        inputs[:, :count], inputs[:, count] = levels.reshape(parts, count, -1), levels[count - 1 :: count]
+        inputs[:-1, count] = levels[count::count]
         signs, p = (x[None].repeat(parts, axis=0) for x in (motion.start.signs, motion.p))
         tolerance = self.tolerance(motion.u, starts)
         followed = self.states.run(Course(starts, signs, inputs, p, np.arange(parts) * count, rows, tolerance))
         self._check_turns(followed.x, count)
-        if (followed.closed == count).all() and self._joined(followed.x[:-1], starts[1:]):
+        whole = parts * count == len(motion.levels) and (followed.closed == count).all()
+        if whole and self._joined(followed.x[:-1], starts[1:]):
             return None
         return self._mend(motion, rows, status, starts, followed, count)
 
@@ -139,9 +142,9 @@ class Tracker:
         return self.states.run(Course(x, signs, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
 
     def cut(self, samples: int) -> tuple[int, int]:
-        """Parts, and samples of each, of which the last may have fewer."""
+        """Parts, and samples of each; a few more may be left."""
         parts = self.lanes if samples >= FEW * self.lanes else 1
-        return parts, -(-samples // parts)
+        return parts, samples // parts
 
     def _starts(self, motion: Motion, parts: int, count: int) -> Array:
         """Unknowns (parts, U) at the first sample of each part, NaN from where they could not be found."""
@@ -150,7 +153,7 @@ class Tracker:
         each = min(count, max(1, ceil(count * self.strides(u))))
         nodes = np.arange(1, (parts - 1) * each + 1) * count // each
         way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
-        found = self._walked(motion, np.concatenate([way, u[:1], u[np.minimum(nodes, len(u) - 1)]]))
+        found = self._walked(motion, np.concatenate([way, u[:1], u[nodes]]))
         return found[lead::each]
 
     def _walked(self, motion: Motion, u: Array) -> Array:
@@ -185,17 +188,17 @@ class Tracker:
         """Close what the lanes left open, part after part; the loss where the motion ends."""
         x, k = motion.start.x, len(motion.levels)
         if motion.start.fault:
-            rows[:k], status[:] = np.nan, Status.LOST
+            rows[:], status[:] = np.nan, Status.LOST
             return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
-        for part, closed in enumerate(followed.closed.tolist()):
-            at, end = part * count, min((part + 1) * count, k)
+        for part, closed in enumerate([*followed.closed.tolist(), 0]):
+            at, end = part * count, k if part == len(starts) else (part + 1) * count
             if closed and (part == 0 or self._joined(x, starts[part])):
-                at, x = min(at + closed, end), followed.x[part]
+                at, x = at + closed, followed.x[part]
             while at < end:
                 try:
                     at, x = self._onward(motion, rows, status, at, end, x)
                 except Lost as lost:
-                    rows[at:k], status[at:] = np.nan, Status.LOST
+                    rows[at:], status[at:] = np.nan, Status.LOST
                     return Loss(0, at, lost.kind, dict(lost.inputs), str(lost))
         return None
 
@@ -244,9 +247,3 @@ def held(start: Start) -> Array:
 def _largest(x: Array) -> float:
     """The largest size among numbers, those that are none left out."""
     return float(np.fmax.reduce(np.abs(x), axis=None, initial=0.0))
-
-
-def _padded(levels: Array, count: int) -> Array:
-    """At least `count` rows, the last one repeated."""
-    missing = count - len(levels)
-    return np.concatenate([levels, levels[-1:].repeat(missing, axis=0)]) if missing > 0 else levels

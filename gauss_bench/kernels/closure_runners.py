@@ -105,7 +105,8 @@ class NativeFollower:
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(part, parts))
         found = out_of_lanes(report, count)
-        return Followed(found[:, 0].astype(int), out_of_lanes(x, count), found[:, 1:])
+        last = out_of_lanes(x, count) if x.size else course.x  # an open chain has no unknowns
+        return Followed(found[:, 0].astype(int), last, found[:, 1:])
 
 
 def _input_lanes(inputs: Array, lanes: int) -> tuple[Array, int]:

@@ -30,7 +30,7 @@ Changes = dict[tuple[int, int], list[Node]]  # row, and column or number of a ri
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A pivot that was eliminated: what is left of its row, matrix and right-hand sides, to be divided by it or divided already."""
+    """A pivot that was eliminated, and its row then, on the left and on the right; divided by it already if `inverse` is None."""
 
     column: int
     inverse: Node | None
@@ -40,7 +40,13 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Solutions by right-hand side and column, zeros left out; guards as pairs of a pivot and its smallest trusted size."""
+    """What an elimination comes to.
+
+    Attributes:
+        x: solutions by right-hand side, then by column, zeros left out.
+        guards: pivots that vary, and the smallest size of each to trust.
+        phases: numbers of nodes before the first round, after each round, and after each round of the substitution.
+    """
 
     x: list[Right]
     guards: list[tuple[Node, float]]

@@ -79,7 +79,8 @@ class Memory:
 
     def room(self, places: list[int]) -> bool:
         """Whether nothing is lost behind the last of some neighbouring places."""
-        return len(places) % WIDEST == 0 or places[-1] in self.ends
+        behind = places[0] + padded(len(places))
+        return behind == places[-1] + 1 or (places[-1] in self.ends and behind <= padded(places[-1] + 1))
 
 
 def loops(groups: Groups) -> list[Loop]:

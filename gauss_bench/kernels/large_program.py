@@ -103,7 +103,7 @@ class LargeProgram:
         x.t[0] = t
         y, work, at, out, _ = x.addresses
         self.native("accelerate", 1).call(y, work, at, out, 1)
-        return x.a.reshape(3 * m.links), bool(x.out[3 * m.stride] == self.guards)
+        return x.a.flatten(), bool(x.out[3 * m.stride] == self.guards)
 
     def advance_one(self, q: Array, v: Array, t0: float, h: float, n: int) -> tuple[Array, Array, int]:
         """As `advance`, for one state (n,) by the shortest way."""
@@ -111,7 +111,7 @@ class LargeProgram:
         x.q[...], x.v[...] = q.reshape(m.links, 3), v.reshape(m.links, 3)
         y, work, _, _, report = x.addresses
         self.native("rollout", 1).call(y, work, h, t0, n, n, None, report, 1, 1)
-        return x.q.reshape(3 * m.links), x.v.reshape(3 * m.links), int(x.report[0])
+        return x.q.flatten(), x.v.flatten(), int(x.report[0])
 
     def _work(self, lanes: int) -> Array:
         return aligned(Sizes(self.memory, self.guards).total * lanes)

@@ -3,8 +3,9 @@
     void accelerate(ptr y, ptr memory, ptr t, ptr out, i64 groups)
     void rollout(ptr y, ptr memory, double h, double t0, i64 n, i64, ptr, ptr report, i64, i64 groups)
 
-as in loops.py, but for the order of the coordinates (large_loops.py) and the memory that both work in; the third and fourth last
-arguments but one, for samples, are not used. Arrays are C-contiguous doubles, a group being one trajectory or W of them, lane last:
+with the signatures of loops.py, but coordinates in another order (large_loops.py), memory to work in in place of parameters, and
+no samples: arguments without a name are not used. Arrays are C-contiguous doubles, a group being one trajectory or W of them, the
+lane last:
 
     y        (groups, state, W)    q and v; those after the last step that counts
     out      (groups, out, W)      accelerations, and behind them the number of guards that hold

@@ -15,6 +15,7 @@ from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import KEYS, Row, Run
 from gauss_bench.report.sections import (
     acceleration,
+    claim,
     cost,
     drawing,
     environment,
@@ -36,7 +37,7 @@ from gauss_bench.results import KERNEL_TABLES, SIDE_TABLES, write_text
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
 LAST = (
-    kernels.claim,
+    claim.section,
     kernels.section,
     kinematics.section,
     references.section,

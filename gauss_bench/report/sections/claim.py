@@ -1,0 +1,54 @@
+"""Is the paper right? Few unknowns against many, with nothing else that differs."""
+
+from collections.abc import Sequence
+
+from gauss_bench.report.kernel_lines import claimed, table
+from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.tables import Section, Text, listed, times
+
+CLAIM = (
+    "The papers solve for n - m accelerations where Lagrange's multipliers solve for n + m unknowns, and say that this is cheaper. "
+    "Here nothing else differs: one eliminator, one search for pivots and one code generator serve both formulations, and both "
+    "race in one run. A ratio above 1 is the papers' gain. Operations, divisions and the longest chain of dependent operations (in "
+    "cycles) are those of one acceleration with its guards; batch: many trajectories in the lanes of a vector; numpy: one "
+    "acceleration of the textbook's form of both, dense and interpreted. A verdict is **open** where the ratio's spread covers 1."
+)
+HEAD = (
+    *("linkage", "n", "rows", "n - m", "n + m"),
+    *("operations, Gauss", "Lagrange", "divisions, Gauss", "Lagrange", "chain, Gauss", "Lagrange"),
+    *("step, Gauss", "Lagrange", "ratio", "spread", "batch", "spread", "numpy", "spread", "verdict"),
+)
+
+
+def section(run: Run) -> Section:
+    """Whether the papers' claim holds."""
+    rows = run.kernels.get("kernel_claim", ())
+    if not rows:
+        return Section("Is the paper right?", "claim", (Text("The run raced no compiled formulations."),))
+    ordered = sorted(rows, key=lambda r: (number(r, "unknowns_gauss"), number(r, "unknowns_lagrange"), str(r["mechanism"])))
+    lines = table("n - m unknowns against n + m", HEAD, 1, ordered, claimed, last_text=1)
+    return Section("Is the paper right?", "claim", (Text(CLAIM), Text(verdict(ordered)), lines))
+
+
+def verdict(rows: Sequence[Row]) -> str:
+    """In a sentence, from the rows' verdicts."""
+    groups = grouped((r for r in rows if r.get("verdict")), lambda r: str(r["verdict"]))
+    said = {
+        "holds": "**Fewer unknowns are faster** on {}.",
+        "open": "On {} there is no difference that the measurement could tell.",
+        "reversed": "**The claim is reversed** on {}: the unknowns n - m are coupled, each with each, and n + m are not.",
+    }
+    parts = [text.format(listed(map(_named, groups[key]))) for key, text in said.items() if key in groups]
+    gains = [number(r, "ratio") for r in rows if number(r, "unknowns_gauss") == 1 and known(r.get("ratio"))]
+    if gains:
+        parts.append(f"With one degree of freedom the formulation alone is worth {times(min(gains))} to {times(max(gains))} times.")
+    plain = [number(r, "numpy_ratio") for r in rows if known(r.get("numpy_ratio"))]
+    if plain:
+        how = "always slower" if max(plain) < 1 else "never slower" if min(plain) >= 1 else "slower on some"
+        span = f"{times(min(plain))} to {times(max(plain))}"
+        parts.append(f"In numpy, where calls cost more than arithmetic, n - m unknowns are {how}: the ratio is {span}.")
+    return " ".join(parts)
+
+
+def _named(row: Row) -> str:
+    return f"{row['mechanism']} ({times(number(row, 'ratio'))})"

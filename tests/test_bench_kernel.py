@@ -1,0 +1,267 @@
+"""The kernel suite: targets are held the right way round, a miss is told, and its report needs its tables alone."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gauss_bench.bench import kernel_targets
+from gauss_bench.bench.kernel_chains import mechanism_named, name_of
+from gauss_bench.bench.kernel_claim import verdict
+from gauss_bench.bench.kernel_effort import FULL, REDUCED
+from gauss_bench.bench.kernel_equal import equal_accuracy, lead_time, with_ratios
+from gauss_bench.bench.kernel_ladder import METHODS, Method, largest_step, why_ended
+from gauss_bench.bench.kernel_limits import CHAINS, chain_text
+from gauss_bench.bench.kernel_long import judged
+from gauss_bench.bench.kernel_steps import step_rows
+from gauss_bench.bench.kernel_suite import exponents, run_kernels, summary
+from gauss_bench.bench.kernel_timing import Key, Measured, Missing
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.report.build import build_report, read_run
+from gauss_bench.report.kernel_findings import kernel_findings
+from gauss_bench.results import KERNEL_TABLES
+from gauss_bench.trajectory import Status
+
+SPREAD = ("seconds", "seconds_low", "seconds_high")
+RATIO = ("ratio", "ratio_low", "ratio_high")
+PROMISED = {
+    "kernel_steps": ("mechanism", "formulation", "stabilization", "settings", *SPREAD, "rival_seconds", *RATIO),
+    "kernel_claim": (
+        "unknowns_gauss",
+        "unknowns_lagrange",
+        "operations_gauss",
+        "divisions_gauss",
+        "critical_gauss",
+        *SPREAD,
+        *RATIO,
+    ),
+    "kernel_accuracy": ("engine", "settings", "integrator", "stabilization", "step", "error", *SPREAD, *RATIO, "ended"),
+    "kernel_rhs": ("own", "rival", "settings", *SPREAD, "rival_seconds", *RATIO),
+    "kernel_bounds": ("quantity", "cycles", "flops", "bound", "share", *SPREAD),
+    "kernel_agreement": ("formulation", "place", "error", "numpy_error", "target", "met"),
+    "kernel_long": ("step", "position_drift", "velocity_drift", "energy_first", "energy_last", "order", "target", "met"),
+    "kernel_kinematics": (*SPREAD, "rate", "position_error", "velocity_error", "acceleration_error", "target", "met"),
+    "kernel_machine": ("key", "value", "value_low", "value_high", "unit", "statement"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("kernel")
+    run_kernels({"four_bar": "torque"}, found, 2, REDUCED)
+    return found
+
+
+def table(folder: Path, name: str) -> list[dict[str, Any]]:
+    frame = pd.read_csv(folder / f"{name}.csv", keep_default_na=False)
+    return [{str(k): x for k, x in row.items()} for row in frame.to_dict("records")]
+
+
+def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -> None:
+    for name, columns in PROMISED.items():
+        rows = table(folder, name)
+        assert rows, name
+        assert set(columns) <= rows[0].keys(), name
+        told = [row for row in rows if row["status"] not in ("ok", "skip", "cannot reach")]
+        assert not told, (name, told)
+    for row in table(folder, "kernel_steps") + table(folder, "kernel_rhs"):
+        assert 0 < row["seconds_low"] <= row["seconds"] <= row["seconds_high"] < 1e-2
+        assert row["ratio_low"] <= row["ratio"] * (1 + 1e-9)
+        assert row["ratio"] <= row["ratio_high"] * (1 + 1e-9)
+    assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
+
+
+def test_a_finished_run_repeats_nothing(folder: Path) -> None:
+    before = (folder / ".run" / "kernel.jsonl").read_bytes()
+    steps = (folder / "kernel_steps.csv").read_bytes()
+    run_kernels({"four_bar": "torque"}, folder, 1, REDUCED)
+    assert (folder / ".run" / "kernel.jsonl").read_bytes() == before
+    assert (folder / "kernel_steps.csv").read_bytes() == steps
+
+
+def test_targets_are_held_the_right_way_round() -> None:
+    assert kernel_targets.at_least({"x": 2.0}, "x", 1.0)["met"]
+    assert not kernel_targets.at_least({"x": 0.5}, "x", 1.0)["met"]
+    assert kernel_targets.at_most({"x": 0.5}, "x", 1.0)["met"]
+    assert not kernel_targets.at_most({"x": 2.0}, "x", 1.0)["met"]
+    for held in (kernel_targets.at_least, kernel_targets.at_most):
+        assert not held({"status": "error"}, "x", 1.0)["met"], "what was not measured has met nothing"
+        assert not held({"x": math.nan}, "x", 1.0)["met"]
+    assert "met" not in kernel_targets.at_least({"x": 0.5}, "x", None)
+
+
+@pytest.mark.parametrize(("slower", "met"), [(1.0, True), (3.0, False)])
+def test_a_slower_kernel_misses_its_target(slower: float, met: bool) -> None:
+    """MuJoCo at 100 times a step of the kernel: enough for 80 times; planted three times slower it is not."""
+    mechanism = load("crank_slider", "paper")
+    own = {Key("step", f, "default", s): np.full(9, slower * 1e-7) for f in ("gauss", "lagrange") for s in ("none", "projection")}
+    rows = step_rows(mechanism, Measured({**own, **{Key("step", "mujoco", s): np.full(9, 1e-5) for s in ("tuned", "default")}}, {}))
+    aimed = [row for row in rows if row["formulation"] == "gauss" and row["stabilization"] == "none"]
+    assert len(aimed) == 2
+    assert all(row["met"] is met and row["target"] == 80.0 for row in aimed)
+    assert all(row["ratio"] == pytest.approx(100 / slower) for row in aimed)
+    assert all("met" not in row for row in rows if row["formulation"] == "lagrange")
+    told = summary({"kernel_steps": pd.DataFrame(rows)})
+    assert ("missed: crank_slider paper gauss" in told) is not met
+
+
+def test_what_cannot_be_timed_leaves_rows_with_the_reason() -> None:
+    mechanism = load("crank_slider", "paper")
+    lost = {Key("step", "mujoco", s): Missing(Status.SKIP, "not installed: mujoco") for s in ("tuned", "default")}
+    rows = step_rows(mechanism, Measured({Key("step", "gauss"): np.full(9, 1e-7)}, lost))
+    assert all(row["status"] == "skip" and row["message"] for row in rows)
+    assert not any(row.get("met", False) for row in rows)
+
+
+def test_the_verdict_on_the_claim_follows_from_the_spread() -> None:
+    assert [verdict(*x) for x in ((1.01, 1.2), (0.9, 1.1), (0.5, 0.99))] == ["holds", "open", "reversed"]
+
+
+def rung(step: float, error: float, seconds: float = 0.01, status: str = "ok") -> dict[str, Any]:
+    return {"step": step, "error": error, "seconds": seconds, "status": status, "message": "told"}
+
+
+def test_the_largest_step_that_reaches_a_target_is_taken() -> None:
+    rows = [rung(8e-3, math.nan, status="nan"), rung(4e-3, 1e-3), rung(2e-3, 9e-7), rung(1e-3, 2e-6), rung(5e-4, 1e-8)]
+    found = largest_step(rows, 1e-6)
+    assert found is not None
+    assert found["step"] == 2e-3
+    assert largest_step(rows, 1e-9) is None
+
+
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        ([rung(1e-2, 1e-3)], ""),
+        ([rung(1e-2, 1e-10)], "the finest target is reached"),
+        ([rung(1e-2, 1e-3, seconds=0.6)], "half the step would take longer than 1 s"),
+        ([rung(1e-2 / 2**k, 1e-5) for k in range(5)], "the error has not fallen in 3 halvings"),
+        ([rung(1e-2 / 2**k, 1e-3 / 2**k) for k in range(5)], ""),
+        ([rung(1e-2, math.nan, status="nan")], ""),
+        ([rung(1e-2, math.nan, status="skip")], "told"),
+    ],
+)
+def test_a_ladder_ends_where_it_must_and_says_why(rows: list[dict[str, Any]], reason: str) -> None:
+    assert why_ended(rows, 1.0) == reason
+
+
+def test_a_method_that_cannot_reach_an_accuracy_is_a_row_with_its_best() -> None:
+    own, soft = METHODS[0], Method("mujoco", "tuned", "rk4", "none")
+    ladders = [
+        (own, [rung(1e-2, 1e-4), rung(5e-3, 1e-10)], "done"),
+        (soft, [rung(1e-2, 1e-4), rung(5e-3, 2e-5)], "the error stays"),
+    ]
+    rows = equal_accuracy("four_bar", "torque", ladders, 3, 1e-3)["kernel_accuracy"]
+    reached, missed = ([row for row in rows if row["engine"] == engine] for engine in (own.engine, soft.engine))
+    assert [(row["status"], row["best"], row["ratio"]) for row in reached] == [("ok", True, 1.0)] * 2
+    assert [row["status"] for row in missed] == ["cannot reach"] * 2
+    assert all("2.0e-05" in row["message"] and "the error stays" in row["message"] and not row["best"] for row in missed)
+
+
+def test_the_best_way_of_an_engine_is_its_fastest_and_ratios_are_to_the_kernels() -> None:
+    fast, slow, other = METHODS[1], METHODS[0], METHODS[2]
+    times = {fast: 1e-4, slow: 3e-4, other: 2e-2}
+    measured = Measured({m: np.full(5, x) for m, x in times.items()}, {})
+    rows = [{**vars(m), "status": "ok", "seconds": x} for m, x in times.items()]
+    found = with_ratios(rows, measured)
+    assert [(row["best"], round(row["ratio"], 6)) for row in found] == [(True, 1.0), (False, 3.0), (True, 200.0)]
+
+
+def test_long_runs_are_cut_at_a_step_and_short_ones_are_not() -> None:
+    assert lead_time(rung(1e-3, 0.0, seconds=0.01), 0.03) == 1.0
+    cut = lead_time(rung(1e-3, 0.0, seconds=1.0), 0.03)
+    assert cut == pytest.approx(0.03)
+    assert round(cut / 1e-3) * 1e-3 == pytest.approx(cut, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("energy", "drift", "met"), [(1e-6 / 32, 1e-16, True), (1e-6 / 4, 1e-16, False), (1e-6 / 32, 1e-12, False)]
+)
+def test_a_long_run_must_keep_its_order_and_its_constraints(energy: float, drift: float, met: bool) -> None:
+    coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
+    assert judged(coarse | {"energy_max": energy, "position_drift": drift}, coarse)["met"] is met
+
+
+def test_growth_is_the_exponent_of_large_sizes_alone() -> None:
+    rows = [
+        {"engine": "a", "quantity": "q", "size": n, "seconds": 1.0 if n < 16 else 1e-9 * n**1.5, "status": "ok"}
+        for n in (1, 4, 16, 64, 256)
+    ]
+    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "status": "skip"}])
+    assert found["exponent"] == pytest.approx(1.5)
+    assert found["sizes"] == 3
+
+
+def test_a_chain_of_pendulums_has_as_many_freedoms_as_links() -> None:
+    for links in (1, 3):
+        mechanism = mechanism_named(name_of(links), "swing")
+        assert (mechanism.n, mechanism.dof, mechanism.redundant) == (3 * links, links, 0)
+
+
+def test_the_chain_that_measures_the_processor_has_as_many_operations_as_it_says() -> None:
+    text = chain_text(CHAINS, 4, 2)
+    assert text.count("= call <2 x double> @llvm.fma.v2f64") == 4 * CHAINS
+
+
+def test_a_batch_in_mujoco_steps_every_state_as_a_single_run_does() -> None:
+    mechanism = load("crank_slider", "paper")
+    model: Any = get("mujoco").build(mechanism, Choice("tuned", "rk4", "none", 1e-4))
+    model.prepare(np.array([0.0, 5e-3]))
+    model.run()
+    q, v = (np.tile(x, (3, 1)) for x in (mechanism.q0, mechanism.v0))
+    ends = model.batch(q, v, 50)()
+    for end in ends:
+        np.testing.assert_array_equal(end, [model.y[-1], model.dy[-1]])
+
+
+def test_the_bare_call_of_pinocchio_gives_the_adapters_accelerations() -> None:
+    mechanism = load("four_bar", "torque")
+    model: Any = get("pinocchio").build(mechanism, Choice("default", "rk4", "none", 1e-4))
+    y, dy = model.tree.relative(mechanism.q0, mechanism.v0)
+    bare, empty = model.bare_calls()
+    found = model.tree.absolute(y, dy, np.array(bare()))[2]
+    # one proximal iteration more or less: its last change is 1e-14 of the acceleration
+    np.testing.assert_allclose(found, model.acceleration(0.0, mechanism.q0, mechanism.v0), rtol=1e-10, atol=1e-10)
+    assert empty().shape == y.shape
+
+
+def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) -> None:
+    for name in KERNEL_TABLES:
+        (tmp_path / f"{name}.csv").write_bytes((folder / f"{name}.csv").read_bytes())
+    files = build_report(tmp_path)
+    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    for title in ("Is the paper right?", "The native kernel", "A step against MuJoCo", "Distance to the machine's limit"):
+        assert f"# {title}" in page
+    assert "nan" not in page.lower().replace("finan", "")
+    assert any(path.name == "kernel_accuracy.svg" for path in files)
+    again = [path.read_bytes() for path in files]
+    build_report(tmp_path)
+    assert [path.read_bytes() for path in files] == again
+
+
+def test_a_miss_is_the_first_thing_the_findings_say(folder: Path) -> None:
+    run = read_run(folder)
+    row = {"mechanism": "six_bar", "formulation": "gauss", "stabilization": "none", "settings": "tuned", "status": "ok"}
+    met = row | {"ratio": 60.0, "target": 48.0, "met": True}
+    for planted, tone in ((met, "good"), (met | {"ratio": 30.0, "met": False}, "bad")):
+        found = next(kernel_findings(replace(run, kernels={"kernel_steps": (planted,)})))
+        assert found.tone == tone
+        assert ("six_bar" in found.text and "30.0, 48.0 wanted" in found.text) is (tone == "bad")
+
+
+def test_findings_say_nothing_of_a_run_without_kernels(tmp_path: Path) -> None:
+    (tmp_path / "environment.json").write_text(json.dumps({}))
+    assert not list(kernel_findings(read_run(tmp_path)))
+
+
+def test_the_whole_suite_is_larger_than_the_reduced_one() -> None:
+    assert FULL.rounds > REDUCED.rounds
+    assert max(FULL.sizes) > max(REDUCED.sizes)
+    assert FULL.batch == 4096
