@@ -97,6 +97,8 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 def compared(own: Array, rival: Array) -> Row:
     """Times of both, and how many times longer the rival takes."""
+    common = min(len(own), len(rival))  # rounds that both have: slow blocks sit some out
+    own, rival = own[:common], rival[:common]
     found: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
     return found | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(rival, own), strict=True))
 

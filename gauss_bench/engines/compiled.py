@@ -4,6 +4,7 @@ Gauss and Lagrange come from the same eliminator, so that what differs between t
 """
 
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
+CELLS = 12  # links: straight-line code outgrows the instruction cache at about 650 operations, and loops over cells are faster
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": 20.0, "pivot_guard": "on"}}
 
 
@@ -53,10 +55,16 @@ class CompiledModel:
     def __init__(self, formulation: str, mechanism: Mechanism, choice: Choice):
         from gauss_bench.kernels.errors import KernelError
         from gauss_bench.kernels.kernel import compile
+        from gauss_bench.kernels.large import large_kernel
 
         self.mechanism, self.choice = mechanism, choice
+        self.cells = len(mechanism.links) > CELLS and choice.stabilization == "none" and choice.integrator == "rk4"
         try:
-            self.kernel = compile(mechanism, formulation, choice.stabilization, backend="llvm")
+            self.kernel: Any = (
+                large_kernel(mechanism, formulation)
+                if self.cells
+                else compile(mechanism, formulation, choice.stabilization, backend="llvm")
+            )
         except KernelError as error:
             raise RunFailure(Status.ERROR, str(error)) from error
 
@@ -64,7 +72,8 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.kernel.prepare(self.choice.integrator)
+        if not self.cells:
+            self.kernel.prepare(self.choice.integrator)
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
         equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
         self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
@@ -87,11 +96,12 @@ class CompiledModel:
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""
+        more = {} if self.cells else {"integrator": self.choice.integrator}
         if n == every:
-            last = self.kernel.rollout(q, v, h, n, t, integrator=self.choice.integrator)
+            last = self.kernel.rollout(q, v, h, n, t, **more)
             found = last[0][None], last[1][None]
         else:
-            found = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
+            found = self.kernel.rollout(q, v, h, n, t, every=every, **more)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
         return found
 

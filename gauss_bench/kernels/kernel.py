@@ -15,12 +15,14 @@ from gauss_bench.kernels import native_code
 from gauss_bench.kernels.driver import Driver, Options
 from gauss_bench.kernels.errors import KernelError
 from gauss_bench.kernels.fallbacks import on_arrays
+from gauss_bench.kernels.large import large_kernel
 from gauss_bench.kernels.runners import Batch, Flags, NativeEvaluator, NativeRunner, Outcome
 from gauss_bench.kernels.steps import REACHES, STEPS, read_code
 from gauss_bench.kernels.tape import read
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
+CELLS = 130  # links: some 10,000 operations, from where straight-line code takes tens of seconds to generate and compile
 STABILIZATIONS = ("none", "baumgarte", "projection")
 BACKENDS = ("llvm", "numpy", "casadi")
 BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
@@ -36,8 +38,8 @@ def compile(
     backend: str | None = None,
     independent: tuple[int, ...] | None = None,
     baumgarte: tuple[float, float] = BAUMGARTE,
-) -> "Kernel":
-    """The kernel of a mechanism.
+) -> Any:
+    """The Kernel of a mechanism; beyond CELLS links, without stabilisation, the LargeKernel, whose code does not grow with it.
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
@@ -61,6 +63,9 @@ def compile(
         raise KernelError("the backend llvm needs the package llvmlite")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
     width = native_code.best_lanes() if lanes is None else lanes
+    plain = stabilization == "none" and not open_parameters and independent is None and chosen == "llvm"
+    if plain and len(mechanism.links) > CELLS:
+        return large_kernel(mechanism, formulation, cache=cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, chosen, width, cache)
     return Kernel(mechanism, options, start)
 

@@ -16,6 +16,8 @@ from gauss_bench.terms import Array
 
 def spread(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
     """`count` rows that are independent in every one of the bases (k, n, c), or None; `first` is the one to begin with."""
+    if count == 0:
+        return ()
     left, open_rows = bases.copy(), sorted(allowed)
     picked: list[int] = []
     largest = np.maximum(np.linalg.norm(bases, axis=2).max(axis=1, keepdims=True), np.finfo(float).tiny)
