@@ -69,7 +69,8 @@ class CompiledModel:
             raise RunFailure(Status.ERROR, str(error)) from error
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.kernel.acceleration(q, v, t)
+        a: Array = self.kernel.acceleration(q, v, t)
+        return a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         if not self.cells:
