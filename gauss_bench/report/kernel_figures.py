@@ -80,17 +80,24 @@ def scaling(rows: Sequence[Row], growth: Sequence[Row]) -> str:
     entries: dict[str, Mapping[str, Any]] = {}
     for (engine, quantity), line in grouped(sorted(drawn, key=_order), lambda r: (str(r["engine"]), str(r["quantity"]))).items():
         look = _look(engine) | {"linestyle": WAYS.get(quantity, "-.")}
-        axes.plot([number(r, "size") for r in line], [number(r, "seconds") for r in line], **look)
+        x, y = ([number(r, column) for r in line] for column in ("size", "seconds"))
+        axes.plot(x, y, **look)
         p = exponents.get((engine, quantity), math.nan)
-        if not any(x.startswith(engine) for x in entries):
-            entries[f"{engine}{f', p = {p:.2f}' if known(p) else ''}"] = look | {"linestyle": "-"}
+        if known(p) and engine not in entries:
+            axes.annotate(f"{p:.2f}", (x[-1], y[-1]), (7, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
+        entries.setdefault(engine, look | {"linestyle": "-"})
     logarithmic(axes)
     label_at(axes, sorted({number(r, "size") for r in drawn}))
     axes.set_xlabel("windows")
     axes.set_ylabel("one right-hand side [s]")
     words = [(way, {"color": MUTED, "linestyle": style}) for way, style in WAYS.items() if any(r["quantity"] == way for r in drawn)]
-    legend(figure, [("time ~ windows^p", list(entries.items())), ("asked", words)])
+    legend(figure, [("engine", [(_short(name), look) for name, look in entries.items()]), ("asked", words)])
     return svg(figure)
+
+
+def _short(engine: str) -> str:
+    """A name that fits beside the figure."""
+    return engine.removesuffix(", constraintDynamics")
 
 
 def _order(row: Row) -> tuple[Any, ...]:

@@ -3,21 +3,23 @@
 from collections.abc import Callable, Sequence
 
 from gauss_bench.report.rows import Row, known, number
-from gauss_bench.report.tables import Cell, Table, columns, engine_cell, error_cell, ratio_cells, text_cell, times
+from gauss_bench.report.tables import Cell, Table, columns, error_cell, ratio_cells, text_cell, times
 
 Line = Callable[[Row], tuple[Cell, ...]]
 
+RANGE = "5..95 %"
 NOTE = "Times are lower quartiles of interleaved rounds; a spread is the range from the 5 to the 95 percent point."
 VERDICTS = {"holds": "good", "open": "warn", "reversed": "bad"}
 BUILDING = ("generate_seconds", "compile_seconds")
 
 
 def table(
-    title: str, head: tuple[str, ...], first: int, rows: Sequence[Row], line: Line, last_text: int = 0, folded: bool = False
+    title: str, head: tuple[str, ...], first: int, rows: Sequence[Row], line: Line, last_text: int = 1, folded: bool = False
 ) -> Table:
     """A table of lines, numbers from column `first` on, the last `last_text` columns text again."""
     names, numeric = columns(head, first, last_text)
-    return Table(title, names, tuple(line(row) for row in rows), numeric, folded, NOTE)
+    note = NOTE if {"spread", RANGE} & set(head) else ""
+    return Table(title, names, tuple(line(row) for row in rows), numeric, folded, note)
 
 
 def claimed(row: Row) -> tuple[Cell, ...]:
@@ -53,7 +55,7 @@ def solved(row: Row) -> tuple[Cell, ...]:
         time_of(row),
         *ratio_cells(row, "ratio"),
     )
-    return (*texts(row, "mechanism"), within, engine_cell(row), *names, *reached, remark(row))
+    return (*texts(row, "mechanism"), within, text_cell(row.get("engine", ""), "engine"), *names, *reached, remark(row))
 
 
 def batched(row: Row) -> tuple[Cell, ...]:
