@@ -246,6 +246,16 @@ def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) 
     assert [path.read_bytes() for path in files] == again
 
 
+def test_the_report_of_a_run_in_which_everything_failed_tells_why(tmp_path: Path) -> None:
+    row = {"mechanism": "four_bar", "scenario": "torque", "status": "crashed", "message": "the process died with signal SIGSEGV"}
+    for name in set(KERNEL_TABLES) - {"kernel_growth"}:  # which is worked out from another
+        pd.DataFrame([row]).to_csv(tmp_path / f"{name}.csv", index=False)
+    build_report(tmp_path)
+    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert page.count("SIGSEGV") >= 8
+    assert any(finding.tone == "bad" for finding in kernel_findings(read_run(tmp_path)))
+
+
 def test_a_miss_is_the_first_thing_the_findings_say(folder: Path) -> None:
     run = read_run(folder)
     row = {"mechanism": "six_bar", "formulation": "gauss", "stabilization": "none", "settings": "tuned", "status": "ok"}

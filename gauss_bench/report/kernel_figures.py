@@ -29,9 +29,10 @@ WAYS = {"in its own loop": "-", "one implicit step": ":", "called from Python": 
 
 def equal_accuracy(rows: Sequence[Row]) -> str:
     """SVG text: the time each engine's best way takes to reach an accuracy, a panel for each; empty without rows."""
-    drawn = [row for row in rows if row["best"]]
+    drawn = [row for row in rows if row.get("best")]
     if not drawn:
         return ""
+    rows = [row for row in rows if known(row.get("accuracy"))]
     targets = sorted({number(row, "accuracy") for row in rows}, reverse=True)
     linkages = sorted({str(row["mechanism"]) for row in rows}, reverse=True)
     engines = sorted({str(row["engine"]) for row in rows}, key=lambda x: (x != OWN, x))
@@ -88,6 +89,8 @@ def scaling(rows: Sequence[Row], growth: Sequence[Row]) -> str:
         entries.setdefault(engine, look | {"linestyle": "-"})
     logarithmic(axes)
     label_at(axes, sorted({number(r, "size") for r in drawn}))
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high * 1.6)  # room for the numbers
     axes.set_xlabel("windows")
     axes.set_ylabel("one right-hand side [s]")
     words = [(way, {"color": MUTED, "linestyle": style}) for way, style in WAYS.items() if any(r["quantity"] == way for r in drawn)]

@@ -97,7 +97,7 @@ def steps(run: Run) -> Iterator[Finding]:
 
 def accuracy(run: Run) -> Iterator[Finding]:
     """What other engines' best ways take to the same accuracy."""
-    rows = run.kernels.get("kernel_accuracy", ())
+    rows = [r for r in run.kernels.get("kernel_accuracy", ()) if known(r.get("accuracy"))]
     for target, group in sorted(grouped(rows, lambda r: number(r, "accuracy")).items(), reverse=True):
         parts = []
         for engine, some in grouped((r for r in group if r["engine"] != OWN), lambda r: str(r["engine"])).items():

@@ -46,8 +46,8 @@ AGREEMENT = (
     "the difference of two formulations in numpy from each other, which is what rounding leaves."
 )
 LONG = (
-    "Long runs with projection where no energy is lost or gained: largest drift, kinetic energy, and largest error of the energy in "
-    "tenths of the run, which grows with time, as Runge-Kutta's does. Order: of that error, from the run at twice the step. The "
+    "Long runs with projection where no energy is lost or gained: largest drift, kinetic energy, and largest error of the energy "
+    "in tenths of the run, which grows with time, as Runge-Kutta's does. Order: of that error, from the run at twice the step. The "
     "target is of both drifts, and of an order of 4."
 )
 SCALING = (
@@ -113,7 +113,7 @@ def right_hand_sides(run: Run) -> Section | None:
     rows = run.kernels.get("kernel_rhs", ())
     head = ("linkage", "kernel", "constraintDynamics", "settings", "kernel's", "Pinocchio's", *RATIO, *GOAL)
     alike = (("in its own loop", "less the call"), ("called from Python", "as called"))
-    fair = [row for row in rows if (row.get("own"), row.get("rival")) in alike or row["status"] != "ok"]
+    fair = [row for row in rows if (row.get("own"), row.get("rival")) in alike or row.get("status") != "ok"]
     return _part("One right-hand side against Pinocchio", RHS, rows, head, 4, asked, fair)
 
 
