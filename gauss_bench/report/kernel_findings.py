@@ -75,7 +75,7 @@ def claim(run: Run) -> Iterator[Finding]:
     )
     whole = set(found) == {"holds"}
     yield Finding(
-        "Is the paper right?", f"{'Yes' if whole else 'In part' if 'holds' in found else 'No'}. {text}", "" if whole else "warn"
+        "The paper's claim", f"{'Yes' if whole else 'In part' if 'holds' in found else 'No'}. {text}", "" if whole else "warn"
     )
 
 
