@@ -10,13 +10,14 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
 CELLS = 12  # links: straight-line code outgrows the instruction cache at about 650 operations, and loops over cells are faster
-SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": 20.0, "pivot_guard": "on"}}
+SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on"}}
 
 
 class Compiled:
@@ -63,7 +64,9 @@ class CompiledModel:
             self.kernel: Any = (
                 large_kernel(mechanism, formulation)
                 if self.cells
-                else compile(mechanism, formulation, choice.stabilization, backend="llvm")
+                else compile(
+                    mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=(BAUMGARTE_RATE, BAUMGARTE_RATE)
+                )
             )
         except KernelError as error:
             raise RunFailure(Status.ERROR, str(error)) from error
