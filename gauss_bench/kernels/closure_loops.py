@@ -32,7 +32,6 @@ from gauss_bench.kernels.loops import Listing
 from gauss_bench.kernels.rewrite import rewrite
 from gauss_bench.kernels.schedule import live, order
 
-SIGNATURE = "pppppppdiii"
 LIMIT = 8  # corrections; quadratic convergence needs four from the farthest guess that is taken
 ARRAYS = ("x", "signs", "inputs", "p", "out", "where", "report")
 BLOCK = 8  # rows and lanes of the largest transposition

@@ -20,8 +20,6 @@ from gauss_bench.kernels.native_code import NativeCode
 from gauss_bench.kernels.runners import address, in_lanes, out_of_lanes
 from gauss_bench.terms import Array
 
-native_code.SIGNATURES.setdefault("follow", closure_loops.SIGNATURE)
-
 Counts = NDArray[np.integer[Any]]
 
 

@@ -20,6 +20,7 @@ LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes 
 SIGNATURES = {
     "rollout": ("ppddiippii"),
     "accelerate": ("ppppi"),
+    "follow": ("pppppppdiii"),
 }
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 

@@ -47,7 +47,6 @@ class Program:
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p.
         values: (n_parameters,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
-        time_dependent: whether a driver prescribes a motion.
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q.
@@ -67,7 +66,6 @@ class Program:
     parameters: tuple[str, ...]
     values: Array
     dropped: tuple[str, ...]
-    time_dependent: bool
     thresholds: Array
     acceleration: SymbolicFunction
     position_correction: SymbolicFunction
@@ -152,7 +150,6 @@ def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         parameters=links.parameters.names,
         values=links.parameters.values,
         dropped=found.dropped,
-        time_dependent=bool(mechanism.drivers),
         thresholds=np.array([x for _, x in guards]),
         acceleration=exporter.function("acceleration", at, [("a", a), guarded]),
         position_correction=exporter.function("position_correction", moved, [("dq", dq)]),
