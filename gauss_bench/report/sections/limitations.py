@@ -7,7 +7,8 @@ LIMITATIONS = (
     "**Equal steps are not equal accuracy.** Engines are compared at the error they reach, in the error-against-cost "
     "figures; a table row at the same step compares integrators as much as engines.",
     "**Costs compare only within one machine and one run.** Ratios are taken from interleaved samples of the same run; "
-    "microseconds of two runs, or of two machines, say nothing about the engines.",
+    "microseconds of two runs, or of two machines, say nothing about the engines. They are processor time, in all threads of the "
+    "process: other work on the machine does not count, waiting for memory does.",
     "**Python is part of the price of a formulation.** The suite's own formulations are plain numpy code stepped from "
     "Python, foreign engines run compiled code. Where both can be had, a step from Python and a step in the engine's own "
     "loop are separate columns.",
@@ -26,7 +27,8 @@ LIMITATIONS = (
     "this is why the motion is compared with a reference, and why the control stays in the tables.",
     "**Settings were chosen by the authors of the suite**, from each engine's documentation. Experts of an engine may do "
     "better; the place to do so is that engine's settings.",
-    "**Few linkages, one degree of freedom, one redundant case, no contact, no friction**: nothing here is known of other systems.",
+    "**Few linkages, one degree of freedom, one redundant case, no contact, no friction**: nothing here is known of other systems. "
+    "Dry friction runs in the numpy formulations alone; it is neither compiled nor certified.",
     "**The validity gate is coarse.** It refuses another model, open loops, and a link that ends up a radian or a metre away; what "
     "is off by less is for the error columns to tell.",
     "**Errors end at the reference's own bar, or at the floor of rounded parameters.** What is smaller is printed as below it and "
