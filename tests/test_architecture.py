@@ -46,9 +46,9 @@ ALLOWED = {
     "__main__": {"cli"},
 }
 FOREIGN = {
-    "pinocchio": "engines/pinocchio.py",
-    "exudyn": "engines/exudyn.py",
-    "mujoco": "engines/mujoco.py",
+    "pinocchio": "engines/pinocchio/adapter.py",
+    "exudyn": "engines/exudyn/adapter.py",
+    "mujoco": "engines/mujoco/adapter.py",
     "heyoka": "reference/taylor/series.py",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import closing_pins, spatial
-from gauss_bench.engines.mujoco_forces import AtSite, Coordinate, Native, native_forces, turning
+from gauss_bench.engines.mujoco.forces import AtSite, Coordinate, Native, native_forces, turning
+from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.mechanism.forces import rotated
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, SpringDamper, Torque
 from gauss_bench.mechanism.tree import Branch, Tree

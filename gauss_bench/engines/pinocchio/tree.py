@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import closing_pins, require_agreement, size, spatial, tree_states
+from gauss_bench.engines.shared import closing_pins, require_agreement, size, spatial, tree_states
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point

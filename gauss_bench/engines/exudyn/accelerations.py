@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import driven_links, require_agreement, size
-from gauss_bench.engines.exudyn_items import System
+from gauss_bench.engines.exudyn.items import System
+from gauss_bench.engines.shared import driven_links, require_agreement, size
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.engines.adapter import PARALLEL, unit
+from gauss_bench.engines.shared import PARALLEL, unit
 from gauss_bench.mechanism.forces import axis_state, rotated
 from gauss_bench.mechanism.model import (
     GROUND,

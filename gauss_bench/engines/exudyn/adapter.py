@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import finite_acceleration, refused, require_finite
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.exudyn_accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
-from gauss_bench.engines.exudyn_items import System, inexpressible
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
+from gauss_bench.engines.exudyn.items import System, inexpressible
+from gauss_bench.engines.shared import finite_acceleration, refused, require_finite
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic

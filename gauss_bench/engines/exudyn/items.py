@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import PARALLEL, driven_links, spatial, unit
+from gauss_bench.engines.shared import PARALLEL, driven_links, spatial, unit
 from gauss_bench.mechanism.forces import angle, axis_state, position
 from gauss_bench.mechanism.model import (
     GROUND,

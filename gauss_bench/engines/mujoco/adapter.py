@@ -17,7 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import (
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mujoco.forces import native_forces
+from gauss_bench.engines.shared import (
     beyond_a_tree,
     closing_pins,
     driven_hinges,
@@ -27,9 +30,6 @@ from gauss_bench.engines.adapter import (
     require_finite,
     tree_states,
 )
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco_draft import Draft
-from gauss_bench.engines.mujoco_forces import native_forces
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import position

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gauss_bench.engines.adapter import driven_links
-from gauss_bench.engines.pinocchio_tree import Multibody
+from gauss_bench.engines.pinocchio.tree import Multibody
+from gauss_bench.engines.shared import driven_links
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Force, Mechanism
 from gauss_bench.mechanism.tree import Tree

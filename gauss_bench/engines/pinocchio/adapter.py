@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.adapter import beyond_a_tree, finite_acceleration, require_finite
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio_forces import DrivingTorques, TreeForces
-from gauss_bench.engines.pinocchio_tree import Multibody, verify
+from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.tree import Multibody, verify
+from gauss_bench.engines.shared import beyond_a_tree, finite_acceleration, require_finite
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS
