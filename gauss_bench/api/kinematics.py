@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gauss_bench.api.simulate import ChoiceError, link_states, point_states
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
@@ -18,7 +19,6 @@ from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.errors import Fault, LinkageError
 from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import Mechanism, Point
-from gauss_bench.simulation import ChoiceError, link_states, point_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
