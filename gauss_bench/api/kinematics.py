@@ -176,7 +176,7 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
         ValueError: the inputs do not fit the linkage, or there is no compiler.
         LimitOfMotion, SingularPosition: with the motion up to there.
     """
-    from gauss_bench.kernels.closure import compile_closure
+    from gauss_bench.compiler.closure import compile_closure
 
     closure = compile_closure(mechanism, backend="llvm", inputs=inputs)
     laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]

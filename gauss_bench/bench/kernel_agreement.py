@@ -15,10 +15,10 @@ from gauss_bench import metrics
 from gauss_bench.bench.kernel_steps import FORMULATIONS
 from gauss_bench.bench.kernel_targets import AGREEMENT, at_most
 from gauss_bench.bench.kernel_timing import Missing, Row, row
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import compile
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.errors import KernelError
-from gauss_bench.kernels.kernel import compile
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism

@@ -14,9 +14,9 @@ from gauss_bench.bench.kernel_steps import STEPS, H
 from gauss_bench.bench.kernel_targets import BATCH, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
 from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.kernel import Kernel, compile
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array

@@ -11,11 +11,11 @@ import numpy as np
 from gauss_bench.bench.kernel_steps import FORMULATIONS, QUANTITY, STEPS, H
 from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, row
 from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.compiler.elimination.program import costs
+from gauss_bench.compiler.kernel import Kernel
+from gauss_bench.compiler.stepping.driver import known_program
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.driver import known_program
-from gauss_bench.kernels.kernel import Kernel
-from gauss_bench.kernels.program import costs
 from gauss_bench.mechanism.model import Mechanism
 
 BATCH, TEXTBOOK = "batch step", "acceleration"

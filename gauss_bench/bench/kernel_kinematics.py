@@ -15,7 +15,7 @@ from gauss_bench.bench.kernel_effort import Effort
 from gauss_bench.bench.kernel_targets import CLOSURE, KINEMATICS, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
 from gauss_bench.bench.timing import Block, lasting
-from gauss_bench.kernels.closure import Closure, Sweep, compile_closure
+from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.mechanism.load import load

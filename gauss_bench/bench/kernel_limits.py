@@ -21,12 +21,13 @@ from gauss_bench.bench.kernel_claim import BATCH
 from gauss_bench.bench.kernel_steps import QUANTITY
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
 from gauss_bench.bench.timing import Block, lasting
-from gauss_bench.kernels import loops, native_code
-from gauss_bench.kernels.bodies import WrittenOut, constant_values, leaves
-from gauss_bench.kernels.driver import known_program
-from gauss_bench.kernels.errors import KernelError
-from gauss_bench.kernels.schedule import LATENCY, period
-from gauss_bench.kernels.steps import REACHES, read_code
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.compiler.machine.schedule import LATENCY, period
+from gauss_bench.compiler.stepping import rollout as loops
+from gauss_bench.compiler.stepping.bodies import WrittenOut, constant_values, leaves
+from gauss_bench.compiler.stepping.driver import known_program
+from gauss_bench.compiler.stepping.steps import REACHES, read_code
 from gauss_bench.mechanism.model import Mechanism
 
 CYCLES = LATENCY["fma"]

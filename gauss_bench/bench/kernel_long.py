@@ -13,8 +13,8 @@ from gauss_bench import metrics
 from gauss_bench.bench.kernel_steps import FORMULATIONS
 from gauss_bench.bench.kernel_targets import DRIFT, ORDER, ORDER_MARGIN
 from gauss_bench.bench.kernel_timing import Missing, Row, row
-from gauss_bench.kernels.errors import KernelError
-from gauss_bench.kernels.kernel import Kernel, compile
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism

@@ -13,9 +13,9 @@ from gauss_bench.bench.kernel_steps import QUANTITY, H
 from gauss_bench.bench.kernel_targets import RIGHT_HAND_SIDE, RIGHT_HAND_SIDE_OF, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, compared, row
 from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.kernel import Kernel
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 

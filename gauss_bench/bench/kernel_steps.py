@@ -9,9 +9,9 @@ import numpy as np
 from gauss_bench.bench.kernel_targets import PROJECTED, STEP, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
 from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.kernel import Kernel, compile
 from gauss_bench.mechanism.model import Mechanism
 
 H = 1e-4  # [s]

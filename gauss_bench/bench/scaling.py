@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.timing import Block, interleaved, lasting
+from gauss_bench.compiler.chains.kernel import large_kernel
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import compile as straight_line
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels.errors import KernelError
-from gauss_bench.kernels.kernel import compile as straight_line
-from gauss_bench.kernels.large import large_kernel
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
