@@ -34,9 +34,9 @@ def get(name: str) -> Engine:
         ImportError: its adapter cannot be imported. Adapters import their library only when they build.
     """
     if name in OWN:
-        from gauss_bench.engines.native import Native
+        from gauss_bench.engines.interpreted import Interpreted
 
-        return Native(name)
+        return Interpreted(name)
     if name in COMPILED:
         from gauss_bench.engines.compiled import Compiled
 
