@@ -14,6 +14,7 @@ constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, AC
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,8 @@ SETTINGS: Mapping[str, Mapping[str, object]] = {
     "default": {"reltol": 1e-6, "abstol": 1e-8, **COMMON},  # CasADi's own tolerances
     "tight": {"reltol": 1e-10, "abstol": 1e-12, **COMMON},  # those that the suite gives to DOP853
 }
-# Absolute tolerance of algebraic variables that are to be as good as left out of Newton's convergence test: in index 2 they converge
-# only like 1/h, and where IDAS is to find them from a state that has just been projected, they are exact and its search stands still.
+# Absolute tolerance by which algebraic variables are as good as left out of Newton's convergence test: in index 2 they converge
+# like 1/h only, and where IDAS is to find them at a state that was just projected, they are exact already and its search fails.
 LOOSE = 1e9
 REASONS = {
     "TOO_MUCH_WORK": "too many steps between two samples",
@@ -64,7 +65,7 @@ class Casadi:
     def version(self) -> str:
         import casadi
 
-        return f"CasADi {casadi.__version__} with SUNDIALS"
+        return f"CasADi {casadi.CasadiMeta.version()} with SUNDIALS"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
@@ -94,8 +95,6 @@ class CasadiModel:
         """The system with its start time as parameter: one integrator then serves every interval of a length."""
         ca, n = self.ca, self.mechanism.n
         if self.choice.stabilization == "baumgarte":
-            from dataclasses import replace
-
             held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
             e = replace(e, gamma=e.gamma - 2 * BAUMGARTE_RATE * e.c - BAUMGARTE_RATE**2 * held)
         if self.choice.integrator.startswith("cvodes"):

@@ -45,7 +45,8 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
-        ValueError: a parameter that the linkage does not have, dry friction, or rows whose multipliers are not unique.
+        ValueError: a parameter that the linkage does not have or that is named twice, dry friction, or rows whose multipliers are
+            not unique.
     """
     import casadi as ca
 
@@ -53,6 +54,8 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     if reason := unfit(mechanism):
         raise ValueError(f"{mechanism.name}: {reason}")
+    if len(set(parameters)) < len(parameters):
+        raise ValueError(f"{mechanism.name}: a parameter is named twice in {', '.join(parameters)}")
     p = ca.SX.sym("p", len(parameters))
     opened, values = mechanism, []
     for k, name in enumerate(parameters):
@@ -103,17 +106,18 @@ def put(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]
     owner, _, key = ("", "", rest) if table == "gravity" else rest.partition(".")
     if key not in fields.get(table, ()):
         raise ValueError(f"{mechanism.name}: no parameter {name!r}; see the documentation for the names")
-    if table == "gravity":
-        gravity, number = _entry(mechanism.gravity, key, symbol)
-        return replace(mechanism, gravity=gravity), number
-    items = list(getattr(mechanism, table))
-    field, _, axis = key.partition(".")
-    for k, item in enumerate(items):
-        if item.name == owner and hasattr(item, field) and bool(axis) == (np.ndim(getattr(item, field)) == 1):
-            old = getattr(item, field)
+    field, _, axis = (table, "", key) if table == "gravity" else key.partition(".")
+    owners = [mechanism] if table == "gravity" else [x for x in getattr(mechanism, table) if x.name == owner]
+    for item in owners:
+        old = getattr(item, field, None)
+        if old is not None and bool(axis) == isinstance(old, (list, np.ndarray)):
             new, number = _entry(old, axis, symbol) if axis else (symbol, float(old))
-            items[k] = replace(item, **{field: new})
-            return replace(mechanism, **{table: tuple(items)}), number
+            change: dict[str, Any] = {field: new}
+            changed = replace(item, **change)
+            if item is mechanism:
+                return changed, number
+            change = {table: tuple(changed if x is item else x for x in getattr(mechanism, table))}
+            return replace(mechanism, **change), number
     raise ValueError(f"{mechanism.name}: no parameter {name!r} in scenario {mechanism.scenario}")
 
 
