@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from gauss_bench.bench.timing import Block, compare_costs, interleaved, lasting, ratio, timed
+from gauss_bench.bench.clock import Block, compare_costs, interleaved, lasting, ratio, timed
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
 
 

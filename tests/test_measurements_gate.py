@@ -5,8 +5,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gauss_bench.bench.check import compare
-from gauss_bench.results import KEY
+from gauss_bench.bench.gate import compare
+from gauss_bench.tables import KEY
 
 CASE: dict[str, Any] = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 

@@ -6,24 +6,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.kernel_batch import batch
-from gauss_bench.bench.kernel_costs import kernel_costs
 from gauss_bench.bench.kernel_effort import REDUCED
-from gauss_bench.bench.kernel_equal import equal_accuracy, lead_time
-from gauss_bench.bench.kernel_kinematics import kinematics_speed
-from gauss_bench.bench.kernel_ladder import Method, ladder
-from gauss_bench.bench.kernel_limits import LATENCY_KEY, RATE_KEY, bound_rows, processor_rows
-from gauss_bench.bench.kernel_long import judged
-from gauss_bench.bench.kernel_rhs import rhs_rows
-from gauss_bench.bench.kernel_targets import at_least, at_most
 from gauss_bench.bench.kernel_timing import Key, Measured, compared
-from gauss_bench.bench.scaling import CONTENDERS, scaling, task
+from gauss_bench.bench.measurements.batch import batch
+from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, lead_time
+from gauss_bench.bench.measurements.growth import CONTENDERS, scaling, task
+from gauss_bench.bench.measurements.kernel_costs import kernel_costs
+from gauss_bench.bench.measurements.ladder import Method, ladder
+from gauss_bench.bench.measurements.limits import LATENCY_KEY, RATE_KEY, bound_rows, processor_rows
+from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
+from gauss_bench.bench.measurements.turns import kinematics_speed
+from gauss_bench.bench.targets import at_least, at_most
+from gauss_bench.compiler.chains.kernel import LargeKernel
+from gauss_bench.compiler.closure import Closure
+from gauss_bench.compiler.kernel import Kernel
+from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.kernels import native_code
-from gauss_bench.kernels.closure import Closure
-from gauss_bench.kernels.kernel import Kernel
-from gauss_bench.kernels.large import LargeKernel
 from gauss_bench.mechanism.load import load
 from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled
 
