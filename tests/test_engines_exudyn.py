@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.exudyn import SETTINGS, Exudyn, ExudynModel, library, simulation_settings
-from gauss_bench.engines.exudyn_accelerations import Readout, verify
-from gauss_bench.engines.exudyn_items import System
+from gauss_bench.engines.exudyn.accelerations import Readout, verify
+from gauss_bench.engines.exudyn.adapter import SETTINGS, Exudyn, ExudynModel, library, simulation_settings
+from gauss_bench.engines.exudyn.items import System
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism

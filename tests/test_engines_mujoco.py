@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco import INTEGRATORS, SOFTNESS, Mujoco, comparison, verify
-from gauss_bench.engines.mujoco_draft import Draft
-from gauss_bench.engines.mujoco_forces import AtSite, Coordinate, native_forces
+from gauss_bench.engines.mujoco.adapter import INTEGRATORS, SOFTNESS, Mujoco, comparison, verify
+from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mujoco.forces import AtSite, Coordinate, native_forces
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
@@ -111,7 +111,7 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
     mechanism = load("shaper", "driven")
     errors = []
     for armature in (1e4, 1e6):
-        monkeypatch.setattr("gauss_bench.engines.mujoco.ARMATURE", armature)
+        monkeypatch.setattr("gauss_bench.engines.mujoco.adapter.ARMATURE", armature)
         errors.append(np.median(acceleration_errors(ENGINE, mechanism, "rigid", random_states(mechanism, 10))))
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
 

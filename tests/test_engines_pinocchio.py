@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio import SETTINGS, Pinocchio, PinocchioModel
-from gauss_bench.engines.pinocchio_forces import DrivingTorques, TreeForces
-from gauss_bench.engines.pinocchio_tree import Multibody, verify
+from gauss_bench.engines.pinocchio.adapter import SETTINGS, Pinocchio, PinocchioModel
+from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.stabilization import baumgarte
 from gauss_bench.mechanism.evaluate import Evaluator

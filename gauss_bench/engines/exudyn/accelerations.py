@@ -1,0 +1,148 @@
+"""Accelerations of an Exudyn system at a given state, and the comparison of that system with its linkage.
+
+What is Exudyn's and what is not:
+
+    BuiltIn    all Exudyn, its initial accelerations. They differentiate C_q v by one-sided differences; that, not the formulation,
+               limits them to about 1e-7. They leave out the second rate of motion laws.
+    Readout    M, f and C_q are Exudyn's; the rate of C_q, by fourth-order differences of Exudyn's C_q along v, the second rate of
+               motion laws, and the solution of [M C_q^T; C_q 0] are done here.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.exudyn.items import System
+from gauss_bench.engines.shared import driven_links, require_agreement, size
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array, Terms
+from gauss_bench.trajectory import RunFailure, Status
+
+DIFFERENCE = 1e-3  # turn or shift per half-step of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
+AGREEMENT = 1e-9  # of the largest term, at least of 1: far above the rounding of stiff springs, far below any error of the model
+CLOSED = 1e-12  # [m, rad] residual of a state at which slides are closed, so that forces along them are exact
+REDUNDANT = 1e-12  # of the largest singular value of the KKT matrix: rounding leaves 1e-17, usable linkages 1e-7 or more
+
+
+class BuiltIn:
+    """The accelerations with which Exudyn would start from a state."""
+
+    def __init__(self, system: System, settings: Any):
+        self.system, self.settings, self.initial = system, settings, system.exu.ConfigurationType.Initial
+        self.solver = system.exu.MainSolverImplicitSecondOrder()
+        self.solver.InitializeSolver(system.mbs, settings)
+
+    def __call__(self, q: Array, v: Array) -> Array:
+        data = self.system.mbs.systemData
+        data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)
+        data.SetODE2Coordinates_t(v, self.initial)
+        alpha = self.settings.timeIntegration.generalizedAlpha
+        during_runs, alpha.computeInitialAccelerations = alpha.computeInitialAccelerations, True
+        self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
+        alpha.computeInitialAccelerations = during_runs
+        return np.array(data.GetODE2Coordinates_tt())
+
+
+class Readout:
+    """M, f, C_q and C of Exudyn at a state, with the bias -(C_q)' v by differences."""
+
+    def __init__(self, system: System):
+        self.system, self.current = system, system.exu.ConfigurationType.Current
+        self.solver = system.exu.MainSolverImplicitSecondOrder()
+        settings = system.exu.SimulationSettings()  # dense matrices, which can be read and set
+        settings.solution.file.write = False
+        self.solver.InitializeSolver(system.mbs, settings)
+        self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
+        self.laws = [driver.law for driver in driven_links(system.mechanism)]  # of the last rows
+
+    def jacobian(self, q: Array) -> Array:
+        """C_q (m, n)."""
+        self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
+        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # what follows is added to what is there
+        self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)
+        return np.array(self.solver.GetSystemJacobian())[self.n :, : self.n]
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """-(C_q)' v (m,): the derivative of C_q along v by fourth-order central differences."""
+        speed = float(np.abs(v).max(initial=0.0))
+        if speed == 0 or self.m == 0:
+            return np.zeros(self.m)
+        h = DIFFERENCE / speed
+        near = self.jacobian(q + h * v) - self.jacobian(q - h * v)
+        far = self.jacobian(q + 2 * h * v) - self.jacobian(q - 2 * h * v)
+        rate: Array = (8 * near - far) / (12 * h)
+        return -(rate @ v)
+
+    def __call__(self, q: Array, v: Array, t: float) -> Terms:
+        mbs, solver = self.system.mbs, self.solver
+        bias, J = self.bias(q, v), self.jacobian(q)
+        bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]
+        mbs.systemData.SetTime(t, self.current)
+        mbs.systemData.SetODE2Coordinates_t(v, self.current)
+        solver.ComputeMassMatrix(mbs, 1.0)
+        M = np.array(solver.GetSystemMassMatrix())
+        solver.ComputeODE2RHS(mbs)
+        Q = np.array(solver.GetSystemResidual())[: self.n]
+        solver.ComputeAlgebraicEquations(mbs, False)
+        phi = np.array(solver.GetSystemResidual())[self.n : self.n + self.m]
+        return Terms(M, J, Q, bias, phi, J @ v)
+
+
+def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
+    """Accelerations (n,) from [M J^T; J 0] [a; lambda] = [Q; gamma]; the shortest solution where rows are redundant."""
+    n, m = len(terms.M), len(terms.J)
+    K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
+    rhs = np.concatenate([terms.Q, terms.gamma])
+    x: Array = np.linalg.lstsq(K, rhs, rcond=REDUNDANT)[0] if redundant else np.linalg.solve(K, rhs)
+    return x[:n]
+
+
+def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
+    """Compare the generated model with the linkage; constraint rows up to their sign.
+
+    Raises:
+        RunFailure: degrees of freedom, redundant rows or terms differ.
+    """
+    mechanism = evaluator.mechanism
+    counted = system.mbs.ComputeSystemDegreeOfFreedom()
+    found = (int(counted["degreeOfFreedom"]), int(counted["redundantConstraints"]))
+    expected_counts = (mechanism.dof - len(mechanism.drivers), mechanism.redundant)
+    if found != expected_counts:
+        raise RunFailure(
+            Status.ERROR,
+            f"Exudyn counts {found[0]} degrees of freedom and {found[1]} redundant rows, "
+            f"the linkage has {expected_counts[0]} and {expected_counts[1]}",
+        )
+    for q, v in states_near_the_start(evaluator):
+        own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
+        same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))
+        sign = np.where(same <= opposite, 1.0, -1.0)
+        pairs = {
+            "mass matrix": (own.M, expected.M, float(expected.M.max(initial=0.0))),
+            "applied forces": (own.Q, expected.Q, size(expected.Q)),
+            "constraint Jacobian": (sign[:, None] * own.J, expected.J, size(expected.J)),
+            "constraint residual": (np.abs(own.phi), np.abs(expected.phi), size(expected.phi)),
+        }
+        require_agreement(pairs, AGREEMENT)
+
+
+def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
+    """The start and up to two consistent states near it, with speeds of order one."""
+    mechanism = evaluator.mechanism
+    states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]
+    reach = extent(mechanism)
+    spread = 0.01 * np.tile([reach, reach, 1.0], len(mechanism.links))
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        q: Array = mechanism.q0 + spread * rng.standard_normal(mechanism.n)
+        q, v = evaluator.project(0.0, q, rng.standard_normal(mechanism.n))
+        if np.abs(evaluator.terms(0.0, q, v).phi).max(initial=0.0) < CLOSED:
+            states.append((q, v))
+    return states
+
+
+def extent(mechanism: Mechanism) -> float:
+    """Largest distance [m] of a point from its link's centre of mass; 1 where every link is a point."""
+    arms = [point - link.com for link in mechanism.links for point in link.points.values()]
+    return max((float(np.linalg.norm(arm)) for arm in arms), default=0.0) or 1.0

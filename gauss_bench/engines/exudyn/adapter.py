@@ -1,0 +1,296 @@
+"""Exudyn: every link a rigid body in absolute coordinates, joints as algebraic equations, Exudyn's own implicit integrators.
+
+Exudyn's state is the displacement u from reference coordinates. With the assembled start as reference the translation is short:
+
+    q = q0 + u,    v = u',    a = u''
+
+Every model is compared with the terms of the linkage before it is handed out. A run is one call of SolveDynamic where the samples
+lie on one grid of steps. Elsewhere it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations
+of generalized-alpha, within its order. Adaptive steps are off everywhere: they halve the step without a word, and a benchmark
+compares at equal steps.
+
+Exudyn's initial accelerations ignore the second rate of a motion law, and what they lack stays in the accelerations of the
+trapezoidal rule for the whole run. Driven linkages therefore start from accelerations that are computed as under "tuned", whatever
+the settings, and where the law's rate varies there is no answer of Exudyn's own to report as an acceleration at a given state.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import mkstemp
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
+from gauss_bench.engines.exudyn.items import System, inexpressible
+from gauss_bench.engines.shared import finite_acceleration, refused, require_finite
+from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "default": {  # as shipped, except for the adaptive steps
+        "newton": "modified",
+        "jacobian_every_step": False,
+        "relative_tolerance": 1e-8,
+        "absolute_tolerance": 1e-10,
+        "spectral_radius": 0.9,
+        "adaptive_step": False,
+        "linear_solver_up_to_unknowns": {"EXUdense": None},
+        "linear_solver_where_redundant": "EigenDense, singular Jacobian ignored",
+        "acceleration": "Exudyn's initial accelerations, relative epsilon 1e-7",
+    },
+    "tuned": {
+        "newton": "modified",
+        "jacobian_every_step": True,  # the cheapest mode of all, and as exact
+        "relative_tolerance": 1e-10,
+        "absolute_tolerance": 1e-12,
+        "spectral_radius": 0.8,
+        "adaptive_step": False,
+        "linear_solver_up_to_unknowns": {"EXUdense": 20, "EigenDense": 50, "EigenSparse": None},
+        "linear_solver_where_redundant": "EigenDense, singular Jacobian ignored",
+        "acceleration": "KKT system in numpy from Exudyn's M, f, C_q; fourth-order differences of C_q along v",
+    },
+}
+SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "TrapezoidalIndex2"}
+FAR = 0.1  # of the linkage's size (or rad): no truncation error is that large while the motion still means anything
+
+
+def library() -> tuple[Any, Any]:
+    """Exudyn and its items, silent on the console."""
+    import exudyn
+    from exudyn import itemInterface
+
+    exudyn.config.printToConsole = False
+    return exudyn, itemInterface
+
+
+class Exudyn:
+    """Builds mechanisms in Exudyn."""
+
+    name = "exudyn"
+    integrators: tuple[str, ...] = tuple(SOLVERS)
+    stabilizations: tuple[str, ...] = ("none",)
+    settings = SETTINGS
+    native_loop = True
+    python_loop = False
+
+    def version(self) -> str:
+        exu, _ = library()
+        return f"Exudyn {exu.config.Version()} ({exu.exudynCPP.__name__.rpartition('.')[2]})"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if reason := refused(mechanism, "Exudyn"):
+            return reason
+        if mechanism.knife_edges:
+            return "Exudyn has no planar knife edge"
+        return next((reason for f in mechanism.forces if (reason := inexpressible(mechanism, f))), None)
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "ExudynModel":
+        return ExudynModel(mechanism, choice)
+
+
+def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
+    """Exudyn's settings for a choice; times and numbers of steps are filled in by the run."""
+    exu, _ = library()
+    options = SETTINGS[choice.settings]
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    unknowns, limits = mechanism.n + rows(mechanism), options["linear_solver_up_to_unknowns"]
+    name = next(name for name, most in limits.items() if most is None or unknowns <= most)
+    if mechanism.redundant:
+        name = "EigenDense"
+        settings.linearSolver.ignoreSingularJacobian = True
+    settings.linearSolver.solverType = getattr(exu.LinearSolverType, name)
+    run = settings.timeIntegration
+    run.verboseMode = 0
+    run.adaptiveStep = options["adaptive_step"]
+    run.solverType = getattr(exu.DynamicSolverType, SOLVERS[choice.integrator])
+    run.generalizedAlpha.spectralRadius = options["spectral_radius"]
+    run.newton.useModifiedNewton = options["newton"] == "modified"
+    run.newton.modifiedNewtonJacUpdatePerStep = options["jacobian_every_step"]
+    run.newton.relativeTolerance = options["relative_tolerance"]
+    run.newton.absoluteTolerance = options["absolute_tolerance"]
+    return settings
+
+
+def rows(mechanism: Mechanism) -> int:
+    """Algebraic equations of the joints and drivers."""
+    return 2 * len(mechanism.joints) + len(mechanism.drivers)
+
+
+class Log:
+    """What Exudyn prints: its warnings bypass Python's, so its output goes to a file that is searched afterwards."""
+
+    def __init__(self, exu: Any) -> None:
+        self.exu = exu
+        self.file: Path | None = None
+
+    def open(self) -> None:
+        self.close()
+        handle, name = mkstemp(suffix=".log")
+        os.close(handle)
+        self.file = Path(name)
+        self.exu.SetWriteToFile(name, True, False, True)  # flushed line by line: closing does not flush
+
+    def close(self) -> str | None:
+        """End the file and return its first warning."""
+        if self.file is None:
+            return None
+        self.exu.SetWriteToFile("", False)
+        text = self.file.read_text(errors="replace")
+        self.file.unlink()
+        self.file = None
+        return next((line.strip() for line in text.splitlines() if "warning" in line.lower()), None)
+
+
+class ExudynModel:
+    """A mechanism in Exudyn under one integrator and one set of options."""
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        self.exu, items = library()
+        self.mechanism, self.choice = mechanism, choice
+        self.evaluator = Evaluator(mechanism)
+        try:
+            self.system = System(self.exu, items, mechanism)
+            self.readout = Readout(self.system)
+            verify(self.system, self.readout, self.evaluator)
+            self.simulation = simulation_settings(mechanism, choice)
+            self.built_in = BuiltIn(self.system, self.simulation)
+        except self.exu.ExudynError as error:
+            raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {sentence(error)}") from error
+        self.log = Log(self.exu)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        try:
+            if self.choice.settings == "tuned":
+                a = self._kkt(t, q, v)
+            else:
+                self._require_even_laws(t)
+                a = self.built_in(q, v)
+        except (np.linalg.LinAlgError, self.exu.SolverError) as error:
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
+        return finite_acceleration(t, a, "Exudyn")
+
+    def _kkt(self, t: float, q: Array, v: Array) -> Array:
+        return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
+
+    def _require_even_laws(self, t: float) -> None:
+        if any(law(t)[2] != 0 for law in self.readout.laws):
+            raise RunFailure(Status.SKIP, "Exudyn's initial accelerations ignore the second rate of the motion law")
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        """There is only Exudyn's own loop, whatever `native` says."""
+        self.times = times
+        counts = step_counts(times, self.choice.step)
+        self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
+        sizes = np.array([size for _, size in counts])
+        if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0]:
+            self.legs = [(0, len(times) - 1)]
+        else:
+            self.legs = [(k, k + 1) for k in range(len(counts))]
+        self.q, self.v, self.a = np.full((3, len(times), self.mechanism.n), np.nan)
+        self.failure: RunFailure | None = None
+        self.log.open()
+        self._reset()
+        self._record()
+
+    def _reset(self) -> None:
+        """Back to the start, with the accelerations Exudyn begins with as the first sample; those of a driven linkage are given."""
+        data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
+        alpha = self.simulation.timeIntegration.generalizedAlpha
+        alpha.computeInitialAccelerations, alpha.resetAccelerations = not self.mechanism.drivers, False
+        data.SetTime(float(self.times[0]), initial)
+        data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
+        data.SetAECoordinates(np.zeros(rows(self.mechanism)), initial)
+        self.q[0], self.v[0] = 0.0, self.mechanism.v0
+        try:
+            self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
+            if self.mechanism.drivers:
+                self.a[0] = self._kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
+                data.SetODE2Coordinates_tt(self.a[0], initial)
+        except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
+            self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
+
+    def _record(self) -> None:
+        """Have samples inside a leg kept after their steps; without any, nothing is called from the loop."""
+        if len(self.legs) != 1 or len(self.times) == 2:
+            self.system.mbs.SetPostStepUserFunction(0)
+            return
+        rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
+        step = -1  # the first call comes before the first step
+
+        def keep(mbs: Any, t: float) -> bool:
+            nonlocal step
+            step += 1
+            if step in rows:
+                self._keep(rows[step])
+            return True
+
+        self.system.mbs.SetPostStepUserFunction(keep)
+
+    def _keep(self, k: int) -> None:
+        data = self.system.mbs.systemData
+        self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
+
+    def _fail(self, status: Status, message: str) -> None:
+        self.failure = RunFailure(status, message)
+
+    def run(self) -> None:
+        settings, mbs = self.simulation, self.system.mbs
+        clock, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
+        for first, last in self.legs:
+            if self.failure:
+                return
+            clock.startTime, clock.endTime = float(self.times[first]), float(self.times[last])
+            clock.numberOfSteps = int(self.last_steps[last] - self.last_steps[first])
+            try:
+                done = mbs.SolveDynamic(settings, updateInitialValues=len(self.legs) > 1)
+            except self.exu.ExudynError as error:
+                t = mbs.systemData.GetTime()
+                self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step")
+                return
+            t, steps = mbs.systemData.GetTime(), mbs.sys["dynamicSolver"].it.currentStepIndex - 1
+            if not done:
+                self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step")
+            elif steps != clock.numberOfSteps:
+                self._fail(Status.ERROR, f"Exudyn took {steps} steps where {clock.numberOfSteps} were asked for")
+            self._keep(last)
+            alpha.computeInitialAccelerations = False  # a further leg goes on with the accelerations it is given
+
+    def read(self) -> Trajectory:
+        warning = self.log.close()
+        self.system.mbs.SetPostStepUserFunction(0)  # it holds this object
+        if self.failure:
+            raise self.failure
+        q = self.mechanism.q0 + self.q
+        require_finite(self.times, q, self.v, self.a)
+        self._check_closed(q)
+        if warning:
+            raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}")
+        note = "the motion law is evaluated in Python in every Newton iteration" if self.mechanism.drivers else ""
+        return Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]), note=note)
+
+    def _check_closed(self, q: Array) -> None:
+        """SolveDynamic returning True does not mean solved.
+
+        Raises:
+            RunFailure: a joint is far open.
+        """
+        size = extent(self.mechanism)
+        turns = [isinstance(joint, Prismatic) for joint in self.mechanism.joints]  # the second row of a slide is an angle
+        scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)] + [1.0] * len(self.mechanism.drivers))
+        gap = (np.abs(self.evaluator.constraints(self.times, q, self.v).phi) / scale).max(axis=-1, initial=0.0)
+        if (gap > FAR).any():
+            k = int(np.argmax(gap > FAR))
+            text = f"joints are open by {gap[k]:.1g} of the linkage's size at t = {self.times[k]:.6g} s; try a smaller step"
+            raise RunFailure(Status.DIVERGED, text)
+
+
+def sentence(error: Exception) -> str:
+    """The reason of an exception in one line, without the place in the file that Exudyn appends."""
+    return " ".join(str(error).partition("[Python file")[0].split())

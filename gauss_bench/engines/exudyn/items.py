@@ -1,0 +1,213 @@
+"""A linkage as Exudyn items, and which of its forces have no exact counterpart among them.
+
+Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Pins and slides are
+ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal of a slide from its second marker, so the block comes
+first and the guide second, and both rows are those of the linkage with the opposite sign:
+
+    (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
+
+Forces along an axis need care on moving links. Exudyn applies the opposite force at the origin's marker, which leaves out a torque
+unless origin and point lie on one line along the axis. Where a slide between the two links keeps their distance from that line,
+the marker is moved there and the law is exact; anywhere else the mechanism is skipped.
+
+A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.shared import PARALLEL, driven_links, spatial, unit
+from gauss_bench.mechanism.forces import angle, axis_state, position
+from gauss_bench.mechanism.model import (
+    GROUND,
+    AngleDriver,
+    AxisSpringDamper,
+    Force,
+    Joint,
+    JointDamping,
+    Mechanism,
+    Point,
+    PointForce,
+    Prismatic,
+    RotationalSpringDamper,
+    SpringDamper,
+    Torque,
+)
+from gauss_bench.mechanism.tree import ends
+from gauss_bench.terms import Array
+
+COINCIDENT = 1e-12  # [m]
+
+
+def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
+    """Why a force has no exact counterpart among Exudyn's compiled items, or None."""
+    match force:
+        case AxisSpringDamper() if force.origin.link != GROUND:
+            if not slides_along(mechanism, force.origin.link, force.point.link, force.angle):
+                return (
+                    f"force {force.name} acts along an axis of a moving link that no slide keeps the point on; "
+                    "Exudyn's connectors leave out its torque on that link"
+                )
+        case SpringDamper() if force.c != 0:
+            if np.linalg.norm(position(mechanism.q0, force.b) - position(mechanism.q0, force.a)) < COINCIDENT:
+                return f"damper {force.name} joins points that coincide at the start, where its direction is undefined"
+    return None
+
+
+def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
+    """Whether a slide between the two links runs along the axis at `theta` [rad] in the origin's link."""
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic) and set(ends(joint)) == {origin, other}:
+            line = joint.angle if joint.guide.link == origin else joint.angle - joint.turn
+            if abs(np.sin(line - theta)) < PARALLEL:
+                return True
+    return False
+
+
+class System:
+    """A mechanism as Exudyn items, from the modules `exu` and `items`. `container` owns the system and must live as long."""
+
+    def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
+        self.exu, self.items, self.mechanism = exu, items, mechanism
+        self.container = exu.SystemContainer()
+        self.mbs = self.container.AddSystem()
+        self.bodies = {GROUND: self.mbs.AddObject(self.items.ObjectGround())}
+        self.nodes = {GROUND: self.mbs.AddNode(self.items.NodePointGround())}
+        for i in range(len(mechanism.links)):
+            self._link(i)
+        for joint in mechanism.joints:
+            self._joint(joint)
+        for driver in driven_links(mechanism):
+            self._driver(driver)
+        for force in mechanism.forces:
+            self._force(force)
+        self.mbs.Assemble()
+
+    def _link(self, i: int) -> None:
+        add, items, link = self.mbs, self.items, self.mechanism.links[i]
+        self.nodes[i] = add.AddNode(items.NodeRigidBody2D(referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3])))
+        body = items.ObjectRigidBody2D(mass=link.mass, inertia=link.inertia, nodeNumber=self.nodes[i])
+        self.bodies[i] = add.AddObject(body)
+        marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[i]))
+        add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))
+
+    def _point(self, point: Point) -> Any:
+        """A marker with a position."""
+        marker = self.items.MarkerBodyPosition(bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
+        return self.mbs.AddMarker(marker)
+
+    def _frame(self, link: int, local: Array) -> Any:
+        """A marker with a position and an orientation."""
+        return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
+
+    def _angle(self, link: int) -> Any:
+        """A marker of a link's angle from its reference; the ground has a coordinate that is always zero."""
+        coordinate = 0 if link == GROUND else 2
+        return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
+
+    def _joint(self, joint: Joint) -> None:
+        if not isinstance(joint, Prismatic):
+            markers = [self._point(joint.a), self._point(joint.b)]
+            self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
+            return
+        normal = unit(joint.angle + np.pi / 2)
+        foot = self._frame(joint.guide.link, joint.guide.local + joint.offset * normal)
+        slide = self.items.ObjectJointPrismatic2D(
+            markerNumbers=[self._frame(joint.block.link, joint.block.local), foot],
+            axisMarker0=spatial(unit(joint.angle - joint.turn)),
+            normalMarker1=spatial(normal),
+            constrainRotation=True,
+        )
+        self.mbs.AddObject(slide)
+
+    def _driver(self, driver: AngleDriver) -> None:
+        law, start = driver.law, float(angle(self.mechanism.q0, driver.link))
+        drive = self.items.ObjectConnectorCoordinate(
+            markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
+            offsetUserFunction=lambda mbs, t, item, offset: float(law(t)[0]) - start,
+            offsetUserFunction_t=lambda mbs, t, item, offset: float(law(t)[1]),
+        )
+        self.mbs.AddObject(drive)
+
+    def _force(self, f: Force) -> None:
+        match f:
+            case Torque():
+                self._torque(f.link, f.value)
+                self._torque(f.reaction, -f.value)
+            case PointForce():
+                self._point_force(f)
+            case SpringDamper():
+                self._spring(f)
+            case AxisSpringDamper():
+                self._axis(f.point, f.origin, f.angle, f.k, f.c, f.rest)
+            case RotationalSpringDamper():
+                self._turning(f.a, f.b, f.k, f.c, f.rest)
+            case JointDamping():
+                for pair in f.pairs:
+                    if isinstance(pair, Prismatic):
+                        self._axis(pair.block, pair.guide, pair.angle, 0.0, f.c, 0.0)
+                    else:
+                        self._turning(pair.a.link, pair.b.link, 0.0, f.c, 0.0)
+
+    def _torque(self, link: int, value: float) -> None:
+        if link != GROUND:  # a load on the angle is what a torque vector comes to in the plane, and cheaper
+            self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._angle(link), load=value))
+
+    def _point_force(self, f: PointForce) -> None:
+        """A force fixed in another link is the constant force of a connector whose opposite on that link is loaded away."""
+        size, items = float(np.linalg.norm(f.value)), self.items
+        if f.point.link == GROUND or size == 0:
+            return
+        marker, value = self._frame(f.point.link, f.point.local), spatial(f.value)
+        if f.frame in (GROUND, f.point.link):
+            self.mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=value, bodyFixed=f.frame != GROUND))
+            return
+        base = self._frame(f.frame, np.zeros(2))
+        push = items.ObjectConnectorLinearSpringDamper(
+            markerNumbers=[base, marker],
+            axisMarker0=spatial(f.value / size),
+            force=-size,  # positive force pulls the markers together
+        )
+        self.mbs.AddObject(push)
+        self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
+
+    def _spring(self, f: SpringDamper) -> None:
+        markers = [self._point(f.a), self._point(f.b)]
+        if f.rest == 0 and f.c == 0:  # k times the gap, without the direction that is lost where the points meet
+            spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[f.k, f.k, 0.0])
+        else:
+            spring = self.items.ObjectConnectorSpringDamper(
+                markerNumbers=markers, referenceLength=f.rest, stiffness=f.k, damping=f.c
+            )
+        self.mbs.AddObject(spring)
+
+    def _turning(self, a: int, b: int, k: float, c: float, rest: float) -> None:
+        start = float(angle(self.mechanism.q0, b) - angle(self.mechanism.q0, a))
+        spring = self.items.ObjectConnectorCoordinateSpringDamper(
+            markerNumbers=[self._angle(a), self._angle(b)], stiffness=k, damping=c, offset=rest - start
+        )
+        self.mbs.AddObject(spring)
+
+    def _axis(self, point: Point, origin: Point, theta: float, k: float, c: float, rest: float) -> None:
+        """Along an axis of the world a Cartesian spring serves, the cheapest; else one along an axis of the origin's marker."""
+        u, items = unit(theta), self.items
+        if origin.link == GROUND and np.abs(u).min() < PARALLEL:
+            along = np.abs(u).round()
+            spring = items.ObjectConnectorCartesianSpringDamper(
+                markerNumbers=[self._point(origin), self._point(point)],
+                stiffness=spatial(k * along),
+                damping=spatial(c * along),
+                offset=spatial(rest * u.round()),
+            )
+        else:
+            beside, _, _ = axis_state(self.mechanism.q0, self.mechanism.v0, point, origin, theta + np.pi / 2)
+            foot = self._frame(origin.link, origin.local + beside * unit(theta + np.pi / 2))
+            spring = items.ObjectConnectorLinearSpringDamper(
+                markerNumbers=[foot, self._frame(point.link, point.local)],
+                axisMarker0=spatial(u),
+                stiffness=k,
+                damping=c,
+                offset=rest,
+            )
+        self.mbs.AddObject(spring)

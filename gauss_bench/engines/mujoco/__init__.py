@@ -1,0 +1,1 @@
+"""MuJoCo: `adapter` runs a mechanism, `draft` is its model, `forces` the form that MuJoCo has for each force."""

@@ -1,0 +1,291 @@
+"""MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
+
+The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
+of the open joints, at the start and at random tree states. Only the softness of the closures is left unchecked: it is what the
+settings vary.
+
+MuJoCo has no prescribed motion of a joint. A hinge on the ground with an armature (rotor inertia) A far beyond all masses, under
+the torque A law''(t), moves so up to the share of the linkage's load in that torque:
+
+    (A + m) theta'' = A law''(t) + load
+"""
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mujoco.forces import native_forces
+from gauss_bench.engines.shared import (
+    beyond_a_tree,
+    closing_pins,
+    driven_hinges,
+    driven_links,
+    finite_acceleration,
+    require_agreement,
+    require_finite,
+    tree_states,
+)
+from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.forces import position
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.tree import spanning_tree
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
+AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or factor about 1
+ARMATURE = 1e9  # of a driven hinge, in inertias of the tree at rest; at 6e10 the shipped tolerance, relative to it, ends too early
+
+
+@dataclass(frozen=True)
+class Softness:
+    """What decides how rigid the loop closures are; the names are MuJoCo's.
+
+    Attributes:
+        solref: time constant, in units of `solref_unit` ("s" or "step"), and damping ratio of the constraint.
+        solimp: impedance d0, d_width, width, midpoint, power; MuJoCo clamps impedances to 0.9999.
+        tolerance, iterations: of the constraint solver.
+        body_invweight0_factor: on the compiled inverse weights, to which the softness is proportional.
+        remark: what the reader of a table must know.
+    """
+
+    solref: tuple[float, float]
+    solref_unit: str
+    solimp: tuple[float, float, float, float, float]
+    tolerance: float
+    iterations: int
+    body_invweight0_factor: float
+    remark: str
+
+    def apply(self, model: Any, step: float) -> None:
+        """Apply to a compiled model that takes steps of `step` [s]."""
+        unit = step if self.solref_unit == "step" else 1.0
+        model.eq_solref[:] = [self.solref[0] * unit, self.solref[1]]
+        model.eq_solimp[:] = self.solimp
+        model.opt.tolerance, model.opt.iterations = self.tolerance, self.iterations
+        model.body_invweight0[:] *= self.body_invweight0_factor  # compiling again would undo it
+
+
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+EDITED = "edits a compiled constant, which is no documented option"
+SOFTNESS = {
+    "default": Softness((0.02, 1.0), "s", (0.9, 0.95, 0.001, 0.5, 2.0), 1e-8, 100, 1.0, "as shipped"),
+    "tuned": Softness((2.0, 1.0), "step", STIFF, 1e-15, 100, 1.0, "documented options only"),
+    "rigid": Softness((0.02, 1.0), "s", STIFF, 0.0, 3, 1e-6, EDITED),
+}
+
+
+class Mujoco:
+    """MuJoCo under three settings of how rigid its closures are."""
+
+    name = "mujoco"
+    integrators = tuple(INTEGRATORS)
+    stabilizations = ("none",)
+    settings: Mapping[str, Mapping[str, object]] = {
+        label: asdict(x) | {"armature_of_a_driven_hinge_over_inertia": ARMATURE} for label, x in SOFTNESS.items()
+    }
+    native_loop = True
+    python_loop = True
+
+    def version(self) -> str:
+        import mujoco
+
+        return f"mujoco {mujoco.__version__}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        reason = beyond_a_tree(mechanism, "MuJoCo")
+        if reason:
+            return reason
+        tree = spanning_tree(mechanism)
+        if None in driven_hinges(mechanism, tree):
+            return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
+        try:
+            native_forces(mechanism, tree)
+        except RunFailure as failure:
+            return str(failure)
+        return None
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "MujocoModel":
+        return MujocoModel(mechanism, choice)
+
+
+class MujocoModel:
+    """A mechanism in MuJoCo under one integrator and setting.
+
+    Attributes:
+        model, data: what is stepped.
+        still, still_data: a copy for accelerations at given states, with the Euler integrator (under `discrete`, MuJoCo's qacc is a
+            difference of velocities) and without warm start (an answer must not depend on the state asked before).
+    """
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import mujoco
+
+        self.mujoco: Any = mujoco
+        self.mechanism, self.choice = mechanism, choice
+        self.tree = spanning_tree(mechanism)
+        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
+        try:
+            draft = Draft(mujoco, mechanism, self.tree)
+            self.model: Any = draft.spec.compile()
+        except ValueError as error:
+            raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
+        self.torque = draft.torque
+        SOFTNESS[choice.settings].apply(self.model, choice.step)
+        self.model.opt.timestep = choice.step
+        self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would pass for a motion
+        self.still: Any = copy.copy(self.model)
+        self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        self.data: Any = mujoco.MjData(self.model)
+        self.still_data: Any = mujoco.MjData(self.still)
+        self.still_data.qfrc_applied[:] = self.torque
+        self.drives: list[tuple[int, float, MotionLaw]] = []
+        verify(self)
+        self._drive()
+
+    def _drive(self) -> None:
+        """Give driven hinges their armatures, as if they had been compiled into the model."""
+        laws = [d.law for d in driven_links(self.mechanism)]
+        at = [k for k in driven_hinges(self.mechanism, self.tree) if k is not None]
+        if not laws:
+            return
+        self.drives = [(k, ARMATURE * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
+        for model in (self.model, self.still):
+            for k, armature, _ in self.drives:
+                model.dof_armature[k] = armature
+            self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
+            SOFTNESS[self.choice.settings].apply(model, self.choice.step)  # scales the inverse weights just computed anew
+
+    def _push(self, data: Any, t: float) -> None:
+        """The driving torques at time t [s]."""
+        for k, armature, law in self.drives:
+            data.qfrc_applied[k] = self.torque[k] + armature * float(law(t)[2])
+
+    def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
+        """MuJoCo's data at tree state y, dy (n,)."""
+        data = self.still_data
+        data.qpos[:], data.qvel[:] = y, dy
+        self._push(data, t)
+        self.mujoco.mj_forward(self.still, data)
+        return data
+
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        """Accelerations (3 links,) in absolute coordinates at tree state y, dy (n,)."""
+        return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy, t).qacc)[2], "MuJoCo")
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.tree_acceleration(t, *self.tree.relative(q, v))
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.native = times, native
+        self.plan = step_counts(times, self.choice.step)
+        self.y, self.dy = np.tile(self.y0, (len(times), 1)), np.tile(self.dy0, (len(times), 1))
+        self.complaints: list[str] = []
+        self.mujoco.mj_resetData(self.model, self.data)
+        self.data.time = times[0]
+        self.data.qpos[:], self.data.qvel[:] = self.y0, self.dy0
+        self.data.qfrc_applied[:] = self.torque
+
+    def run(self) -> None:
+        usual, control = self.mujoco.get_mju_user_warning(), self.mujoco.get_mjcb_control()
+        self.mujoco.set_mju_user_warning(self.complaints.append)  # MuJoCo would write them to a file
+        if self.drives:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, data.time))
+        try:
+            self._run()
+        finally:
+            self.mujoco.set_mju_user_warning(usual)
+            self.mujoco.set_mjcb_control(control)
+
+    def _run(self) -> None:
+        step, model, data = self.mujoco.mj_step, self.model, self.data
+        for k, (count, size) in enumerate(self.plan):
+            model.opt.timestep = size
+            if self.native:
+                step(model, data, nstep=count)
+            else:
+                for _ in range(count):
+                    step(model, data)
+            self.y[k + 1], self.dy[k + 1] = data.qpos, data.qvel
+
+    def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
+        """A call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread: last tree states (k, 2, n).
+
+        Raises:
+            RunFailure: with a motion law, whose torque is set from Python at every stage.
+        """
+        from mujoco import rollout
+
+        if self.drives:
+            raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set the torque of a motion law at every stage")
+        kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
+        initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
+        here = slice(1, 1 + 2 * self.tree.n)  # after the time
+        initial[:, here] = np.hstack(self.tree.relative(q, v))
+        states = np.empty((len(q), count, initial.shape[1]))
+        options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
+
+        def go() -> Array:
+            with rollout.Rollout(nthread=0) as pool:
+                pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
+            return states[:, -1, here].reshape(len(q), 2, -1)
+
+        return go
+
+    def read(self) -> Trajectory:
+        said = f"; MuJoCo: {self.complaints[0]}" if self.complaints else ""
+        require_finite(self.times, self.y, self.dy, remark=said)
+        if self.complaints or any(w.number for w in self.data.warning):
+            advice = "a smaller step or another integrator may help"
+            raise RunFailure(Status.WARNING, f"MuJoCo warned before t = {self.times[-1]:.6g} s{said}; {advice}")
+        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
+        states = zip(self.times, self.y, self.dy, strict=True)
+        a = np.array([self.tree_acceleration(float(t), y, dy) for t, y, dy in states])
+        note = "the motion law is evaluated in Python at every stage, which takes longer than MuJoCo does" if self.drives else ""
+        return Trajectory(self.times, q, v, a, sum(count for count, _ in self.plan), note=note)
+
+
+def verify(built: MujocoModel) -> None:
+    """Compare a built model with the suite's own terms at tree states with open joints apart.
+
+    Raises:
+        RunFailure: they differ.
+    """
+    evaluator = Evaluator(built.mechanism)
+    for y, dy in tree_states(built.tree, built.y0, built.dy0):
+        require_agreement(comparison(built, evaluator, y, dy), AGREEMENT)
+
+
+def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
+    """Everything but the softness of the closures at a tree state y, dy (n,): MuJoCo's, the suite's, and the size of its parts.
+
+    With V the map from tree to absolute speeds and a0 the acceleration at rest of the tree's own, unconstrained motion obeys
+
+        V^T M V y'' = V^T (Q - M a0)
+    """
+    tree, n = built.tree, built.tree.n
+    data = built.forward(y, dy)
+    q, v, a0 = tree.absolute(y, dy, np.zeros(n))
+    speeds = tree.absolute(np.tile(y, (n, 1)), np.eye(n), np.zeros((n, n)))[1]
+    Q, inertial = evaluator.applied.generalised(q, v), evaluator.mass * a0
+    forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+    mass, own_mass = np.zeros((n, n)), (speeds * evaluator.mass) @ speeds.T
+    built.mujoco.mj_fullM(built.still, data, mass)
+    gaps = np.array([position(q, a) - position(q, b) for a, b in closing_pins(tree)]).reshape(-1, 2)
+    centres = np.array([data.body(f"link{i}").xipos[:2] for i in range(tree.links)])
+    extent, load = float(np.abs(q).max()), float(np.abs(Q).max() + np.abs(inertial).max())
+    return {
+        "positions of links": (centres, q.reshape(-1, 3)[:, :2], extent),
+        "gaps of open pins": (np.array(data.efc_pos).reshape(-1, 3)[:, :2], gaps, extent),
+        "mass matrix": (mass, own_mass, float(own_mass.max())),
+        "forces and velocity terms": (forces, tree.forces(q, Q - inertial), load),
+    }

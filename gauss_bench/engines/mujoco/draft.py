@@ -1,0 +1,135 @@
+"""A linkage as a MuJoCo model under construction: bodies, joints, closures and forces.
+
+Every link is a body whose frame is that of its centre of mass; its coordinate is the tree coordinate y, with the start of the
+mechanism as MuJoCo's reference pose, so that the loops are closed where the compiler measures body_invweight0.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.mujoco.forces import AtSite, Coordinate, Native, native_forces, turning
+from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.mechanism.forces import rotated
+from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, SpringDamper, Torque
+from gauss_bench.mechanism.tree import Branch, Tree
+from gauss_bench.terms import Array
+
+
+class Draft:
+    """A model under construction, with the library `mujoco`.
+
+    Attributes:
+        spec: what MuJoCo compiles.
+        torque: (n,) constant generalised force, which MuJoCo keeps outside the model.
+    """
+
+    def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
+        self.mujoco, self.turns = mujoco, turning(tree)
+        self.spec: Any = mujoco.MjSpec()
+        self.spec.compiler.degree = False
+        self.spec.option.gravity = spatial(mechanism.gravity)
+        self.torque = np.zeros(tree.n)
+        self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
+        self.joints: dict[int, Any] = {}
+        self.sites = 0
+        y, _ = tree.relative(mechanism.q0, mechanism.v0)
+        for b in tree.branches:
+            self._link(b, mechanism.links[b.link], y)
+        for pin in closing_pins(tree):
+            self._closure(*pin)
+        springs = [self._force(x) for x in native_forces(mechanism, tree)]
+        self._joint_springs([x for x in springs if x is not None])
+
+    def _link(self, b: Branch, link: Link, y: Array) -> None:
+        """A body without geometry, placed at the tree coordinates y (n,), with its joints."""
+        origin, angle = rest_pose(b, y)
+        body = self.bodies[b.parent].add_body(
+            name=f"link{b.link}", pos=spatial(origin), quat=[np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+        )
+        body.explicitinertial = True
+        body.mass, body.ipos, body.inertia = link.mass, [0.0] * 3, [link.inertia] * 3  # only the last moment of inertia acts
+        self.bodies[b.link] = body
+        hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
+
+        def joint(at: int, kind: Any, axis: list[float], anchor: Array) -> None:
+            self.joints[at] = body.add_joint(name=f"y{at}", type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
+
+        free: list[Array] = list(np.eye(2)) if b.kind == "free" else []
+        slides = [b.axis] if b.kind == "prismatic" else free
+        for i, axis in enumerate(slides):
+            joint(b.at + i, slide, spatial(rotated(axis, np.array(-angle))), np.zeros(2))  # axes are given in the child's frame
+        if b.kind != "prismatic":
+            joint(b.at + len(slides), hinge, [0.0, 0.0, 1.0], b.anchor)
+
+    def _site(self, point: Point) -> str:
+        name = f"site{self.sites}"
+        self.sites += 1
+        self.bodies[point.link].add_site(name=name, pos=spatial(point.local))
+        return name
+
+    def _closure(self, a: Point, b: Point) -> None:
+        connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
+        self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
+
+    def _force(self, f: Native) -> Coordinate | None:
+        """Add a force; those on single joints are handed back, because a joint has room for only one."""
+        match f:
+            case Torque():
+                self.torque += f.value * (self.turns.rows[f.link] - self.turns.rows[f.reaction])
+            case SpringDamper():
+                tendon = self.spec.add_tendon()
+                tendon.wrap_site(self._site(f.a))
+                tendon.wrap_site(self._site(f.b))
+                set_spring(tendon, f.k, f.c)
+                tendon.springlength = [f.rest] * 2
+            case AtSite():
+                self._site_force(f)
+            case Coordinate() if np.count_nonzero(f.row) == 1:
+                return f
+            case Coordinate() if f.row.any():
+                self._fixed_tendon(f)
+        return None
+
+    def _site_force(self, f: AtSite) -> None:
+        actuator = self.spec.add_actuator(trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
+        if f.frame is not None:
+            actuator.refsite = self._site(f.frame)
+        actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
+        actuator.gainprm = np.zeros_like(actuator.gainprm)  # no control enters
+        actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.biasprm = [*f.bias, *np.zeros(len(actuator.biasprm) - 3)]
+
+    def _fixed_tendon(self, f: Coordinate) -> None:
+        """A spring on a sum of joint coordinates, signed so that its length at rest is not negative: -1 has another meaning."""
+        rest = f.rest - f.constant
+        sign = -1.0 if rest < 0 else 1.0
+        tendon = self.spec.add_tendon()
+        for at in np.flatnonzero(f.row):
+            tendon.wrap_joint(f"y{at}", sign * f.row[at])
+        set_spring(tendon, f.k, f.c)
+        tendon.springlength = [sign * rest] * 2
+
+    def _joint_springs(self, springs: list[Coordinate]) -> None:
+        """Springs and dampers on one joint act as one: stiffnesses add up, and so do their moments at y = 0."""
+        at = [int(np.flatnonzero(f.row)[0]) for f in springs]
+        for joint in set(at):
+            here = [f for f, place in zip(springs, at, strict=True) if place == joint]
+            k = sum(f.k for f in here)
+            pull = sum(f.k * (f.rest - f.constant) * f.row[joint] for f in here)
+            set_spring(self.joints[joint], k, sum(f.c for f in here))
+            self.joints[joint].springref = pull / k if k else 0.0
+
+
+def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
+    """Origin (2,) and angle of a branch's link in its parent's frame."""
+    if b.kind == "free":
+        return y[b.at : b.at + 2], float(y[b.at + 2])
+    slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
+    angle = b.turn if b.kind == "prismatic" else float(y[b.at])
+    return b.parent_anchor + slide - rotated(b.anchor, np.array(angle)), angle
+
+
+def set_spring(item: Any, k: float, c: float) -> None:
+    """Linear stiffness and damping of a joint or tendon, where MuJoCo has room for polynomials."""
+    item.stiffness, item.damping = [k, 0.0, 0.0], [c, 0.0, 0.0]

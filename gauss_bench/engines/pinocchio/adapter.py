@@ -1,0 +1,217 @@
+"""Pinocchio: a tree of joints in relative coordinates, closed by rigid point constraints and integrated by the suite.
+
+Its proximal iterations solve
+
+    M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
+
+so that mu times the last change of the forces f is what the constraints are still missed by. f itself is never read: its sign and
+frame do not matter here. A prescribed rotation is the torque that makes it so, found by one further solution for each driver.
+
+Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
+steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
+coordinates; mapped back to the tree it closes the open pins. Redundant rows that have drifted apart contradict each other: the
+iterations then do not settle, and the run is given up rather than followed. Projection keeps them together.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.tree import Multibody, verify
+from gauss_bench.engines.shared import beyond_a_tree, finite_acceleration, require_finite
+from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate.fixed_step import STEPS, step_counts
+from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.tree import spanning_tree
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+COMMON = {
+    "baumgarte_Kp_per_s2": BAUMGARTE_RATE**2,
+    "baumgarte_Kd_per_s": 2 * BAUMGARTE_RATE,
+    "dop853_rtol": 1e-10,
+    "dop853_atol": 1e-12,
+}
+SETTINGS: Mapping[str, Mapping[str, float]] = {
+    "default": {"absolute_accuracy": 1e-14, "relative_accuracy": 1e-14, "mu": 1e-8, "max_iter": 20, **COMMON},
+    "one_iteration": {"absolute_accuracy": 1e-14, "relative_accuracy": 1e-14, "mu": 1e-14, "max_iter": 1, **COMMON},
+}
+SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
+
+
+class Pinocchio:
+    """The engine."""
+
+    name = "pinocchio"
+    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    stabilizations = STABILIZATIONS
+    settings = SETTINGS
+    native_loop = False
+    python_loop = True
+
+    def version(self) -> str:
+        import pinocchio
+
+        return f"Pinocchio {pinocchio.__version__}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        reason = beyond_a_tree(mechanism, "Pinocchio")
+        if reason:
+            return reason
+        if choice.integrator == "dop853" and choice.stabilization == "projection":
+            return "projection between steps needs a fixed-step integrator"
+        return None
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
+        return PinocchioModel(mechanism, choice)
+
+
+class ConstrainedDynamics:
+    """Tree accelerations (n,) of a tree state, as the integrators of the suite call them; `evaluations` counts the calls."""
+
+    def __init__(self, body: Multibody, forces: TreeForces, settings: Mapping[str, float], gains: tuple[float, float]):
+        pin = body.pin
+        self.model, self.forces, self.solve = body.model, forces, pin.constraintDynamics
+        self.data: Any = body.model.createData()
+        self.rows: Any = body.constraints(gains)
+        self.row_data: Any = pin.StdVec_RigidConstraintData()
+        for row in self.rows:
+            self.row_data.append(row.createData())
+        pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
+        accuracies = settings["absolute_accuracy"], settings["relative_accuracy"]
+        self.prox: Any = pin.ProximalSettings(*accuracies, settings["mu"], int(settings["max_iter"]))
+        self.limit = SOLVED / settings["mu"]
+        self.drive = DrivingTorques(forces, gains)
+        self.evaluations = 0
+
+    def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        self.evaluations += 1
+        tau = self.forces(y, dy)
+        return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
+
+    def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
+        """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
+        tau = np.ascontiguousarray(self.forces(y, dy))
+        return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
+
+    def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
+        a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
+        if not self.prox.relative_residual <= self.limit:
+            self._doubt(t, a)
+        return a
+
+    def _doubt(self, t: float, a: Array) -> None:
+        """Second look, relative to the accelerations.
+
+        `relative_residual` is the last change of the forces f. `absolute_residual` is no help: at exact accelerations it is as
+        large as they are (4.1). `iter` is none either: with redundant rows f wanders along directions that move nothing.
+
+        Raises:
+            RunFailure: not finite, or the constraints are missed.
+        """
+        finite_acceleration(t, a, "Pinocchio")
+        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))
+        if not missed <= SOLVED * size:
+            raise RunFailure(
+                Status.NOT_CONVERGED,
+                f"t = {t:.6g} s: proximal iteration {self.prox.iter} still misses the constraints by {missed:.1e} m/s^2 where "
+                f"accelerations are {size:.1e}; redundant rows that have drifted apart do this: try projection or a smaller step",
+            )
+
+
+class PinocchioModel:
+    """A mechanism in Pinocchio under one integrator and stabilisation of the suite."""
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import pinocchio
+
+        self.pin: Any = pinocchio
+        self.mechanism, self.choice = mechanism, choice
+        self.tree, self.evaluator = spanning_tree(mechanism), Evaluator(mechanism)
+        body = Multibody(pinocchio, mechanism, self.tree)
+        verify(body, mechanism, self.tree)
+        self.forces, settings = TreeForces(mechanism, self.tree, body), SETTINGS[choice.settings]
+        gains = (BAUMGARTE_RATE**2, 2 * BAUMGARTE_RATE) if choice.stabilization == "baumgarte" else (0.0, 0.0)
+        self.plain = ConstrainedDynamics(body, self.forces, settings, (0.0, 0.0))  # what is reported has no Baumgarte terms
+        self.stabilized = ConstrainedDynamics(body, self.forces, settings, gains)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        with np.errstate(all="ignore"):
+            y, dy = self.tree.relative(q, v)
+            return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
+
+    def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        """At the start: constraintDynamics alone, and what calling costs: a difference of two vectors by Pinocchio."""
+        y, dy = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
+        return self.plain.bare(y, dy), lambda: self.pin.difference(self.plain.model, y, dy)
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        """There is only the suite's own loop, whatever `native` says."""
+        self.times, self.steps, self.stabilized.evaluations = times, 0, 0
+        start = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
+        self.y, self.dy = (np.tile(x, (len(times), 1)) for x in start)
+
+    def run(self) -> None:
+        with np.errstate(all="ignore"):  # what is not finite is found afterwards
+            if self.choice.integrator == "dop853":
+                self._adaptive()
+            else:
+                self._fixed()
+
+    def _adaptive(self) -> None:
+        if self.times[-1] == self.times[0]:
+            return
+        options = SETTINGS[self.choice.settings]
+        try:
+            found = dop853(self.stabilized, self.times, self.y[0], self.dy[0], options["dop853_rtol"], options["dop853_atol"])
+        except StepFailure as error:
+            raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
+        self.y, self.dy, self.steps, _ = found
+
+    def _fixed(self) -> None:
+        step, dynamics = STEPS[self.choice.integrator], self.stabilized
+        projected = self.choice.stabilization == "projection"
+        y, dy = self.y[0], self.dy[0]
+        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+            for i in range(count):
+                t = float(self.times[k]) + i * h
+                y, dy = step(dynamics, t, y, dy, h)
+                if projected:
+                    y, dy = self._projected(t + h, y, dy)
+            self.y[k + 1], self.dy[k + 1] = y, dy
+            self.steps += count
+
+    def _projected(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:
+        q, v, _ = self.tree.absolute(y, dy, dy)
+        try:
+            return self.tree.relative(*self.evaluator.project(t, q, v))
+        except np.linalg.LinAlgError as error:
+            raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
+
+    def read(self) -> Trajectory:
+        ddy = np.array([self.plain(t, y, dy) for t, y, dy in zip(self.times, self.y, self.dy, strict=True)])
+        q, v, a = self.tree.absolute(self.y, self.dy, ddy)
+        self._check(q, v, a)
+        slow = ", ".join(f.name for f in self.forces.others)
+        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
+        return Trajectory(self.times, q, v, a, self.steps, self.stabilized.evaluations, note)
+
+    def _check(self, q: Array, v: Array, a: Array) -> None:
+        """The samples are finite, and their accelerations satisfy the suite's own constraint rows.
+
+        Raises:
+            RunFailure: they do not.
+        """
+        require_finite(self.times, q, v, a)
+        rows = self.evaluator.constraints(self.times, q, v)
+        missed = np.abs(np.einsum("kij,kj->ki", rows.J, a) - rows.gamma).max(axis=1, initial=0.0)
+        missed /= np.maximum(1.0, np.abs(a).max(axis=1))
+        if (missed > SOLVED).any():
+            k = int(np.argmax(missed > SOLVED))
+            text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {missed[k]:.1e} of their size"
+            raise RunFailure(Status.NOT_CONVERGED, text)

@@ -1,0 +1,136 @@
+"""Forces of a linkage as generalised forces of Pinocchio's tree, which has no springs, dampers and drives of its own."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from gauss_bench.engines.pinocchio.tree import Multibody
+from gauss_bench.engines.shared import driven_links
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import Force, Mechanism
+from gauss_bench.mechanism.tree import Tree
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+AFFINE = 1e-10  # relative: rounding leaves about 1e-14; a force that is affine only this far may as well be affine
+
+
+class TreeForces:
+    """Applied forces without gravity as tau (n,) of a tree state.
+
+    What is affine in the tree state (torques, dampers of joints, springs along slides) is tabulated once, as a user of Pinocchio
+    would write it by hand; the others are evaluated each time, with v = T dy from Pinocchio's joint Jacobians:
+
+        tau = constant + stiffness y + damping dy + T^T Q_others(q, v)
+
+    Attributes:
+        others: the forces that are not affine.
+    """
+
+    def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
+        self.tree, self.weightless = tree, replace(mechanism, gravity=np.zeros(2))
+        self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
+        self.others: tuple[Force, ...] = ()
+        for f in mechanism.forces:
+            found = self._tabulated(f)
+            if found is None:
+                self.others += (f,)
+            else:
+                self.constant, slope = self.constant + found[0], slope + found[1]
+        self.stiffness, self.damping = slope[:, : tree.n].copy(), slope[:, tree.n :].copy()
+        self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
+        self.applied = AppliedForces(replace(self.weightless, forces=self.others))
+        self.motion = Motion(tree, body)
+        self.drivers = driven_links(mechanism)
+        y = tree.relative(mechanism.q0, mechanism.v0)[0]
+        self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
+
+    def _tabulated(self, f: Force) -> tuple[Array, Array] | None:
+        """Constant (n,) and slope (n, 2n) of one force, read off unit states; None if random states contradict them."""
+        n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
+        states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
+        q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
+        tau = self.tree.forces(q, applied.generalised(q, v))
+        constant, slope = tau[0], (tau[1 : 2 * n + 1] - tau[0]).T
+        error = np.abs(constant + states @ slope.T - tau).max()
+        return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
+
+    def __call__(self, y: Array, dy: Array) -> Array:
+        tau = self.constant
+        if self.has_damping:
+            tau = tau + self.damping.dot(dy)
+        if self.has_stiffness:
+            tau = tau + self.stiffness.dot(y)
+        if self.others:
+            q, T = self.motion(y)
+            tau = tau + self.applied.generalised(q, T.dot(dy)).dot(T)
+        return tau
+
+
+class DrivingTorques:
+    """Torques on driven links under which they have their prescribed accelerations.
+
+    Accelerations are affine in torques. With R the rows of theta = theta0 + R y that are driven, a0 the accelerations without any
+    driving torque and a_j those with a probe torque on driver j alone,
+
+        y'' = a0 + sum s_j (a_j - a0),    R y'' = law''(t) - Kd (theta' - law'(t)) - Kp (theta - law(t))
+
+    where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels.
+    """
+
+    def __init__(self, forces: TreeForces, gains: tuple[float, float]):
+        self.laws, links = [d.law for d in forces.drivers], [d.link for d in forces.drivers]
+        self.rows, self.theta0 = forces.motion.turns[links], forces.motion.theta0[links]
+        self.gains = gains
+        self.inertias = np.einsum("ij,jk,ik->i", self.rows, forces.inertia, self.rows)  # that the opened tree has at the start
+
+    def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
+        """The accelerations (n,) that `solve` finds at t, y, dy under tau (n,) and the driving torques.
+
+        Raises:
+            RunFailure: the torques cannot move the driven links, such as at a dead point.
+        """
+        value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
+        kp, kd = self.gains
+        wanted = second - kd * (self.rows @ dy - rate) - kp * (self.theta0 + self.rows @ y - value)
+        free = solve(t, y, dy, tau)
+        missing = wanted - self.rows @ free
+        probes = self.inertias * np.maximum(1.0, np.abs(missing))
+        effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * self.rows])
+        try:
+            found: Array = free + np.linalg.solve(self.rows @ effects.T, missing) @ effects
+        except np.linalg.LinAlgError as error:
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no driving torque gives the prescribed acceleration") from error
+        return found
+
+
+class Motion:
+    """Absolute positions q (3 links,) and T (3 links, n), with v = T dy, by Pinocchio's kinematics: a tenth of the time of `Tree`.
+
+    A column of a world Jacobian is the velocity [u, w] at the origin and the angular speed omega, for every link that the joint
+    carries: the centre of mass at [x, y] moves with [u - omega y, w + omega x].
+    """
+
+    def __init__(self, tree: Tree, body: Multibody):
+        self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
+        self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
+        states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
+        theta = tree.absolute(states, states, states)[0][:, 2::3]
+        self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T
+        self.carried = np.zeros((tree.links + 1, tree.n))  # the last row is the ground
+        for b in tree.branches:
+            self.carried[b.link] = self.carried[b.parent]
+            self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0
+        self.carried = self.carried[:-1]
+
+    def __call__(self, y: Array) -> tuple[Array, Array]:
+        J = self.jacobians(self.model, self.data, y)
+        placements = self.data.oMi
+        centres = np.array([placements[joint].act(own) for joint, own in self.centres])
+        q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
+        q[0::3], q[1::3], q[2::3] = centres[:, 0], centres[:, 1], self.theta0 + self.turns.dot(y)
+        T[0::3] = self.carried * (J[0] - centres[:, 1, None] * J[5])
+        T[1::3] = self.carried * (J[1] + centres[:, 0, None] * J[5])
+        T[2::3] = self.turns
+        return q, T

@@ -1,0 +1,124 @@
+"""A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
+
+The tree coordinates y are Pinocchio's own vectors, so `Tree` alone maps them to absolute states. With A_k the placement of the
+centre of mass of link k in the frame of the joint that carries it, and all placements turned about z only:
+
+    revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
+    prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
+    free        PX, PY, RZ from the ground at the centre of mass,         A = 1
+
+Each pin the tree leaves open becomes a CONTACT_3D constraint: two rows in the plane and a third that is identically zero.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.shared import closing_pins, require_agreement, size, spatial, tree_states
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.forces import position
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.tree import Branch, Tree
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or lever about 1
+
+
+class Multibody:
+    """The mechanism in Pinocchio, the module `pin`: a model of its tree and the constraints that close it.
+
+    Attributes:
+        carriers: joint and placement of the centre of mass in that joint's frame, of every link and the ground.
+    """
+
+    def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
+        self.pin, self.model = pin, pin.Model()
+        self.model.gravity.linear = np.array(spatial(mechanism.gravity))
+        self.carriers: dict[int, tuple[int, Any]] = {GROUND: (0, pin.SE3.Identity())}
+        for b in tree.branches:
+            self._add_link(mechanism, b)
+        self.pins = closing_pins(tree)
+        if not self.model.check(self.model.createData()):
+            raise RunFailure(Status.ERROR, "Pinocchio refuses the generated tree: its own check of the model fails")
+
+    def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
+        pin, link = self.pin, mechanism.links[b.link]
+        parent, centre = self.carriers[b.parent]
+        match b.kind:
+            case "revolute":
+                joint = self._joint(parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
+                own = self.planar(-b.anchor)
+            case "prismatic":
+                direction = float(np.arctan2(b.axis[1], b.axis[0]))
+                joint = self._joint(parent, pin.JointModelPX(), centre * self.planar(b.parent_anchor + b.base, direction))
+                own = self.planar(np.zeros(2), b.turn - direction) * self.planar(-b.anchor)
+            case _:
+                joint, own = 0, pin.SE3.Identity()
+                for kind in (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()):
+                    joint = self._joint(joint, kind, pin.SE3.Identity())
+        lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])  # only the last acts in the plane
+        self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
+        self.carriers[b.link] = joint, own
+
+    def _joint(self, parent: int, kind: Any, placement: Any) -> int:
+        return int(self.model.addJoint(parent, kind, placement, f"joint{self.model.njoints}"))
+
+    def planar(self, origin: Array, angle: float = 0.0) -> Any:
+        """SE3 of a planar displacement (2,) and rotation [rad]; without a rotation, free of rounding."""
+        c, s = np.cos(angle), np.sin(angle)
+        return self.pin.SE3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(spatial(origin)))
+
+    def placed(self, point: Point) -> tuple[int, Any]:
+        """Joint that carries a point, and the point's placement in its frame."""
+        joint, centre = self.carriers[point.link]
+        return joint, centre * self.planar(point.local)
+
+    def constraints(self, gains: tuple[float, float]) -> Any:
+        """One point constraint per open pin, with Baumgarte gains Kp, Kd; its rows are world axes, as those of the suite."""
+        pin = self.pin
+        rows = pin.StdVec_RigidConstraintModel()
+        for a, b in self.pins:
+            frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.placed(a), *self.placed(b), frame)
+            row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains
+            rows.append(row)
+        return rows
+
+    def inverse_dynamics(self, y: Array, dy: Array, ddy: Array) -> Array:
+        """tau (n,) that gives the tree, opened, the accelerations ddy."""
+        return np.array(self.pin.rnea(self.model, self.model.createData(), y, dy, ddy))
+
+    def gaps(self, y: Array) -> Array:
+        """Point b minus point a of every open pin (2 pins,) [m], from Pinocchio's own kinematics."""
+        data = self.model.createData()
+        self.pin.forwardKinematics(self.model, data, y)
+
+        def world(point: Point) -> Array:
+            joint, placement = self.placed(point)
+            return np.array((data.oMi[joint] * placement).translation)[:2]
+
+        return np.concatenate([np.zeros(0), *(world(b) - world(a) for a, b in self.pins)])
+
+
+def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
+    """Compare the generated model with the linkage at tree states, closed or not.
+
+    rnea = tree forces of (M a - gravity) checks masses, inertias, placements, axes and gravity at once; the gaps of the open pins
+    check the points they join. What is left is Pinocchio's solver.
+
+    Raises:
+        RunFailure: they differ.
+    """
+    evaluator, rng = Evaluator(replace(mechanism, forces=())), np.random.default_rng(0)
+    for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
+        ddy = rng.standard_normal(tree.n)
+        q, v, a = tree.absolute(y, dy, ddy)
+        tau = tree.forces(q, evaluator.mass * a - evaluator.applied.generalised(q, v))
+        gaps = np.concatenate([np.zeros(0), *(position(q, b) - position(q, a) for a, b in body.pins)])
+        pairs = {
+            "inverse dynamics": (body.inverse_dynamics(y, dy, ddy), tau, size(tau)),
+            "gaps of open pins": (body.gaps(y), gaps, size(gaps)),
+        }
+        require_agreement(pairs, AGREEMENT)
