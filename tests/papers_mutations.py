@@ -249,7 +249,7 @@ EXAMPLE: dict[str, Wrong] = {
         "exchanged": lambda: (I2, I1),
         "crank only": lambda: (I1, 0.0),
     },
-    "gravity": {"9.8": lambda: 9.8, "upwards": lambda: -9.81},
+    "gravity": {"9.8": lambda: 9.8, "upwards": lambda: -9.81, "in feet": lambda: 32.2},
     "integrator, step and time span": {
         "long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1]),
         "other start": lambda motion: float(motion.run(ex.SHOWN, (1e-6, 0.0)).theta[-1]),
