@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.bench.timing import Block, interleaved, ratio
-from gauss_bench.kernels.errors import KernelError
+from gauss_bench.bench.clock import Block, interleaved, ratio
+from gauss_bench.compiler.errors import KernelError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

@@ -54,9 +54,9 @@ class CompiledModel:
     """A mechanism compiled under one formulation, integrator and stabilisation."""
 
     def __init__(self, formulation: str, mechanism: Mechanism, choice: Choice):
-        from gauss_bench.kernels.errors import KernelError
-        from gauss_bench.kernels.kernel import compile
-        from gauss_bench.kernels.large import large_kernel
+        from gauss_bench.compiler.chains.kernel import large_kernel
+        from gauss_bench.compiler.errors import KernelError
+        from gauss_bench.compiler.kernel import compile
 
         self.mechanism, self.choice = mechanism, choice
         self.cells = len(mechanism.links) > CELLS and choice.stabilization == "none" and choice.integrator == "rk4"

@@ -1,1 +1,1 @@
-"""Native kernels: a linkage becomes straight-line code for accelerations and corrections, compiled for this machine."""
+"""Names of the package `compiler` as they were called before; kept for one release."""

@@ -1,0 +1,1 @@
+"""A linkage becomes native code: equations, elimination, machine code, and the programs made of it."""

@@ -1,0 +1,1 @@
+"""Large linkages: loops over equal operations."""

@@ -1,0 +1,1 @@
+"""The equations solved: sparse elimination with pivots fixed at generation."""

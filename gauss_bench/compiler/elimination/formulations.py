@@ -1,0 +1,213 @@
+"""Accelerations, corrections and multipliers of a linkage by one eliminator under two formulations.
+
+Gauss: J = [Jd Ju] with the independent coordinates u, n - m of them. One factorisation of Jd, which is m x m, gives
+
+    a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
+
+Any basis of the null space serves as N. Where it has one column, that may be multiplied by a pivot p of Jd, so that it holds minors
+of J in place of quotients and all that follows from it need not wait for 1/p.
+
+Lagrange: the n + m equations
+
+    [ M  J^T ] [   a    ]   [   Q   ]
+    [ J   0  ] [ lambda ] = [ gamma ]
+
+Newton's correction of a residual r moves the dependent coordinates alone, Jd dx = -r, or is the shortest in the mass metric, the
+KKT system with (0, -r) on the right: in both cases the factors are those of the acceleration.
+Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from gauss_bench.compiler.elimination.factors import Factors, Right
+from gauss_bench.compiler.elimination.lu import Matrix, Search, lu
+from gauss_bench.compiler.equations.constraints import Row
+from gauss_bench.compiler.expressions.node import Graph, Node, factored
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The equations of motion in expressions: M by coordinate, kept rows of J, Q by coordinate."""
+
+    graph: Graph
+    mass: tuple[Node, ...]
+    rows: Sequence[Row]
+    Q: Right
+
+    @property
+    def jacobian(self) -> Matrix:
+        return {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
+
+    @property
+    def gamma(self) -> Right:
+        return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
+
+
+class Algebra(Protocol):
+    """One factorised formulation; vectors are dicts without zeros, by row or by coordinate."""
+
+    def acceleration(self, gamma: Right) -> Right:
+        """a for a bias by row."""
+        ...
+
+    def correction(self, residual: Right) -> Right:
+        """The change of the coordinates that takes a residual by row away."""
+        ...
+
+    def multipliers(self, gamma: Right) -> Right:
+        """lambda by row."""
+        ...
+
+    @property
+    def guards(self) -> list[tuple[Node, float]]:
+        """Expressions that are divided by, and how large they must be."""
+        ...
+
+
+class Gauss:
+    """n - m unknowns."""
+
+    def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
+        self.terms, self.independent = terms, tuple(independent)
+        J, n = terms.jacobian, len(terms.mass)
+        dependent = [c for c in range(n) if c not in self.independent]
+        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search)
+        self.N = [self._column(J, k, terms.graph.constant(1.0)) for k in self.independent]
+        waited = max((p for p in self.factors.pivots if p.node.number is None), key=lambda p: p.node.ready, default=None)
+        if search.undivided and waited and len(self.N) == 1:
+            self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
+        self.reduced = self._reduced_mass(search)
+
+    def _column(self, J: Matrix, k: int, size: Node) -> Right:
+        """The motion in which the independent coordinate k has the speed `size`."""
+        return self.factors.solve({r: -(e * size) for (r, c), e in J.items() if c == k}) | {k: size}
+
+    def _reduced_mass(self, search: Search) -> Factors:
+        unknowns, graph = range(len(self.N)), self.terms.graph
+        A: Matrix = {}
+        for k in unknowns:
+            for l in range(k + 1):
+                A[k, l] = A[l, k] = graph.total(_weighted(self.terms, self.N[k], self.N[l]), pairs=12)
+        return lu(graph, A, unknowns, unknowns, Search(search.seed))
+
+    def acceleration(self, gamma: Right) -> Right:
+        graph = self.terms.graph
+        a0 = self.factors.solve(gamma)
+        b = {k: graph.total(_work(self.terms, N, a0), pairs=12) for k, N in enumerate(self.N)}
+        h = self.reduced.solve({k: x for k, x in b.items() if not x.zero})
+        found: Right = {}
+        for j in range(len(self.terms.mass)):
+            parts = [N[j] * h[k] for k, N in enumerate(self.N) if j in N and k in h]
+            if j in a0:
+                parts.append(a0[j])
+            found[j] = graph.total(parts)
+        return {j: x for j, x in found.items() if not x.zero}
+
+    def correction(self, residual: Right) -> Right:
+        return self.factors.solve({r: -x for r, x in residual.items()})
+
+    def multipliers(self, gamma: Right) -> Right:
+        a, terms = self.acceleration(gamma), self.terms
+        forces: Right = {}
+        for p in self.factors.pivots:
+            parts = [terms.Q[p.column]] if p.column in terms.Q else []
+            if p.column in a:
+                parts.append(-(terms.mass[p.column] * a[p.column]))
+            forces[p.column] = terms.graph.total(parts)
+        return self.factors.solve_transposed(forces)
+
+    @property
+    def guards(self) -> list[tuple[Node, float]]:
+        return _guards(self.factors)
+
+
+def _weighted(terms: Terms, left: Right, right: Right) -> list[Node]:
+    """Summands of left^T M right; where a link's x and y together are something known, as on a ground pin, that serves."""
+    found = []
+    for x in range(0, len(terms.mass), 3):
+        y = x + 1
+        known = _known_product(terms.graph, left, right, x)
+        if known is not None:
+            found.append(terms.mass[x] * known)
+        for j in (x + 2,) if known is not None else (x, y, x + 2):
+            if j in left and j in right:
+                found.append(terms.mass[j] * left[j] * right[j])
+    return found
+
+
+def _known_product(graph: Graph, left: Right, right: Right, x: int) -> Node | None:
+    """left_x right_x + left_y right_y where that is a constant or a multiple of a known expression."""
+    y = x + 1
+    if not (x in left and x in right and y in left and y in right):
+        return None
+    first = left[x].at * right[x].at
+    return graph.recognised(first + left[y].at * right[y].at, first)
+
+
+def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
+    """Summands of N^T (Q - M a0)."""
+    found = []
+    for x in range(0, len(terms.mass), 3):
+        known = _known_product(terms.graph, N, a0, x)
+        if known is not None:
+            found.append(-(terms.mass[x] * known))
+        for j in (x, x + 1, x + 2):
+            taken = known is not None and j < x + 2
+            found += _work_along(terms, N, {} if taken else a0, j)
+    return found
+
+
+def _work_along(terms: Terms, N: Right, a0: Right, j: int) -> list[Node]:
+    """Summands of N_j (Q_j - M_j a0_j); a constant force, as gravity, goes along with a0."""
+    mass, Q = terms.mass[j], terms.Q.get(j)
+    if j not in N:
+        return []
+    if j not in a0:
+        return [] if Q is None else [N[j] * Q]
+    weighted = mass * N[j]
+    if Q is not None and Q.number is not None and mass.number is not None:
+        return [weighted * (Q / mass - a0[j])]
+    inertia = -(weighted * a0[j])
+    return [inertia] if Q is None else [inertia, N[j] * Q]
+
+
+class Lagrange:
+    """n + m unknowns; unknown n + r is the multiplier of row r."""
+
+    def __init__(self, terms: Terms, search: Search):
+        self.terms, self.n = terms, len(terms.mass)
+        A: Matrix = {(i, i): x for i, x in enumerate(terms.mass)}
+        for (r, c), e in terms.jacobian.items():
+            A[self.n + r, c] = A[c, self.n + r] = e
+        size = self.n + len(terms.rows)
+        self.factors = lu(terms.graph, A, range(size), range(size), search)
+
+    def _solved(self, gamma: Right) -> Right:
+        return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
+
+    def acceleration(self, gamma: Right) -> Right:
+        return {k: x for k, x in self._solved(gamma).items() if k < self.n}
+
+    def correction(self, residual: Right) -> Right:
+        found = self.factors.solve({self.n + r: -x for r, x in residual.items()})
+        return {k: x for k, x in found.items() if k < self.n}
+
+    def multipliers(self, gamma: Right) -> Right:
+        return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
+
+    @property
+    def guards(self) -> list[tuple[Node, float]]:
+        return _guards(self.factors)
+
+
+def _guards(factors: Factors) -> list[tuple[Node, float]]:
+    """Pivots that vary with the state, each without its constant factor, and their thresholds; equal ones once."""
+    found: dict[int, tuple[Node, float]] = {}
+    for p in factors.pivots:
+        if p.node.number is None:
+            factor, base = factored(p.node)
+            threshold = max(p.threshold / abs(factor), found.get(base.index, (base, 0.0))[1])
+            found[base.index] = (base, threshold)
+    return list(found.values())

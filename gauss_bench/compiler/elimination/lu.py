@@ -1,0 +1,247 @@
+"""Sparse LU of a matrix of expressions, with pivots fixed at generation.
+
+Pivots are chosen by Markowitz's count, the fill an entry can cause at most, among entries that are not small in their row at any
+sample and, where there are such, have one sign at all of them, because a pivot that changes sign is zero on the way. The code has
+no branches, and a guard on the pivots tells where it must not be used. A constant +-1 costs no division.
+
+Where a pivot p varies, either the entries of its column are multiplied by 1/p, or those of its row, whichever are fewer. A short
+row may instead be multiplied by p before p's row is taken off it, as in a determinant: the next pivot then need not wait for a
+division. Entries are sums whose summands are kept until the entry is needed, so that they can be added in the order in which they
+become ready.
+Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.factors import Factors, Pivot, Right, Step
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.expressions.node import GENERIC, VANISHES, Graph, Node
+from gauss_bench.terms import Array
+
+__all__ = ["GUARD", "RELATIVE", "SMALLEST", "Matrix", "Right", "Search", "lu"]
+
+RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
+SMALLEST = 1e-9
+GUARD = 1e-3  # of the largest entry in the pivot's row: below, a pivot costs more than three digits
+CROSSED = 3  # entries of a row that are multiplied by a pivot at most; once per row, since sizes multiply too
+LOOKED_AT = 8  # rows and columns with the fewest entries among which a pivot is sought
+
+Matrix = dict[tuple[int, int], Node]
+
+
+@dataclass(frozen=True)
+class Search:
+    """How choices are made that Markowitz's count leaves open.
+
+    Attributes:
+        noise: added to the count at random.
+        patience: charged per 100 cycles that a pivot is waited for.
+        crossing: share of the steps done without division, where that is possible.
+        undivided: whether the single column of a null space is multiplied by the pivot it would wait for.
+    """
+
+    seed: int = 0
+    noise: float = 0.0
+    patience: float = 0.0
+    crossing: float = 0.0
+    undivided: bool = False
+
+
+class _Entry:
+    """An entry under elimination: summands, and the values of their sum at the samples and random points."""
+
+    __slots__ = ("at", "largest", "terms")
+
+    def __init__(self, node: Node):
+        self.terms, self.at, self.largest = [node], node.at, np.abs(node.at[-GENERIC:])
+
+    def add(self, node: Node) -> None:
+        self.terms.append(node)
+        self.at = self.at + node.at
+        self.largest = np.maximum(self.largest, np.abs(node.at[-GENERIC:]))
+
+    @property
+    def vanishes(self) -> bool:
+        return bool((np.abs(self.at[-GENERIC:]) <= VANISHES * self.largest).all())
+
+    def node(self) -> Node:
+        if len(self.terms) > 1:
+            self.terms = [self.terms[0].graph.total(self.terms)]
+        return self.terms[0]
+
+    @property
+    def penalty(self) -> float:
+        """What a division by this entry adds to its count."""
+        g = self.at[-GENERIC:]
+        if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):
+            return 1.0
+        number = self.node().number
+        return 1.0 if number is None else 0.0 if abs(number) == 1.0 else 0.5
+
+    @property
+    def ready(self) -> float:
+        return max(x.ready for x in self.terms)
+
+
+class _Elimination:
+    """One factorisation in progress."""
+
+    def __init__(self, graph: Graph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
+        self.graph, self.search = graph, search
+        self.random = np.random.default_rng(search.seed)
+        self.rows: dict[int, dict[int, _Entry]] = {r: {} for r in rows}
+        self.columns: dict[int, set[int]] = {c: set() for c in columns}
+        for (r, c), node in A.items():
+            if r in self.rows and c in self.columns and not node.zero:
+                self.rows[r][c] = _Entry(node)
+                self.columns[c].add(r)
+        self.scale = {c: self._largest_in(c) for c in self.columns}
+        self.by_row, self.by_column = _Counts(), _Counts()
+        for r in self.rows:
+            self.by_row.set(r, len(self.rows[r]))
+        for c in self.columns:
+            self.by_column.set(c, len(self.columns[c]))
+        self.pivots: list[Pivot] = []
+        self.steps: dict[int, list[Step]] = {r: [] for r in self.rows}
+        self.upper: dict[int, list[tuple[int, Node]]] = {}
+
+    def _values(self, e: _Entry) -> Array:
+        return np.abs(e.at[: self.graph.samples])
+
+    def _largest_in(self, c: int) -> float:
+        return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
+
+    def factors(self) -> Factors:
+        for _ in range(len(self.rows)):
+            self._eliminate(*self._choose())
+        return Factors(self.graph, tuple(self.pivots), self.steps, self.upper)
+
+    def _choose(self) -> tuple[int, int, Array]:
+        """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
+        seen: dict[int, tuple[Array, dict[int, Array]]] = {}
+        everywhere = len(self.by_row)
+        for reach, steady in ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False)):
+            near = [(r, c) for r in self.by_row.fewest(reach) for c in self.rows[r]]
+            near += [(r, c) for c in self.by_column.fewest(reach) for r in sorted(self.columns[c])]
+            best: tuple[float, float, int, int] | None = None
+            for r, c in dict.fromkeys(near):
+                count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)
+                if best is not None and count > best[0] + self.search.noise:
+                    continue
+                if self._usable(r, c, steady, seen):
+                    offer = self._cost(r, c, count), -float(seen[r][1][c].min())
+                    if best is None or offer < best[:2]:
+                        best = (*offer, r, c)
+            if best is not None:
+                return best[2], best[3], seen[best[2]][0]
+        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+
+    def _usable(self, r: int, c: int, steady: bool, seen: dict[int, tuple[Array, dict[int, Array]]]) -> bool:
+        """Whether a pivot is not small in its row at any sample and, if `steady`, has one sign at all: else it is zero between."""
+        if r not in seen:
+            sizes = {k: self._values(e) / self.scale[k] for k, e in self.rows[r].items()}
+            largest = np.maximum(np.max(list(sizes.values()), axis=0), np.finfo(float).tiny)
+            seen[r] = largest, {k: x / largest for k, x in sizes.items()}
+        values = self.rows[r][c].at[: self.graph.samples]
+        low, high = float(values.min()), float(values.max())
+        if steady and low < 0.0 < high:
+            return False
+        return float(seen[r][1][c].min()) >= RELATIVE and float(np.abs(values).min()) >= SMALLEST
+
+    def _cost(self, r: int, c: int, count: int) -> float:
+        entry = self.rows[r][c]
+        cost = count + entry.penalty
+        if self.search.patience:
+            cost += self.search.patience * entry.ready / 100.0
+        if self.search.noise:
+            cost += self.search.noise * self.random.random()
+        return cost
+
+    def _eliminate(self, r: int, c: int, largest: Array) -> None:
+        row = {k: e.node() for k, e in self.rows.pop(r).items()}
+        pivot = row.pop(c)
+        others = sorted(self.columns.pop(c) - {r})
+        inverse = self.graph.inverse(pivot)
+        crossed = self._is_crossed(pivot, others)
+        row_divided = pivot.number is None and not crossed and len(row) < len(others)
+        if row_divided:
+            row = {k: u * inverse for k, u in row.items()}
+        self.by_row.drop(r)
+        self.by_column.drop(c)
+        for k in row:
+            self.columns[k].discard(r)
+        for other in others:
+            entry = self.rows[other].pop(c).node()
+            if crossed:
+                self.rows[other] = {k: _Entry(e.node() * pivot) for k, e in self.rows[other].items()}
+            f = entry if row_divided or crossed else entry * inverse
+            self.steps[other].append(Step(r, f, pivot if crossed else None))
+            self._subtract(other, f, row)
+            self.by_row.set(other, len(self.rows[other]))
+        for k in row:
+            self.by_column.set(k, len(self.columns[k]))
+        threshold = GUARD * self.scale[c] * float(np.median(largest))
+        self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
+        self.upper[r] = list(row.items())
+
+    def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
+        """Whether the other rows are multiplied by the pivot, and nothing is divided by it."""
+        if not self.search.crossing or pivot.number is not None or not others:
+            return False
+        few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
+        return few and self.random.random() < self.search.crossing
+
+    def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
+        target = self.rows[other]
+        for k, u in row.items():
+            product = -(f * u)
+            if k in target:
+                target[k].add(product)
+                if target[k].vanishes:
+                    del target[k]
+                    self.columns[k].discard(other)
+            else:
+                target[k] = _Entry(product)
+                self.columns[k].add(other)
+
+
+class _Counts:
+    """Keys by how many entries they have, so that the emptiest are found without looking at all."""
+
+    def __init__(self) -> None:
+        self.count: dict[int, int] = {}
+        self.buckets: dict[int, dict[int, None]] = {}
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    def set(self, key: int, count: int) -> None:
+        self.drop(key)
+        self.count[key] = count
+        self.buckets.setdefault(count, {})[key] = None
+
+    def drop(self, key: int) -> None:
+        if key in self.count:
+            bucket = self.buckets[self.count.pop(key)]
+            del bucket[key]
+
+    def fewest(self, number: int) -> list[int]:
+        found: list[int] = []
+        for count in sorted(self.buckets):
+            for key in self.buckets[count]:
+                found.append(key)
+                if len(found) >= number:
+                    return found
+        return found
+
+
+def lu(graph: Graph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search) -> Factors:
+    """Factors of A(rows, columns).
+
+    Raises:
+        KernelError: no pivot is left that is usable at all samples.
+    """
+    return _Elimination(graph, A, rows, columns, search).factors()

@@ -1,0 +1,144 @@
+"""What is known of a linkage before any algebra: rank, redundant rows, and which coordinates may be left independent.
+
+An independent coordinate must move, on every motion the constraints allow, at every position the linkage takes: where it stands
+still, the others do not follow from it. The null spaces of J at the samples tell.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.spread import smallest, spread
+from gauss_bench.compiler.equations.constraints import row_names
+from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+SAMPLES = 48  # poses, a tenth of a radian apart: a pivot that touches zero between two of them is small at both
+FEW = 8  # of a large linkage
+SINGULAR = 0.02  # of the usual smallest singular value: nearer to a singular position no pivots are chosen
+USABLE = 0.02  # of the fastest coordinate: an independent coordinate that moves less at a sample cannot serve there
+NEAR = 0.5  # of the best conditioned partition: what is between is left to the costs
+CANDIDATES = 6  # partitions that are tried; along a chain, where the middle is best, they are spread evenly
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What is known of a linkage before any algebra.
+
+    Attributes:
+        states: samples on the constraints at which J has its full rank.
+        kept: indices of the rows that are kept; dropped: names of the others. Where the left null space turns with the linkage,
+            as in a parallelogram with a third crank, every choice of rows has positions at which it is singular: the guard's.
+        free: degrees of freedom of the velocities.
+        bases: (k, n, free) null space of J in scaled coordinates at each sample.
+    """
+
+    mechanism: Mechanism
+    states: States
+    kept: tuple[int, ...]
+    dropped: tuple[str, ...]
+    free: int
+    bases: Array
+
+
+def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
+    """Samples, redundant rows and null spaces of a mechanism.
+
+    Raises:
+        KernelError: rows are redundant that cannot be dropped, as two drivers that prescribe the same.
+    """
+    states = manifold_states(mechanism, samples if mechanism.n <= DENSE else FEW)
+    scale, constraints = scales(mechanism), Constraints(mechanism)
+    jacobians = [constraints(t, q, v).J * scale for t, q, v in zip(states.t, states.q, states.v, strict=True)]
+    if mechanism.n > DENSE and mechanism.redundant == 0:
+        free = mechanism.n - constraints.m
+        bases = [_sparse_null_space(J, free) for J in jacobians]
+        return Study(mechanism, states, tuple(range(constraints.m)), (), free, np.array(bases))
+    parts = [_subspaces(J) for J in jacobians]
+    rank = max(part.rank for part in parts)
+    usual = float(np.median([part.smallest for part in parts if part.rank == rank]))
+    regular = np.array([part.rank == rank and part.smallest > SINGULAR * usual for part in parts])
+    chosen = [part for part, good in zip(parts, regular, strict=True) if good]
+    left, null = np.array([part.left for part in chosen]), np.array([part.right for part in chosen])
+    drop = spread(left, left.shape[2], range(constraints.joint_rows))
+    if drop is None:
+        raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
+    names = row_names(mechanism)
+    kept = tuple(k for k in range(constraints.m) if k not in drop)
+    return Study(mechanism, states.part(regular), kept, tuple(names[k] for k in drop), mechanism.n - rank, null)
+
+
+@dataclass(frozen=True, eq=False)
+class _Subspaces:
+    """Rank of J, its left and right null space, and its smallest singular value that is not zero, relative to the largest."""
+
+    rank: int
+    left: Array
+    right: Array
+    smallest: float
+
+
+def _subspaces(J: Array) -> _Subspaces:
+    if not len(J):
+        return _Subspaces(0, np.zeros((0, 0)), np.eye(J.shape[1]), 1.0)
+    U, s, Vt = np.linalg.svd(J)
+    rank = int((s > RANK_TOLERANCE * s[0]).sum())
+    return _Subspaces(rank, U[:, rank:], Vt[rank:].T, float(s[rank - 1] / s[0]))
+
+
+def _sparse_null_space(J: Array, free: int) -> Array:
+    """The null space of a large J of full row rank."""
+    X = np.random.default_rng(0).normal(size=(J.shape[1], free))
+    for _ in range(2):
+        X = np.array([x - shortest(J, J @ x) for x in X.T]).reshape(free, -1).T
+        X = np.linalg.qr(X)[0] if free else X
+    return X
+
+
+def candidates(found: Study) -> list[tuple[int, ...]]:
+    """A few partitions that are usable at every sample and among the best conditioned; () where every motion is prescribed.
+
+    Among many of the kind they are spread evenly, since along a chain the middle is best. The crank's angle, and angles alone, are
+    always among them, and all that is tried of a large linkage.
+    """
+    if found.free == 0:
+        return [()]
+    mechanism, every = found.mechanism, range(found.mechanism.n)
+    made = {spread(found.bases, found.free, every, first) for first in every}
+    angles = spread(found.bases, found.free, every[2::3])
+    worst = {chosen: float(conditions(found, chosen).min()) for chosen in {*made, angles} if chosen is not None}
+    best = max(worst.values(), default=0.0)
+    near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))
+    natural = [] if mechanism.crank is None else [x for x in near if 3 * mechanism.crank + 2 in x][:1]
+    natural += [angles] if angles is not None and worst[angles] > USABLE else []
+    if mechanism.n > DENSE and (natural or near):
+        return natural[:1] or near[len(near) // 2 :][:1]
+    even = [near[k] for k in np.unique(np.linspace(0, len(near) - 1, CANDIDATES).round().astype(int))] if near else []
+    return list(dict.fromkeys(natural + even))
+
+
+def conditions(found: Study, independent: tuple[int, ...]) -> Array:
+    """(k,) how well the velocities follow from those of the independent coordinates at each sample; 0 is singular."""
+    return smallest(found.bases, independent)
+
+
+def covering(found: Study) -> list[tuple[int, ...]]:
+    """Partitions of which one is usable at every sample; the first, with the crank's angle where that is good, at most of them."""
+    chosen = candidates(found)
+    crank = None if found.mechanism.crank is None else 3 * found.mechanism.crank + 2
+    chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(found, x).min())))[:1]
+    allowed, enough = tuple(range(found.mechanism.n)), 5 * USABLE
+    open_samples = np.arange(len(found.states))
+    if chosen:
+        open_samples = open_samples[conditions(found, chosen[0]) < enough]
+    while len(open_samples) and len(chosen) < 4:
+        worst = open_samples[0]
+        best = spread(found.bases[worst : worst + 1], found.free, allowed)
+        if best is None or best in chosen:
+            break
+        chosen.append(best)
+        open_samples = open_samples[conditions(found, best)[open_samples] < enough]
+    return chosen

@@ -1,0 +1,216 @@
+"""Elimination in rounds: in each as many pivots at once as do not touch one another.
+
+Ordinary elimination of a chain of loops walks from one end to the other, every operation waiting for the one before. Two pivots
+(r, c) and (s, d) can be eliminated side by side where A[r, d] = A[s, c] = 0. A round takes a maximal set of such pivots, cheapest
+first by Markowitz's count, and goes as high in cost as it must to take a fair share of what is left. For loops in a chain this
+comes to cyclic reduction: first the same few steps inside every loop, then two of every three unknowns, so that N loops take about
+log N rounds of equal operations, which large_groups.py joins. It costs a few operations more than the walk, but eight at a time.
+Sources: Calahan, Parallel solution of sparse simultaneous linear equations, Allerton Conference (1973), for compatible pivots;
+Hockney, A fast direct solution of Poisson's equation using Fourier analysis, J. ACM 12 (1965), for cyclic reduction.
+
+The right-hand sides are eliminated along with the matrix. Pivots are chosen, and guarded, as in elimination.py.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.factors import Right
+from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.expressions.node import Graph, Node
+from gauss_bench.terms import Array
+
+SHARE = 10  # a round takes at least a tenth of the rows that are left, whatever the fill
+SMALL = 8  # rows; so few are eliminated by least fill alone
+
+Changes = dict[tuple[int, int], list[Node]]  # row, and column or number of a right-hand side -> what is added
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A pivot that was eliminated, and its row then, on the left and on the right; divided by it already if `inverse` is None."""
+
+    column: int
+    inverse: Node | None
+    row: dict[int, Node]
+    right: dict[int, Node]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What an elimination comes to.
+
+    Attributes:
+        x: solutions by right-hand side, then by column, zeros left out.
+        guards: pivots that vary, and the smallest size of each to trust.
+        phases: numbers of nodes before the first round, after each round, and after each round of the substitution.
+    """
+
+    x: list[Right]
+    guards: list[tuple[Node, float]]
+    phases: list[int]
+
+
+class _Elimination:
+    """One elimination in progress."""
+
+    def __init__(self, graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]):
+        self.graph = graph
+        self.rows: dict[int, dict[int, Node]] = {r: {} for r in rows}
+        self.columns: dict[int, set[int]] = {c: set() for c in columns}
+        for (r, c), node in A.items():
+            if r in self.rows and c in self.columns and not node.zero:
+                self.rows[r][c] = node
+                self.columns[c].add(r)
+        self.right: dict[int, dict[int, Node]] = {r: {} for r in self.rows}
+        for k, b in enumerate(right):
+            for r, node in b.items():
+                self.right[r][k] = node
+        self.scale = {c: self._largest_in(c) for c in self.columns}
+        self.steps: list[Step] = []
+        self.guards: list[tuple[Node, float]] = []
+        self.sizes: dict[int, tuple[Array, dict[int, Array]]] = {}
+
+    def _largest_in(self, c: int) -> float:
+        return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
+
+    def _values(self, node: Node) -> Array:
+        return np.abs(node.at[: self.graph.samples])
+
+    def solution(self, count: int) -> Solution:
+        phases = [self.graph.count]
+        rounds: list[list[Step]] = []
+        while self.rows:
+            before = len(self.steps)
+            self._round()
+            rounds.append(self.steps[before:])
+            phases.append(self.graph.count)
+        x: list[Right] = [{} for _ in range(count)]
+        for steps in reversed(rounds):
+            for step in steps:
+                self._substitute(step, x)
+            phases.append(self.graph.count)
+        return Solution(x, self.guards, phases)
+
+    def _substitute(self, step: Step, x: list[Right]) -> None:
+        for k, found in enumerate(x):
+            terms = [step.right[k]] if k in step.right else []
+            terms += [-(u * found[c]) for c, u in sorted(step.row.items()) if c in found]
+            value = added(self.graph, terms)
+            if not value.zero:
+                found[step.column] = settled(self.graph, value if step.inverse is None else value * step.inverse)
+
+    def _round(self) -> None:
+        chosen = self._chosen()
+        changes: Changes = {}
+        right: Changes = {}
+        for r, c in chosen:
+            self._eliminate(r, c, changes, right)
+        for (r, c), terms in changes.items():
+            old = self.rows[r].get(c)
+            self._put(r, c, added(self.graph, terms if old is None else [old, *terms]))
+        for (r, k), terms in right.items():
+            old = self.right[r].get(k)
+            self.right[r][k] = added(self.graph, terms if old is None else [old, *terms])
+
+    def _put(self, r: int, c: int, node: Node) -> None:
+        self.sizes.pop(r, None)
+        if node.zero:
+            self.rows[r].pop(c, None)
+            self.columns[c].discard(r)
+        else:
+            self.rows[r][c] = node
+            self.columns[c].add(r)
+
+    def _chosen(self) -> list[tuple[int, int]]:
+        """Pivots of the next round: of one sign at all samples where there are such."""
+        for steady in (True, False):
+            found = list(self._compatible(steady))
+            if found:
+                return found
+        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+
+    def _compatible(self, steady: bool) -> Iterator[tuple[int, int]]:
+        left = len(self.rows)
+        enough = 1 if left <= SMALL else left / SHARE
+        barred_rows: set[int] = set()
+        barred_columns: set[int] = set()
+        taken, level = 0, -1.0
+        for cost, r, c in sorted((self._cost(r, c), r, c) for r, row in self.rows.items() for c in row):
+            if cost > level and taken >= enough:
+                return
+            level = cost
+            if r in barred_rows or c in barred_columns or not self._usable(r, c, steady):
+                continue
+            taken += 1
+            barred_rows |= self.columns[c]
+            barred_columns |= self.rows[r].keys()
+            yield r, c
+
+    def _cost(self, r: int, c: int) -> float:
+        """Markowitz's count, and something for a division."""
+        number = self.rows[r][c].number
+        penalty = 0.5 if number is None else 0.25 if abs(number) != 1.0 else 0.0
+        return (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1) + penalty
+
+    def _usable(self, r: int, c: int, steady: bool) -> bool:
+        _, sizes = self._row_sizes(r)
+        values = self.rows[r][c].at[: self.graph.samples]
+        if steady and float(values.min()) < 0.0 < float(values.max()):
+            return False
+        return float(sizes[c].min()) >= RELATIVE and float(np.abs(values).min()) >= SMALLEST
+
+    def _row_sizes(self, r: int) -> tuple[Array, dict[int, Array]]:
+        """The largest entry of a row at each sample, columns scaled, and all entries relative to it."""
+        if r not in self.sizes:
+            sizes = {c: self._values(x) / self.scale[c] for c, x in self.rows[r].items()}
+            largest = np.maximum(np.max(list(sizes.values()), axis=0), np.finfo(float).tiny)
+            self.sizes[r] = largest, {c: x / largest for c, x in sizes.items()}
+        return self.sizes[r]
+
+    def _eliminate(self, r: int, c: int, changes: Changes, right: Changes) -> None:
+        threshold = GUARD * self.scale[c] * float(np.median(self._row_sizes(r)[0]))
+        row, b = self.rows.pop(r), self.right.pop(r)
+        pivot = row.pop(c)
+        others = sorted(self.columns.pop(c) - {r})
+        inverse = None if pivot.number == 1.0 else self.graph.inverse(pivot)
+        if inverse is not None and (inverse.number is not None or len(row) + len(b) <= len(others)):
+            row, b = ({k: u * inverse for k, u in x.items()} for x in (row, b))
+            inverse = None
+        if pivot.number is None:
+            self.guards.append((pivot, threshold))
+        for k in row:
+            self.columns[k].discard(r)
+        for other in others:
+            entry = self.rows[other].pop(c)
+            self.sizes.pop(other, None)
+            f = entry if inverse is None else entry * inverse
+            for k, u in row.items():
+                changes.setdefault((other, k), []).append(-(f * u))
+            for k, u in b.items():
+                right.setdefault((other, k), []).append(-(f * u))
+        self.steps.append(Step(c, inverse, row, b))
+
+
+def added(graph: Graph, terms: list[Node]) -> Node:
+    """A sum in the order of its terms, whenever they are ready: equal sums of different loops remain equal."""
+    found = graph.constant(0.0)
+    for x in terms:
+        found = found + x
+    return found
+
+
+def settled(graph: Graph, x: Node) -> Node:
+    """A solution as a value of its own, whatever its sign and form: those of different loops are then used alike."""
+    return x if x.number is not None else graph.opaque("IS", (x,), x.at)
+
+
+def solve(graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]) -> Solution:
+    """Solutions of A(rows, columns) x = b for several right-hand sides by row.
+
+    Raises:
+        KernelError: no pivot is left that is usable at all samples.
+    """
+    return _Elimination(graph, A, right, rows, columns).solution(len(right))

@@ -1,0 +1,1 @@
+"""The equations of a linkage as expressions."""

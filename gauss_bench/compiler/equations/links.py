@@ -1,0 +1,145 @@
+"""Positions and velocities of link-fixed points as expressions, one sine and cosine per link at most.
+
+An arm r = exp(i theta) s has constant components s in the link's frame. Slides tie the angles of links together,
+theta_b = theta_g + turn, and the constant part is folded into s:
+
+    r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
+
+Tied links share one sine and cosine, and one that is tied to the ground has none: on the constraints nothing changes, and the
+motion never leaves these rows, which are linear. Sines and cosines are those of coordinates as they stand, so that a loop over
+steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.compiler.equations.parameters import Parameters
+from gauss_bench.compiler.equations.sampling import SPEED, scales
+from gauss_bench.compiler.expressions.node import Graph, Node
+from gauss_bench.compiler.expressions.planar import Vector
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
+
+AXIS = 1e-14  # of a vector's length: less is rounding of a right angle
+
+
+@dataclass(frozen=True)
+class Tie:
+    """The angle of a link: that of `root` plus `offset` [rad]; the ground's angle is 0."""
+
+    root: int
+    offset: float
+
+
+def tied_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
+    """For every link the angle it follows through slides."""
+    ties = [Tie(i, 0.0) for i in range(len(mechanism.links))]
+    for slide in (j for j in mechanism.joints if isinstance(j, Prismatic)):
+        guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
+        old, new, offset = block.root, guide.root, guide.offset + slide.turn - block.offset
+        if old == GROUND:
+            old, new, offset = new, old, -offset
+        if old != new:
+            ties = [Tie(new, x.offset + offset) if x.root == old else x for x in ties]
+    return tuple(ties)
+
+
+def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
+    """Every link for itself: exact off the constraints too."""
+    return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Names of the inputs that hold time, positions and velocities, and their values at the samples (k,), (k, n), (k, n)."""
+
+    t: str
+    q: str
+    v: str
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+
+
+class Links:
+    """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too."""
+
+    def __init__(self, graph: Graph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
+        self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
+        self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
+        self.scale = [float(x) for x in scales(mechanism)]
+        self.zero = graph.constant(0.0)
+        self.arms: dict[tuple[object, ...], Vector] = {}
+
+    @property
+    def time(self) -> Node:
+        return self.graph.input(self.state.t, 0, self.state.times, 1.0)
+
+    def coordinate(self, k: int) -> Node:
+        return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
+
+    def rate(self, k: int) -> Node:
+        return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
+
+    def angle(self, link: int) -> Node:
+        """theta as it stands in the state; the ground's is 0."""
+        return self.zero if link == GROUND else self.coordinate(3 * link + 2)
+
+    def omega(self, link: int) -> Node:
+        """Angular speed; a tied link has that of its root."""
+        root = GROUND if link == GROUND else self.ties[link].root
+        return self.zero if root == GROUND else self.rate(3 * root + 2)
+
+    def centre(self, link: int) -> Vector:
+        return Vector(self.coordinate(3 * link), self.coordinate(3 * link + 1))
+
+    def centre_velocity(self, link: int) -> Vector:
+        return Vector(self.rate(3 * link), self.rate(3 * link + 1))
+
+    def number(self, name: str) -> Node:
+        return self.parameters.node(self.graph, name)
+
+    def local(self, point: Point) -> Vector:
+        """The point in its link's frame, from the centre of mass."""
+        owner, name = point.name.split(".", 1)
+        if f"points.{owner}.{name}.x" not in self.parameters.all:
+            return self.fixed(*point.local)
+        x, y = (self.number(f"points.{owner}.{name}.{axis}") for axis in "xy")
+        if point.link == GROUND:
+            return Vector(x, y)
+        return Vector(x - self.number(f"links.{owner}.com.x"), y - self.number(f"links.{owner}.com.y"))
+
+    def fixed(self, x: float, y: float) -> Vector:
+        return Vector(self.graph.constant(float(x)), self.graph.constant(float(y)))
+
+    def rotated(self, link: int, s: Vector) -> Vector:
+        """A link-fixed vector in world axes."""
+        tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
+        s = s.rotated(self._unit(tie.offset))
+        if tie.root == GROUND:
+            return s
+        theta = self.coordinate(3 * tie.root + 2)
+        return s.rotated(Vector(self.graph.cos(theta), self.graph.sin(theta)))
+
+    def _unit(self, theta: float) -> Vector:
+        return self.fixed(*(0.0 if abs(x) < AXIS else x for x in (np.cos(theta), np.sin(theta))))
+
+    def direction(self, link: int, angle: float) -> Vector:
+        """Unit vector at an angle [rad] of the link's frame, in world axes."""
+        return self.rotated(link, self._unit(angle))
+
+    def arm(self, point: Point) -> Vector:
+        """From the centre of mass to the point, in world axes; zero for the ground."""
+        key = (point.name, *point.local.tolist())
+        if key not in self.arms:
+            fixed = point.link == GROUND
+            self.arms[key] = self.fixed(0.0, 0.0) if fixed else self.rotated(point.link, self.local(point))
+        return self.arms[key]
+
+    def position(self, point: Point) -> Vector:
+        return self.local(point) if point.link == GROUND else self.centre(point.link) + self.arm(point)
+
+    def velocity(self, point: Point) -> Vector:
+        if point.link == GROUND:
+            return self.fixed(0.0, 0.0)
+        return self.centre_velocity(point.link) + self.arm(point).turned(self.omega(point.link))

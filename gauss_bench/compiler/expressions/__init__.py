@@ -1,0 +1,1 @@
+"""Expressions that know their values."""

@@ -1,0 +1,1 @@
+"""Machine arithmetic, its loops, and native code."""

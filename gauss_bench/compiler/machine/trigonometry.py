@@ -1,0 +1,126 @@
+"""Sine and cosine without branches: from nothing, or from those of a neighbouring angle.
+
+From nothing (Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 8): the nearest multiple k of pi/2 is
+taken off in three parts, and two short polynomials give sine and cosine of what is left; the low bits of k choose and set signs.
+
+    k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
+    sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
+
+P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. The rounding adds and takes away 1.5 * 2^52, which leaves
+k in the low bits of the sum; this is why no such sum may ever be reassociated.
+
+From a neighbour: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
+
+    sin(x + d) = sin x + (cos x sin d - sin x (1 - cos d)),   cos(x + d) = cos x - (sin x sin d + cos x (1 - cos d))
+
+P and Q interpolate at Chebyshev nodes for |d| up to a reach, with as few terms as keep the error below an eighth of a rounding.
+"""
+
+from fractions import Fraction
+from functools import cache
+from math import cos, factorial, pi
+
+from gauss_bench.compiler.machine.graph import Graph, Pair
+
+LARGEST = 2.0**20  # [rad] beyond it k P1 is not exact any more
+TWO_OVER_PI = 0.6366197723675814
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+MAGIC = 1.5 * 2.0**52
+SINE = (
+    -0.16666666666666666,
+    0.008333333333330946,
+    -0.0001984126983675497,
+    2.755731610068303e-06,
+    -2.5051131455427946e-08,
+    1.591810123027412e-10,
+)
+COSINE = (
+    0.041666666666666664,
+    -0.0013888888888887395,
+    2.4801587298763433e-05,
+    -2.7557317270560326e-07,
+    2.0876146024689747e-09,
+    -1.1382614868556325e-11,
+)
+TOLERANCE = 2.0**-56
+SERIES_TERMS = 8
+
+
+def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
+    """Estrin's scheme: pairs first, so that the chain is as long as the logarithm of the degree."""
+    level = [g.const(c) for c in coefficients]
+    while len(level) > 1:
+        odd = level[-1:] if len(level) % 2 else []
+        level = [g.fma(high, z, low) for low, high in zip(level[::2], level[1::2], strict=False)] + odd
+        z = g.mul(z, z)
+    return level[0]
+
+
+def sincos(g: Graph, x: int) -> Pair:
+    """Sine and cosine of a value, valid for |x| <= LARGEST."""
+    shifted = g.fma(x, g.const(TWO_OVER_PI), g.const(MAGIC))
+    k = g.make("bits", shifted)
+    minus = g.neg(g.make("sub", shifted, g.const(MAGIC)))
+    r = x
+    for part in HALF_PI:
+        r = g.fma(minus, g.const(part), r)
+    z = g.mul(r, r)
+    s = g.fma(g.mul(r, z), polynomial(g, SINE, z), r)
+    c = g.fma(g.mul(z, z), polynomial(g, COSINE, z), g.fma(z, g.const(-0.5), g.const(1.0)))
+    odd = g.make("nonzero", g.make("and", k, payload=1))
+    return _signed(g, odd, c, s, k), _signed(g, odd, s, c, g.make("plus", k, payload=1))
+
+
+def _signed(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
+    """The one or the other, with bit 1 of k moved to the sign bit."""
+    sign = g.make("shl", g.make("and", k, payload=2), payload=62)
+    chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
+    return g.make("real", g.make("xor", chosen, sign))
+
+
+def rotated(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
+    """Sine and cosine at x + d from those at x, valid for |d| <= reach [rad]."""
+    s, c = pair
+    P, Q = short_series(reach)
+    z = g.mul(d, d)
+    sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
+    if not Q:
+        return g.fma(c, sine, s), g.fma(g.neg(s), sine, c)
+    versine = g.mul(z, polynomial(g, Q, z))
+    return (
+        g.add(s, g.fma(c, sine, g.neg(g.mul(s, versine)))),
+        g.sub(c, g.fma(s, sine, g.mul(c, versine))),
+    )
+
+
+@cache
+def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Coefficients of P and Q, as few as the reach allows."""
+    P = [Fraction((-1) ** (k + 1), factorial(2 * k + 3)) for k in range(SERIES_TERMS)]
+    Q = [Fraction((-1) ** k, factorial(2 * k + 2)) for k in range(SERIES_TERMS)]
+    return _economised(P, reach, reach**3), _economised(Q, reach, reach**2)
+
+
+def _economised(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
+    """Interpolation of a series in z at Chebyshev nodes of [0, reach^2], where its error times `factor` counts."""
+    width = reach * reach
+    for terms in range(SERIES_TERMS):
+        error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
+        if error * factor <= TOLERANCE:
+            nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]
+            return _interpolated(nodes, [sum(c * z**k for k, c in enumerate(series)) for z in nodes])
+    raise ValueError(f"a reach of {reach} rad is too far for a short series")
+
+
+def _interpolated(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[float, ...]:
+    """Coefficients of the polynomial through the values, by Newton's divided differences in exact arithmetic."""
+    differences = [Fraction(v) for v in values]
+    for order in range(1, len(nodes)):
+        for k in range(len(nodes) - 1, order - 1, -1):
+            differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
+    coefficients: list[Fraction] = []
+    for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
+        shifted = [Fraction(0), *coefficients]
+        coefficients = [a - node * b for a, b in zip(shifted, [*coefficients, Fraction(0)], strict=True)]
+        coefficients[0] += difference
+    return tuple(float(c) for c in coefficients)

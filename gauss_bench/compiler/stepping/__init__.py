@@ -1,0 +1,1 @@
+"""Time stepping by native code."""

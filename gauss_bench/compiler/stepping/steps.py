@@ -1,0 +1,281 @@
+"""One step of an integrator as a graph, with its guards and, where asked for, its projection.
+
+Runge-Kutta of order 4 for q'' = a(t, q, v), with the positions of the stages written out (Nystroem's form: the same numbers but for
+rounding, and q_k+1 does not wait for v_k+1):
+
+    q2 = q + h/2 v,         q3 = q2 + h^2/4 a1,   B = q + h v,   q4 = B + h^2/2 a2
+    v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
+    q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
+
+Sine and cosine of the angles are rotated from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2
+(`Reach.bend`). A rotation carried on and on would gather rounding: sine and cosine at q are also computed from nothing, beside the
+chain of dependent operations, and everything after the second stage starts from those.
+
+Projection. At the end of a step, chord-Newton corrections of q with the Jacobian of the last stage, whose factors are there
+already. At its beginning the correction of v with the Jacobian at q, whose factors the first stage needs anyway. Only the slopes
+of the first stage are taken before that correction, which is of the order h^5 of the local error and so changes nothing in the
+order of the method; what is stored and what the step goes on from is corrected. Source: Hairer, Norsett and Wanner, Solving
+Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
+(1996), section VII.2 (projection).
+"""
+
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+from gauss_bench.compiler.elimination.program import Program
+from gauss_bench.compiler.machine import trigonometry
+from gauss_bench.compiler.machine.graph import Graph, Pair, inline
+from gauss_bench.compiler.machine.tape import Tape, read
+
+FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
+LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far the angles may move for a variant of the code to stay exact; a step that goes further is not counted.
+
+    Attributes:
+        step: norm of the angles' h v [rad]; infinite for the variant that computes every sine from nothing.
+        bend: norm of the angles' h^2/2 a at three stages [rad].
+        correction: norm of a correction of the angles [rad].
+        corrections: Newton corrections of the positions at each step.
+    """
+
+    step: float
+    bend: float
+    correction: float
+    corrections: int
+
+    @property
+    def rotates(self) -> bool:
+        return isfinite(self.step)
+
+
+EXACT = Reach(inf, inf, inf, 4)
+# the shortest series with an error below an eighth of a rounding reach this far: with 2 terms (step) and 1 (bend), with 4 and 2
+REACHES = {
+    "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
+    "semi_implicit_euler": (Reach(0.0065, inf, 1.5e-4, 3), Reach(0.0625, inf, 6.5e-3, 5), Reach(inf, inf, inf, 6)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """The tapes of one program under one stabilisation ("none", "baumgarte" or "projection")."""
+
+    program: Program
+    stabilization: str
+    acceleration: Tape
+    position: Tape
+    velocity: Tape
+    angles: tuple[int, ...]
+
+    @property
+    def projected(self) -> bool:
+        return self.stabilization == "projection"
+
+
+def read_code(program: Program, stabilization: str) -> Code:
+    """The tapes of a program; its `stabilized` acceleration for Baumgarte."""
+    function: Any = program.stabilized if stabilization == "baumgarte" else program.acceleration
+    if function is None:
+        raise ValueError(f"{program.name} was generated without Baumgarte's terms")
+    acceleration, position, velocity = (read(f) for f in (function, program.position_correction, program.velocity_correction))
+    angles = acceleration.turned(1)
+    if stabilization == "projection":
+        angles |= position.turned(1) | position.turned(3) | velocity.turned(1)
+    return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The values of a step.
+
+    Attributes:
+        carried: leaf -> the value it has at the next step.
+        out: q, v (2n) to be stored, at the beginning of the step.
+        regular: mask where all pivots are, or None for everywhere; regular_out: those that `out` needs.
+        within: mask where the reach holds and all is finite.
+    """
+
+    graph: Graph
+    carried: dict[str, int]
+    out: list[int]
+    regular: int | None
+    regular_out: int | None
+    within: int
+
+    def roots(self) -> list[int]:
+        """Everything that must be computed."""
+        masks = [m for m in (self.regular, self.regular_out, self.within) if m is not None]
+        return [*self.carried.values(), *self.out, *masks]
+
+
+class Builder:
+    """Writes the stages of a step into a graph, and gathers their guards."""
+
+    def __init__(self, code: Code, reach: Reach, q: str = "q", v: str = "v", library: bool = False):
+        self.g = g = Graph()
+        self.library = library
+        self.code, self.reach, self.n = code, reach, code.program.n
+        self.q, self.v = self.vector(q), self.vector(v)
+        self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
+        self.t, self.h = g.leaf("%t"), g.leaf("%h")
+        self.known: dict[int, Pair] = {}
+        self.pivots: list[int] = []
+        self.score: list[int] = []
+
+    def vector(self, letter: str) -> list[int]:
+        """Leaves, one for each coordinate."""
+        return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
+
+    def given(self) -> list[Pair]:
+        """Leaves for sine and cosine of each angle."""
+        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
+
+    def times_h(self, factor: float, power: int = 1) -> int:
+        """Factor times a power of the step; does not change in the loop."""
+        found = self.g.const(factor)
+        for _ in range(power):
+            found = self.g.mul(found, self.h)
+        return found
+
+    def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
+        return [self.g.add(a, self.g.mul(factor, b)) for a, b in zip(x, d, strict=True)]
+
+    def sincos(self, x: int) -> Pair:
+        """Known from a rotation, or from nothing; left to the target's own functions where it has them (`library`)."""
+        if x not in self.known and self.library:
+            self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
+        elif x not in self.known:
+            self.known[x] = trigonometry.sincos(self.g, x)
+            self.limit([x], trigonometry.LARGEST)
+        return self.known[x]
+
+    def fresh(self) -> list[Pair]:
+        """Of the angles at the beginning of the step, from nothing."""
+        self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
+        return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
+
+    def limit(self, values: list[int], bound: float) -> None:
+        """Demand that the norm of some values stays below a bound."""
+        if isfinite(bound):
+            self.score.append(self.g.mul(self.g.const(bound**-2), self.g.squares(values)))
+
+    def turn(self, pairs: list[Pair], d: list[int], reach: float, to: list[int]) -> list[Pair]:
+        """Rotate sines and cosines of the angles by d[i], and let the positions `to` have them."""
+        if not self.reach.rotates:
+            return []
+        found = [trigonometry.rotated(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
+        self.share(to, found)
+        return found
+
+    def share(self, q: list[int], pairs: list[Pair]) -> None:
+        """Let the angles of q have sines and cosines known otherwise, if any."""
+        self.known.update(zip(self.of_angles(q), pairs, strict=False))
+
+    def of_angles(self, x: list[int]) -> list[int]:
+        return [x[i] for i in self.code.angles]
+
+    def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
+        a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
+        self._watch(guard)
+        return a
+
+    def _watch(self, guard: list[int]) -> None:
+        g = self.g
+        for pivot, threshold in zip(guard, self.code.program.thresholds, strict=True):
+            if g.number(pivot) is None:
+                self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
+
+    def corrected_velocity(self) -> list[int]:
+        if not self.code.projected:
+            return self.v
+        (dv,) = inline(self.g, self.code.velocity, ([self.t], self.q, self.v, self.p), self.sincos)
+        return [self.g.add(x, d) for x, d in zip(self.v, dv, strict=True)]
+
+    def corrected_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
+        """Positions on the constraints, with their sines; `at` is where the Jacobian is taken."""
+        if not self.code.projected:
+            return q, pairs
+        if at is q:
+            self._watch(inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1])
+        for k in range(self.reach.corrections):
+            (dq,) = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
+            q = [self.g.add(x, d) for x, d in zip(q, dq, strict=True)]
+            last = k == self.reach.corrections - 1
+            reach = min(self.reach.correction, LAST_CORRECTION if last else inf)
+            self.limit(self.of_angles(dq) or dq, reach)
+            pairs = self.turn(pairs, dq, reach, q)
+        return q, pairs
+
+    def within(self, v: list[int]) -> int:
+        """Mask where everything limited stays in its bounds and v is finite."""
+        g = self.g
+        score = g.make("le", g.total(self.score), g.const(1.0))
+        found = g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
+        assert found is not None
+        return found
+
+    def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
+        """The step whose results are q, v and sines."""
+        g = self.g
+        carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
+        for i, (s, c) in zip(self.code.angles, pairs, strict=False):
+            carried |= {f"%s{i}": s, f"%c{i}": c}
+        regular_out = g.both(out_pivots) if self.code.projected else None
+        return Step(g, carried, [*self.q, *out_v], g.both(self.pivots), regular_out, self.within(v))
+
+
+def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
+    """One step of the classical Runge-Kutta method."""
+    b = Builder(code, reach, library=library)
+    g, q, u = b.g, b.q, b.v
+    half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
+    middle, end = g.add(b.t, half), g.add(b.t, h)
+    start = b.given() if reach.rotates else []
+    b.share(q, start)
+    v = b.corrected_velocity()
+    a1 = b.acceleration(b.t, q, u)
+    out_pivots = list(b.pivots)
+    q2, B = b.along(q, half, u), b.along(q, h, v)
+    pairs2 = b.turn(start, [g.mul(half, x) for x in u], reach.step / 2, q2)
+    a2 = b.acceleration(middle, q2, b.along(v, half, a1))
+    q3 = b.along(q2, b.times_h(0.25, 2), a1)
+    b.turn(pairs2, [g.mul(b.times_h(0.25, 2), x) for x in a1], reach.bend, q3)
+    a3 = b.acceleration(middle, q3, b.along(v, half, a2))
+    pairs_B = b.turn(b.fresh() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
+    q4 = b.along(B, b.times_h(0.5, 2), a2)
+    b.turn(pairs_B, [g.mul(b.times_h(0.5, 2), x) for x in a2], reach.bend, q4)
+    a4 = b.acceleration(end, q4, b.along(v, h, a3))
+    inner = [g.add(x, y) for x, y in zip(a2, a3, strict=True)]
+    bend = [g.mul(b.times_h(1 / 6, 2), g.add(x, y)) for x, y in zip(a1, inner, strict=True)]
+    q_new = [g.add(x, y) for x, y in zip(B, bend, strict=True)]
+    outer = [g.add(x, y) for x, y in zip(a1, a4, strict=True)]
+    v_new = b.along(v, sixth, [g.add(x, g.mul(g.const(2.0), y)) for x, y in zip(outer, inner, strict=True)])
+    b.limit([g.mul(h, x) for x in b.of_angles(v)], reach.step)
+    b.limit([g.mul(b.times_h(0.5, 2), x) for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend)
+    pairs = b.turn(pairs_B, bend, reach.bend, q_new)
+    q_new, pairs = b.corrected_position(end, q_new, pairs, q4 if reach.rotates else q_new)
+    return b.step(q_new, v_new, pairs, v, out_pivots)
+
+
+def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
+    """One step of v' = v + h a(q, v), q' = q + h v'."""
+    b = Builder(code, reach, library=library)
+    g, q = b.g, b.q
+    b.share(q, b.given() if reach.rotates else [])
+    v = b.corrected_velocity()
+    a = b.acceleration(b.t, q, v)
+    out_pivots = list(b.pivots)
+    v_new = b.along(v, b.h, a)
+    q_new = b.along(q, b.h, v_new)
+    b.limit([g.mul(b.h, x) for x in b.of_angles(v_new)], reach.step)
+    pairs = b.turn(b.fresh() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
+    q_new, pairs = b.corrected_position(g.add(b.t, b.h), q_new, pairs, q_new)
+    return b.step(q_new, v_new, pairs, v, out_pivots)
+
+
+STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}

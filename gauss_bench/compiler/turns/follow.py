@@ -1,0 +1,278 @@
+"""Native loop over the samples of whole turns: each lane follows a part of a turn, or a linkage of its own.
+
+    void follow(ptr x, ptr signs, ptr inputs, ptr p, ptr out, ptr where, ptr report, double tolerance, i64 samples, i64 shift,
+                i64 groups)
+
+Arrays are C-contiguous, the lane last; U unknowns, K inputs, G guards, R numbers stored at each sample:
+
+    x        (groups, U, W)                 guess at the first sample; afterwards the last closed sample
+    signs    (groups, G, W)                 that the guards must keep; 0 for any
+    inputs   (groups, samples + 1, 3 K, W)  values, rates, second rates; the next group's begin `shift` further on, 0 if shared
+    p        (groups, n_p, W)               open parameters
+    where    (groups, W)                    integers: where in `out` a lane's samples begin
+    out      a lane's samples, one after the other: R numbers each
+    report   (groups, 1 + G, W)             samples closed before the first that could not be, guards at the last of them
+
+A sample is closed where |A|^2 <= tolerance sum |R|^2 after at most LIMIT corrections, none of which left the reach of the rotation;
+the guess was not far from the sample before; and every guard keeps its sign and is not too small. A lane that fails keeps its last
+closed state; what it goes on to store is void.
+
+Numbers of W lanes are stored lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gauss_bench.compiler.elimination.loop_program import ClosureProgram
+from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine.llvm import Writer
+from gauss_bench.compiler.machine.rewrite import rewrite
+from gauss_bench.compiler.machine.schedule import live, order
+from gauss_bench.compiler.stepping.bodies import constant_values, count_operations, leaves
+from gauss_bench.compiler.stepping.rollout import Listing
+from gauss_bench.compiler.turns.code import Code, Outputs, written
+
+LIMIT = 8  # corrections; quadratic convergence needs four from the farthest guess that is taken
+ARRAYS = ("x", "signs", "inputs", "p", "out", "where", "report")
+BLOCK = 8  # rows and lanes of the largest transposition
+
+
+def follow(program: ClosureProgram, outputs: Outputs, lanes: int) -> Listing:
+    """The module that follows `lanes` lanes at a time."""
+    code = written(program, outputs)
+    code = code.replaced(*rewrite(code.graph, code.roots()))
+    loop = _Loop(program, code, lanes)
+    operations = count_operations(code.graph, live(code.graph, code.roots()))
+    return Listing("\n".join((loop.w.declarations(), loop.text(), _over_groups(program, lanes))), operations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Values by where they are computed, each block in the order in which it is written.
+
+    Attributes:
+        fixed: before the loop. first: once for a sample, before its iteration.
+        iterated: with every iterate; all that both a correction and a closed sample need is among it.
+        corrected, closed: after an iterate that is not closed, or is.
+    """
+
+    fixed: list[int]
+    first: list[int]
+    iterated: list[int]
+    corrected: list[int]
+    closed: list[int]
+
+
+def _blocks(code: Code) -> _Blocks:
+    g, values = code.graph, live(code.graph, code.roots())
+    iterate = {f"%{letter}{k}" for k in range(len(code.guess)) for letter in "xsc"}
+    varying = _depending(g, iterate)
+    fixed = set(constant_values(g, values, {name: name for name in leaves(g, values) if name.startswith("%p")}))
+    score = set(live(g, [code.score, code.square]))
+    corrected = set(live(g, [*code.moved.values(), code.near]))
+    closed = set(live(g, [code.turn, code.regular, *code.guards, *code.guess, *code.outputs]))
+    early = score | corrected | set(live(g, [x for pair in code.start.values() for x in pair]))
+    iterated = (score | (corrected & closed)) & varying
+    written = order(g, values, {name: x for name, x in code.moved.items() if name in iterate})
+
+    def chosen(which: set[int]) -> list[int]:
+        return [x for x in written if x in which]
+
+    return _Blocks(
+        chosen(fixed),
+        chosen(early - varying - fixed),
+        chosen(iterated),
+        chosen((corrected & varying) - iterated),
+        chosen(closed - early - fixed | (closed & varying) - iterated),
+    )
+
+
+def _depending(g: Graph, names: set[str]) -> set[int]:
+    """Values that depend on leaves of these names."""
+    found: set[int] = set()
+    for x in range(len(g.operation)):
+        if str(g.payload[x]) in names if g.operation[x] == "leaf" else any(k in found for k in g.operands[x]):
+            found.add(x)
+    return found
+
+
+class _Loop:
+    """Writes the function that follows one group."""
+
+    def __init__(self, program: ClosureProgram, code: Code, lanes: int):
+        self.program, self.code, self.w = program, code, Writer(lanes)
+        self.leaves = leaves(code.graph, live(code.graph, code.roots()))
+        self.blocks = _blocks(code)
+        self.unknowns, self.guards = range(program.unknowns), range(len(code.guards))
+
+    def text(self) -> str:
+        w = self.w
+        arguments = ", ".join(f"ptr noalias %{name}" for name in ARRAYS)
+        w.line(f"define internal void @group({arguments}, double %tolerance, i64 %samples) {{\nentry:")
+        first = self._entry()
+        w.line("  br label %loop\nloop:")
+        header = len(w.lines)
+        w.line("")
+        self._load_inputs()
+        w.write(self.code.graph, self.blocks.first)
+        w.line("  br label %newton")
+        closed = self._newton()
+        following = self._closed(closed)
+        w.lines[header] = "\n".join(
+            f"  {name} = phi {kind} [{first[name][1]}, %entry], [{following[name]}, %closed]" for name, (kind, _) in first.items()
+        )
+        self._finish(following)
+        return "\n".join(w.lines)
+
+    def _entry(self) -> dict[str, tuple[str, str]]:
+        """Load what does not change; type and first value of everything carried."""
+        w = self.w
+        w.names = {x: name for name, x in self.leaves.items()}
+        found = [w.load("%x", k) for k in self.unknowns]
+        self.signs = [w.load("%signs", k) for k in self.guards]
+        w.names |= {x: w.load("%p", int(name[2:])) for name, x in self.leaves.items() if name.startswith("%p")}
+        w.write(self.code.graph, self.blocks.fixed)
+        self.tolerance = w.broadcast("%tolerance")
+        places = [w.let(f"load i64, ptr {w.address('%where', lane, 'i64')}") for lane in range(w.lanes)]
+        self.places = [w.address("%out", place, "double") for place in places]
+        carried = {f"%{letter}{k}": (w.real, found[k]) for letter in "Xl" for k in self.unknowns}
+        carried |= {f"%guard{k}": (w.real, w.const(0.0)) for k in self.guards}
+        return carried | {"%alive": (w.mask, w.splat("true", "i1")), "%done": (w.real, w.const(0.0)), "%i": ("i64", "0")}
+
+    def _load_inputs(self) -> None:
+        w, K = self.w, self.program.inputs
+        base = w.address("%inputs", w.let(f"mul i64 %i, {3 * K * w.lanes}"), "double")
+        rows = {f"%{letter}{j}": k * K + j for k, letter in enumerate("uwbn") for j in range(K)}
+        w.names |= {x: w.load(base, rows[name]) for name, x in self.leaves.items() if name in rows}
+
+    def _newton(self) -> str:
+        """Correct until every lane that goes on is closed; the mask of those that are."""
+        w, code = self.w, self.code
+        start = {f"%{letter}{k}": w.names[x] for k, pair in code.start.items() for letter, x in zip("sc", pair, strict=True)}
+        start |= {f"%x{k}": f"%X{k}" for k in self.unknowns}
+        w.line("newton:")
+        header = len(w.lines)
+        w.line("")
+        w.write(code.graph, self.blocks.iterated)
+        enough = w.let(f"fmul {w.real} {w.names[code.square]}, {self.tolerance}")
+        closed = w.let(f"fcmp ole {w.real} {w.names[code.score]}, {enough}")
+        going = w.let(f"and {w.mask} %alive, %near")
+        open_lanes = w.let(f"and {w.mask} {going}, {w.let(f'xor {w.mask} {closed}, ' + w.splat('true', 'i1'))}")
+        w.line(f"  %few = icmp ult i64 %j, {LIMIT}\n  %again = and i1 {w.any(open_lanes)}, %few")
+        w.line("  br i1 %again, label %correct, label %closed\ncorrect:")
+        known = dict(w.names)
+        w.write(code.graph, self.blocks.corrected)
+        near = w.let(f"and {w.mask} %near, {w.names[code.near]}")
+        w.line("  %j_next = add i64 %j, 1\n  br label %newton\nclosed:")
+        phis = [f"  {k} = phi {w.real} [{x}, %loop], [{w.names[code.moved[k]]}, %correct]" for k, x in start.items()]
+        phis += [f"  %near = phi {w.mask} [{w.splat('true', 'i1')}, %loop], [{near}, %correct]"]
+        w.lines[header] = "\n".join([*phis, "  %j = phi i64 [0, %loop], [%j_next, %correct]"])
+        w.names = known
+        return w.let(f"and {w.mask} {going}, {closed}")
+
+    def _closed(self, closed: str) -> Mapping[str, str]:
+        """Store the sample and go on; the next value of everything carried."""
+        w, code = self.w, self.code
+        w.write(code.graph, self.blocks.closed)
+        good = w.let(f"and {w.mask} {closed}, {w.names[code.turn]}")
+        good = w.let(f"and {w.mask} {good}, {w.names[code.regular]}")
+        for guard, sign in zip(code.guards, self.signs, strict=True):
+            side = w.let(f"fmul {w.real} {w.names[guard]}, {sign}")
+            good = w.let(f"and {w.mask} {good}, {w.let(f'fcmp oge {w.real} {side}, ' + w.const(0.0))}")
+        self._store([w.names[x] for x in code.outputs])
+        following = {f"%X{k}": w.names[x] for k, x in enumerate(code.guess)}
+        following |= {f"%l{k}": w.select(good, f"%x{k}", f"%l{k}") for k in self.unknowns}
+        following |= {f"%guard{k}": w.select(good, w.names[x], f"%guard{k}") for k, x in enumerate(code.guards)}
+        done = w.let(f"fadd {w.real} %done, {w.select(good, w.const(1.0), w.const(0.0))}")
+        w.line("  %i_next = add i64 %i, 1\n  %more = icmp ult i64 %i_next, %samples")
+        w.line(f"  %go = and i1 {w.any(good)}, %more\n  br i1 %go, label %loop, label %finish")
+        return following | {"%alive": good, "%done": done, "%i": "%i_next"}
+
+    def _store(self, row: list[str]) -> None:
+        """One row of numbers for each lane."""
+        w = self.w
+        shift = w.let(f"mul i64 %i, {len(row)}")
+        places = [w.address(place, shift, "double") for place in self.places]
+        if w.lanes == 1:
+            for k, x in enumerate(row):
+                w.store(x, places[0], k)
+            return
+        for block in range(0, w.lanes, BLOCK):
+            size = min(BLOCK, w.lanes - block)
+            part = [self._lanes(x, block, size) for x in row]
+            starts = range(0, len(row) - size + 1, size) if len(row) >= size else []
+            for k in [*starts, *([len(row) - size] if starts and len(row) % size else [])]:
+                for lane, x in enumerate(self._transposed(part[k : k + size])):
+                    at = w.address(places[block + lane], k, "double")
+                    w.line(f"  store <{size} x double> {x}, ptr {at}, align 8")
+            if not starts:
+                self._store_singly(part, places[block : block + size])
+
+    def _lanes(self, x: str, first: int, size: int) -> str:
+        """A part of the lanes of a value."""
+        w = self.w
+        return x if size == w.lanes else w.let(_shuffle(w.real, x, x, range(first, first + size)))
+
+    def _transposed(self, rows: list[str]) -> list[str]:
+        """Vectors of as many lanes as there are rows, exchanged so that lane l of row k becomes lane k of row l."""
+        w, size = self.w, len(rows)
+        distance = 1
+        while distance < size:
+            low = [k if not k & distance else size + k - distance for k in range(size)]
+            high = [k + distance if not k & distance else size + k for k in range(size)]
+            new = list(rows)
+            for k in (k for k in range(size) if not k & distance):
+                pair, kind = (rows[k], rows[k + distance]), f"<{size} x double>"
+                new[k], new[k + distance] = (w.let(_shuffle(kind, *pair, which)) for which in (low, high))
+            rows, distance = new, 2 * distance
+        return rows
+
+    def _store_singly(self, row: list[str], places: list[str]) -> None:
+        """Fewer numbers than lanes."""
+        w = self.w
+        for lane, place in enumerate(places):
+            for k, x in enumerate(row):
+                one = w.let(f"extractelement <{len(places)} x double> {x}, i32 {lane}")
+                w.line(f"  store double {one}, ptr {w.address(place, k, 'double')}, align 8")
+
+    def _finish(self, following: Mapping[str, str]) -> None:
+        w = self.w
+        w.line("finish:")
+        for k in self.unknowns:
+            w.store(following[f"%l{k}"], "%x", k)
+        w.store(following["%done"], "%report", 0)
+        for k in self.guards:
+            w.store(following[f"%guard{k}"], "%report", 1 + k)
+        w.line("  ret void\n}")
+
+
+def _shuffle(kind: str, a: str, b: str, lanes: "range | list[int]") -> str:
+    picked = ", ".join(f"i32 {k}" for k in lanes)
+    return f"shufflevector {kind} {a}, {kind} {b}, <{len(lanes)} x i32> <{picked}>"
+
+
+def _over_groups(program: ClosureProgram, lanes: int) -> str:
+    """The exported function: one group after the other."""
+    guards, n_p = len(program.guards), program.parameters
+    strides = {
+        "x": program.unknowns * lanes, "signs": guards * lanes, "inputs": "%shift", "p": n_p * lanes,
+        "where": lanes, "report": (1 + guards) * lanes,
+    }  # fmt: skip
+    moves = "".join(
+        f"  %{name}_at = mul i64 %k, {stride}\n  %{name}_k = getelementptr double, ptr %{name}, i64 %{name}_at\n"
+        for name, stride in strides.items()
+    )
+    given = ", ".join(f"ptr %{name}_k" if name in strides else f"ptr %{name}" for name in ARRAYS)
+    arguments = ", ".join(f"ptr noalias %{name}" for name in ARRAYS)
+    return f"""define void @follow({arguments}, double %tolerance, i64 %samples, i64 %shift, i64 %groups) {{
+entry:
+  br label %loop
+loop:
+  %k = phi i64 [0, %entry], [%next, %loop]
+{moves}  call void @group({given}, double %tolerance, i64 %samples)
+  %next = add i64 %k, 1
+  %more = icmp slt i64 %next, %groups
+  br i1 %more, label %loop, label %done
+done:
+  ret void
+}}"""

@@ -1,0 +1,249 @@
+"""How the lanes get their samples: one linkage cut into parts, or a linkage to each lane; and what happens to a lane that stops.
+
+The samples of one linkage are cut into as many parts as there are lanes. Where the parts begin is found first, by one lane in
+strides of at most STRIDE; then all parts are followed side by side. Of many linkages each lane follows one, from a start that is
+reached from the file's own by changing the open numbers little by little, on the same side of every guard.
+
+Where a lane stops, the way to that sample is divided; where that does not help either, the library's closure is asked. What it
+closes is taken over; where it finds a limit or a singular position, the motion ends, and no later sample is reported as closed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.compiler.elimination.loop_program import ClosureProgram
+from gauss_bench.compiler.equations.loops import loop_values
+from gauss_bench.compiler.machine.trigonometry import LARGEST
+from gauss_bench.compiler.turns.code import TURN
+from gauss_bench.compiler.turns.judge import Judge, Lost, Step
+from gauss_bench.compiler.turns.motions import Loss, Motion, Start, Status
+from gauss_bench.compiler.turns.runners import Course, Followed, Runner
+from gauss_bench.kinematics.loop_equations import LoopEquations
+from gauss_bench.terms import Array
+
+STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
+CLOSED = 4e-15  # of the loops' vectors: four times what rounding of sines and sums leaves
+MANY = 8  # unknowns; beyond, strides are shorter
+SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
+FEW = 4  # samples of a part, at least
+
+
+class Tracker:
+    """Follows motions with the runners of one program: `states` stores whole rows, `path` the unknowns alone, in one lane."""
+
+    def __init__(self, program: ClosureProgram, equations: LoopEquations, states: Runner, path: Runner, judge: Judge, lanes: int):
+        self.program, self.equations, self.states, self.path = program, equations, states, path
+        self.judge, self.lanes = judge, lanes
+        length = max(program.lengths, default=1.0)
+        many = max(1.0, sqrt(program.unknowns / MANY))  # what bounds a way and a correction is the norm of all unknowns
+        self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) * many / STRIDE
+
+    def tolerance(self, u: Array, x: Array) -> float:
+        """|A|^2 of a closed sample, of the squared vectors in it: angles of many turns are rounded more coarsely."""
+        turns = max(_largest(u), _largest(x))
+        return (CLOSED * (1.0 + turns / 8.0)) ** 2
+
+    def start(self, x: Array, u: Array, p: Array) -> Start:
+        """The start at a closed state, with the signs of its guards.
+
+        Raises:
+            Lost: not closed, or too near a singular position to tell assemblies apart.
+        """
+        still = Start(x, u, np.zeros(len(self.program.guards)))
+        followed, _ = self._single(still, u[None], p)
+        if not followed.closed[0]:
+            raise Lost("the start is not closed, or at a singular position", "not assembled", self.named(u))
+        return replace(still, x=followed.x[0], signs=np.sign(followed.guards[0]))
+
+    def named(self, u: Array) -> dict[str, float]:
+        """Name -> value of inputs as their laws count them."""
+        return self.equations.input_values(np.concatenate([np.zeros(self.program.unknowns), u]))
+
+    def _single(self, start: Start, u: Array, p: Array) -> tuple[Followed, Array]:
+        """One lane along u (k, K), and its unknowns (k, U)."""
+        k, K = u.shape
+        inputs = np.zeros((1, k + 1, 3 * K))
+        inputs[0, :k, :K], inputs[0, k, :K] = u, u[-1]
+        rows = np.empty((k, self.program.unknowns))
+        where = np.zeros(1, dtype=np.int64)
+        course = Course(start.x[None], start.signs[None], inputs, p[None], where, rows, self.tolerance(u, start.x))
+        return self.path.run(course), rows
+
+    def strides(self, u: Array) -> float:
+        """Strides from one sample to the next where they are farthest apart, of samples (..., k, K)."""
+        return _largest((u[..., 1:, :] - u[..., :-1, :]) * self.per_stride)
+
+    def track(self, motion: Motion, rows: Array, status: NDArray[np.int8]) -> Loss | None:
+        """One linkage: fills its rows (k, R) and status (k,)."""
+        parts, count = self.cut(len(motion.levels))
+        starts, levels = self._starts(motion, parts, count), motion.levels[: parts * count]
+        inputs = np.empty((parts, count + 1, levels.shape[1]))
+        inputs[:, :count], inputs[:, count] = levels.reshape(parts, count, -1), levels[count - 1 :: count]
+        inputs[:-1, count] = levels[count::count]
+        signs, p = (x[None].repeat(parts, axis=0) for x in (motion.start.signs, motion.p))
+        tolerance = self.tolerance(motion.u, starts)
+        followed = self.states.run(Course(starts, signs, inputs, p, np.arange(parts) * count, rows, tolerance))
+        self._check_turns(followed.x, count)
+        whole = parts * count == len(motion.levels) and (followed.closed == count).all()
+        if whole and self._joined(followed.x[:-1], starts[1:]):
+            return None
+        return self._mend(motion, rows, status, starts, followed, count)
+
+    def _joined(self, ends: Array, starts: Array) -> bool:
+        """Whether states (..., U) lie near those a sample before, and so in the same assembly."""
+        gaps = (starts - ends) / self.program.lengths
+        return bool((np.sqrt((gaps * gaps).sum(axis=-1)) < 2 * TURN).all())
+
+    def track_many(self, motions: Sequence[Motion], rows: Array, status: NDArray[np.int8], threads: int = 1) -> list[Loss]:
+        """Many linkages with as many samples each: fills rows (linkages, k, R) and status (linkages, k)."""
+        k, first = len(motions[0].levels), motions[0]
+        shared = all(m.levels is first.levels for m in motions)
+        inputs = np.stack([np.concatenate([m.levels, m.levels[-1:]]) for m in (motions[:1] if shared else motions)])
+        x = self._walked_in(motions)
+        course = Course(
+            x,
+            np.array([m.start.signs for m in motions]),
+            inputs,
+            np.array([m.p for m in motions]),
+            np.arange(len(motions)) * k,
+            rows.reshape(-1, rows.shape[-1]),
+            self.tolerance(inputs[..., : self.program.inputs], x),
+        )
+        followed = self.states.run(course, threads)
+        self._check_turns(followed.x, k)
+        losses = []
+        for i in np.flatnonzero(followed.closed < k).tolist():
+            one = slice(i, i + 1)
+            alone = Followed(followed.closed[one], followed.x[one], followed.guards[one])
+            lost = self._mend(motions[i], rows[i], status[i], x[one], alone, k)
+            losses += [] if lost is None else [replace(lost, linkage=i)]
+        return losses
+
+    def _walked_in(self, motions: Sequence[Motion]) -> Array:
+        """Unknowns (linkages, U) at everyone's first sample, from everyone's start; NaN where the way there must be mended."""
+        ways = np.array([m.u[0] - m.start.u for m in motions])
+        steps = max(1, ceil(_largest(ways * self.per_stride)))
+        parts = np.minimum(np.arange(steps + 2) / steps, 1.0)
+        inputs = np.zeros((len(motions), steps + 2, 3 * self.program.inputs))
+        inputs[:, :, : self.program.inputs] = np.array([m.start.u for m in motions])[:, None] + parts[:, None] * ways[:, None]
+        x, signs = np.array([m.start.x for m in motions]), np.array([m.start.signs for m in motions])
+        followed = self.ends(x, signs, inputs, np.array([m.p for m in motions]))
+        return np.where((followed.closed == steps + 1)[:, None], followed.x, np.nan)
+
+    def ends(self, x: Array, signs: Array, inputs: Array, p: Array) -> Followed:
+        """A lane for each linkage, as in Course; only where it ends is kept."""
+        count = inputs.shape[1] - 1
+        rows = np.empty((len(x) * count, self.program.width))
+        where = np.arange(len(x)) * count
+        return self.states.run(Course(x, signs, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
+
+    def cut(self, samples: int) -> tuple[int, int]:
+        """Parts, and samples of each; a few more may be left."""
+        parts = self.lanes if samples >= FEW * self.lanes else 1
+        return parts, samples // parts
+
+    def _starts(self, motion: Motion, parts: int, count: int) -> Array:
+        """Unknowns (parts, U) at the first sample of each part, NaN from where they could not be found."""
+        u, start = motion.u, motion.start
+        lead = max(1, ceil(_largest((u[0] - start.u) * self.per_stride)))
+        each = min(count, max(1, ceil(count * self.strides(u))))
+        nodes = np.arange(1, (parts - 1) * each + 1) * count // each
+        way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
+        found = self._walked(motion, np.concatenate([way, u[:1], u[nodes]]))
+        return found[lead::each]
+
+    def _walked(self, motion: Motion, u: Array) -> Array:
+        """Unknowns along the inputs u (k, K), from the start; NaN from where the way is lost."""
+        found = np.full((len(u), self.program.unknowns), np.nan)
+        at, x = 0, motion.start.x
+        while at < len(u):
+            followed, rows = self._single(Start(x, u[at], motion.start.signs), u[at:], motion.p)
+            closed = int(followed.closed[0])
+            found[at : at + closed] = rows[:closed]
+            at += closed
+            if at == len(u) or not closed:
+                break
+            ahead = self._between(motion, followed.x[0], u[at - 1], u[at])
+            if ahead is None:
+                break
+            x = ahead
+        return found
+
+    def _between(self, motion: Motion, x: Array, before: Array, after: Array) -> Array | None:
+        """Unknowns at `after` from those at `before`, on a way that is divided ever more finely."""
+        for parts in SUBDIVISIONS:
+            u = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (after - before)
+            followed, _ = self._single(Start(x, before, motion.start.signs), u, motion.p)
+            if followed.closed[0] == parts + 1:
+                return np.asarray(followed.x[0])
+        return None
+
+    def _mend(
+        self, motion: Motion, rows: Array, status: NDArray[np.int8], starts: Array, followed: Followed, count: int
+    ) -> Loss | None:
+        """Close what the lanes left open, part after part; the loss where the motion ends."""
+        x, k = motion.start.x, len(motion.levels)
+        if motion.start.fault:
+            rows[:], status[:] = np.nan, Status.LOST
+            return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
+        for part, closed in enumerate([*followed.closed.tolist(), 0]):
+            at, end = part * count, k if part == len(starts) else (part + 1) * count
+            if closed and (part == 0 or self._joined(x, starts[part])):
+                at, x = at + closed, followed.x[part]
+            while at < end:
+                try:
+                    at, x = self._onward(motion, rows, status, at, end, x)
+                except Lost as lost:
+                    rows[at:], status[at:] = np.nan, Status.LOST
+                    return Loss(0, at, lost.kind, dict(lost.inputs), str(lost))
+        return None
+
+    def _onward(self, motion: Motion, rows: Array, status: NDArray[np.int8], at: int, end: int, x: Array) -> tuple[int, Array]:
+        """From the state x before a sample: close it and what follows; the next sample and the state before that."""
+        before = motion.u[at - 1] if at else motion.start.u
+        ahead = self._between(motion, x, before, motion.u[at])
+        if ahead is not None:
+            followed = self._follow_one(motion, ahead, at, end, rows)
+            if followed.closed[0]:
+                return at + int(followed.closed[0]), followed.x[0]
+        n = self.program.n
+        q = rows[at - 1, :n] if at else self.state(motion, x)
+        rows[at] = self.judge.step(Step(q.copy(), *np.split(motion.levels[at], 3)), motion.p)
+        status[at] = Status.LIBRARY
+        return at + 1, loop_values(self.equations, self.judge.mechanism_with(motion.p), rows[at, :n])[: self.program.unknowns]
+
+    def _follow_one(self, motion: Motion, x: Array, at: int, end: int, rows: Array) -> Followed:
+        """One lane through the samples from `at` to `end`."""
+        inputs = np.concatenate([motion.levels[at:end], motion.levels[end - 1 : end]])[None]
+        where, signs = np.array([at]), motion.start.signs[None]
+        return self.states.run(Course(x[None], signs, inputs, motion.p[None], where, rows, self.tolerance(motion.u, x)))
+
+    def state(self, motion: Motion, x: Array) -> Array:
+        """q (n,) at the start."""
+        one = replace(motion, levels=held(motion.start))
+        rows = np.empty((1, self.program.width))
+        self._follow_one(one, x, 0, 1, rows)
+        return rows[0, : self.program.n]
+
+    def _check_turns(self, x: Array, count: int) -> None:
+        """No angle may have gone where its sine is not exact: it moves at most half a radian between samples.
+
+        Raises:
+            ValueError: it may have.
+        """
+        if _largest(x) + 0.5 * count > LARGEST:
+            raise ValueError(f"too many samples or turns in one sweep: {count} samples of a part")
+
+
+def held(start: Start) -> Array:
+    """Levels (1, 3 K) of inputs that rest at the start."""
+    return np.concatenate([start.u, 0.0 * start.u, 0.0 * start.u])[None]
+
+
+def _largest(x: Array) -> float:
+    """The largest size among numbers, those that are none left out."""
+    return float(np.fmax.reduce(np.abs(x), axis=None, initial=0.0))

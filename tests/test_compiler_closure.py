@@ -1,0 +1,424 @@
+"""Compiled kinematics: whole turns against the library's closures, limits, assemblies, and linkages of other dimensions."""
+
+import copy
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.api.kinematics import kinematics
+from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
+from gauss_bench.compiler.equations.parameters import parameter_values
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.compiler.turns.judge import with_numbers
+from gauss_bench.compiler.turns.runners import Course
+from gauss_bench.kinematics.errors import MotionError
+from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
+from gauss_bench.kinematics.singular import singular_positions
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.load import document_of, load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+from tests.conftest import redundant
+
+TURNING = ["four_bar", "crank_slider", "six_bar", "eight_bar", "shaper", "jansen", "parallelogram", "squeezer", "redundant"]
+SEVERAL = ["five_bar/driven", "excavator/dig"]
+BACKENDS = ["llvm", "numpy"]
+SHAPE = ("points.crank.B.x", "points.coupler.C.x", "points.rocker.C.x")
+ROUNDING = 1e-12  # of the largest value of its kind: rounding times the condition of J, squared for accelerations
+
+
+@cache
+def mechanism(name: str) -> Mechanism:
+    linkage, _, scenario = name.partition("/")
+    if linkage == "redundant":
+        return redundant()
+    return load(linkage, scenario) if scenario else load(linkage)
+
+
+@cache
+def closure(name: str, backend: str = "llvm", **more: Any) -> Closure:
+    return compile_closure(mechanism(name), backend=backend, cache=False, **more)
+
+
+def crank_angle(m: Mechanism) -> float:
+    return float(m.q0[3 * (m.crank or 0) + 2])
+
+
+def library(m: Mechanism, angles: Array, link: int | None = None) -> LoopMotion:
+    """The motion at angles of a link, the crank, at one radian per second: derivatives by the angle."""
+    index = (m.crank or 0) if link is None else link
+    law = replace(constant(0.0, 1.0), motion=lambda t: (np.interp(t, np.arange(len(angles)), angles), 1.0 + 0 * t, 0 * t))
+    return loop_motion(replace(m, drivers=()), (Input(law, link=index),), np.arange(len(angles)))
+
+
+def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = ROUNDING) -> None:
+    for found, wanted in ((sweep.q, q), (sweep.v, v), (sweep.a, a)):
+        assert found.shape == wanted.shape
+        assert np.abs(found - wanted).max() <= tolerance * max(1.0, float(np.abs(wanted).max()))
+
+
+def part(sweep: Sweep, which: int | slice) -> Sweep:
+    """One linkage of many, or some samples of one."""
+    levels = ("q", "v", "a", "points", "point_rates", "point_seconds", "status", "rows")
+    return replace(sweep, **{name: getattr(sweep, name)[which] for name in levels})
+
+
+def turn_angles(m: Mechanism, count: int) -> Array:
+    return crank_angle(m) + 2 * np.pi / count * np.arange(count)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", TURNING)
+def test_a_whole_turn_is_that_of_the_link_units(name: str, backend: str) -> None:
+    sweep, truth = closure(name, backend).turn(720), library(mechanism(name), turn_angles(mechanism(name), 720))
+    assert not sweep.losses
+    assert (sweep.status == Status.CLOSED).all()
+    assert_same(sweep, truth.q, truth.v, truth.a)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "crank_slider", "six_bar", "eight_bar", "shaper", "jansen"])
+def test_it_is_that_of_the_constraints_in_absolute_coordinates(name: str) -> None:
+    """Another formulation, and another equation solver: phi = 0, J d = 0, J e = gamma(q, d), with the crank's angle at 1."""
+    m = mechanism(name)
+    sweep = closure(name).turn(3600)
+    minimal = MinimalCoordinate(m)
+    truth = [np.concatenate(x) for x in zip(*(minimal.geometry(np.array([t])) for t in turn_angles(m, 3600)[::10]), strict=True)]
+    assert_same(part(sweep, slice(None, None, 10)), *truth)
+    rows = Constraints(replace(m, drivers=(), knife_edges=()))(0.0, sweep.q, sweep.v)
+    assert np.abs(rows.phi).max() < 1e-14 * 5  # [m, rad] five rounding units of an angle of six radians
+    assert np.abs((rows.J @ sweep.v[..., None])[..., 0]).max() < ROUNDING * np.abs(sweep.v).max()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", SEVERAL)
+def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
+    m = mechanism(name)
+    times = np.linspace(0.0, m.duration, 301)
+    levels = np.array([given.law(times) for given in inputs_of(m)]).transpose(1, 2, 0)
+    sweep, truth = closure(name, backend).sweep(*levels), loop_motion(m, inputs_of(m), times)
+    assert not sweep.losses
+    assert_same(sweep, truth.q, truth.v, truth.a)
+
+
+def test_points_move_with_their_links() -> None:
+    m = mechanism("jansen")
+    fast = compile_closure(m, points=m.observed_points, cache=False).turn(90)
+    assert fast.points.shape == (90, len(m.observed_points), 2)
+    for k, point in enumerate(m.observed_points):
+        levels = (fast.points, fast.point_rates, fast.point_seconds)
+        truths = (position(fast.q, point), velocity(fast.q, fast.v, point), acceleration(fast.q, fast.v, fast.a, point))
+        for found, wanted in zip(levels, truths, strict=True):
+            assert np.abs(found[:, k] - wanted).max() < ROUNDING
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4, 16])
+@pytest.mark.parametrize("count", [1, 7, 33, 1001])
+def test_lanes_and_parts_make_no_difference(lanes: int, count: int) -> None:
+    for name in ("four_bar", "six_bar"):
+        one, other = closure(name).turn(count), closure(name, lanes=lanes).turn(count)
+        # parts begin elsewhere, and what Newton leaves, less than 4e-15 of the loops' vectors, is divided by the smallest pivot
+        assert_same(other, one.q, one.v, one.a, tolerance=2e-13)
+
+
+@pytest.mark.parametrize("count", [3, 5, 12])
+def test_samples_may_lie_far_apart(count: int) -> None:
+    fine, coarse = closure("jansen").turn(60 * count), closure("jansen").turn(count)
+    assert_same(coarse, fine.q[::60], fine.v[::60], fine.a[::60])
+
+
+@pytest.mark.parametrize("linkages", [0, 11])
+def test_memory_may_be_used_again(linkages: int) -> None:
+    compiled = closure("four_bar", open_parameters=SHAPE)
+    p = compiled.values if not linkages else np.tile(compiled.values, (linkages, 1))
+    truth, memory = compiled.turn(100, parameters=p), np.full_like(compiled.turn(100, parameters=p).rows, np.nan)
+    again = compiled.turn(100, parameters=p, out=memory)
+    assert np.shares_memory(again.q, memory)
+    np.testing.assert_array_equal(again.rows, truth.rows)
+    with pytest.raises(ValueError, match="not the memory"):
+        compiled.turn(101, parameters=p, out=memory)
+
+
+def test_rates_of_the_input_count() -> None:
+    """v = d u', a = d u'' + e u'^2."""
+    unit = closure("shaper").turn(100)
+    u, w, b = turn_angles(mechanism("shaper"), 100), np.linspace(-3.0, 5.0, 100), np.linspace(20.0, -10.0, 100)
+    sweep = closure("shaper").sweep(u, w, b)
+    assert_same(sweep, unit.q, unit.v * w[:, None], unit.a * w[:, None] ** 2 + unit.v * b[:, None])
+
+
+def test_angles_stay_continuous_over_many_turns_and_back() -> None:
+    there = crank_angle(mechanism("four_bar")) + np.linspace(0.0, 20 * np.pi, 7201)
+    q = closure("four_bar").sweep(np.concatenate([there, there[::-1]])).q
+    assert np.abs(np.diff(q[:, 2::3], axis=0)).max() < 0.02
+    assert q[7200, 2] - q[0, 2] == pytest.approx(20 * np.pi, abs=1e-12)
+    assert np.abs(q[-1] - q[0]).max() < 1e-13
+
+
+def test_a_parallelogram_with_a_third_crank_passes_the_flat_positions() -> None:
+    """Each of its loops alone is singular there, and both together are not."""
+    m = mechanism("parallelogram")
+    names = [link.name for link in m.links]
+    flat = np.array([0.0, 1e-9, np.pi - 1e-9, np.pi, np.pi + 1e-9])
+    q = closure("parallelogram").sweep(np.concatenate([flat, flat + 2 * np.pi])).q
+    cranks = [3 * names.index(x) + 2 for x in ("crank", "crank2", "crank3")]
+    assert np.abs(q[:, cranks] - q[:, cranks[:1]]).max() < 1e-13
+    assert np.abs(q[:, 3 * names.index("coupler") + 2]).max() < 1e-13
+
+
+# Where a motion ends
+
+
+def two_crank_parallelogram() -> Mechanism:
+    document = four_bar({"links.rocker.C.x": 0.12, "links.coupler.C.x": 0.4})
+    document["assembly"]["sketch"] = {"B": [0.12, 0.01], "C": [0.52, 0.01]}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0}}}
+    return load_document(document)
+
+
+def four_bar(numbers: dict[str, float]) -> dict[str, Any]:
+    """The document of the four-bar with other coordinates, named "links.LINK.POINT.x"."""
+    document = copy.deepcopy(document_of("four_bar")[0])
+    for name, value in numbers.items():
+        _, link, point, axis = name.split(".")
+        document["links"][link]["points"][point]["xy".index(axis)] = value
+    return document
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("sense", [1, -1])
+def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
+    m = mechanism("four_bar")
+    rocker = [link.name for link in m.links].index("rocker")
+    limits = [s.value for s in singular_positions(m) if s.coordinate == "rocker"]
+    start = float(m.q0[3 * rocker + 2])
+    angles = start + sense * np.linspace(0.0, 2.0, 401)
+    limit = min((x for x in limits if (x - start) * sense > 0), key=lambda x: abs(x - start))
+    sweep = compile_closure(
+        replace(m, drivers=()), backend=backend, cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),)
+    ).sweep(angles)
+    (loss,) = sweep.losses
+    assert loss.kind == "limit of motion"
+    assert loss.inputs["rocker"] == pytest.approx(limit, abs=1e-9)  # the library halves its way to 1e-10 rad
+    assert loss.sample == int(((angles - limit) * sense < 0).sum())
+    assert (sweep.status[: loss.sample] == Status.CLOSED).all()
+    assert (sweep.status[loss.sample :] == Status.LOST).all()
+    assert np.isnan(sweep.q[loss.sample :]).all()
+    truth = library(m, angles[: loss.sample], rocker)
+    assert_same(part(sweep, slice(0, loss.sample)), truth.q, truth.v, truth.a)
+
+
+def test_next_to_a_limit_the_library_decides() -> None:
+    """Down to 1e-9 rad: what it closes is taken over, what it refuses is lost, and nothing is closed that it refuses."""
+    m = mechanism("four_bar")
+    rocker = [link.name for link in m.links].index("rocker")
+    limit = max(s.value for s in singular_positions(m) if s.coordinate == "rocker")
+    compiled = compile_closure(replace(m, drivers=()), cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    ended = set()
+    for gap in 10.0 ** -np.arange(2.0, 9.5, 0.25):
+        angles = np.array([float(m.q0[3 * rocker + 2]), limit - gap])
+        sweep = compiled.sweep(angles)
+        ended.add(int(sweep.status[1]))
+        try:
+            truth = library(m, angles, rocker)
+        except MotionError:
+            assert sweep.status[1] == Status.LOST
+            continue
+        assert sweep.status[1] != Status.LOST
+        # J falls with the root of the gap, and rounding is divided by it: once for positions, and by its square for rates
+        for found, wanted, power in ((sweep.q, truth.q, 0.5), (sweep.v, truth.v, 1.0), (sweep.a, truth.a, 1.0)):
+            assert np.abs(found - wanted)[1].max() < 1e-14 / gap**power * max(1.0, np.abs(wanted).max())
+    assert {Status.CLOSED, Status.LOST} <= ended
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("count", [720, 719, 50])
+def test_a_change_point_is_a_singular_position(count: int, backend: str) -> None:
+    """Whether a sample meets it, or all step over it: the assembly changes sides there."""
+    m = two_crank_parallelogram()
+    sweep = compile_closure(m, backend=backend, cache=False).turn(count)
+    (loss,) = sweep.losses
+    assert loss.kind == "singular position"
+    assert loss.inputs["crank"] == pytest.approx(np.pi, abs=1e-6)  # the library's rank counts as lost at 1e-7 of the largest
+    assert loss.sample == int((turn_angles(m, count) < np.pi - 1e-9).sum())
+    assert np.abs(sweep.q[: loss.sample, 3 + 2]).max() < 1e-12  # the coupler only shifts
+
+
+def test_next_to_a_change_point_rates_are_not_given() -> None:
+    """Nothing moves fast there, and yet rounding is divided by the square of the sine of a dyad: refused from 1e-4 on."""
+    m = two_crank_parallelogram()
+    compiled = compile_closure(m, cache=False)
+    for gap, status in ((1e-2, Status.CLOSED), (1e-5, Status.LOST)):
+        assert compiled.sweep(np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_lane_does_not_leap(backend: str) -> None:
+    """A parallelogram's rocker is predicted exactly however far the crank goes; what came between is then not known."""
+    compiled = compile_closure(two_crank_parallelogram(), backend=backend, cache=False)
+    start, path = compiled._start, compiled._tracker.path
+    for way, closed in ((0.2, 2), (1.0, 1)):
+        inputs = np.zeros((1, 3, 3))
+        inputs[0, :, 0] = start.u + np.array([0.0, way, way])
+        course = Course(start.x[None], start.signs[None], inputs, np.zeros((1, 0)), np.array([0]), np.zeros((2, 2)), 1e-28)
+        assert path.run(course).closed.tolist() == [closed]
+
+
+def test_nothing_is_closed_behind_a_loss() -> None:
+    """The way goes beyond the limit and back, which an odd sample would not show."""
+    m = mechanism("four_bar")
+    rocker = [link.name for link in m.links].index("rocker")
+    compiled = compile_closure(replace(m, drivers=()), cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    start = float(m.q0[3 * rocker + 2])
+    angles = start + 1.5 * np.sin(np.linspace(0.0, np.pi, 800))
+    (loss,) = compiled.sweep(angles).losses
+    assert 0 < loss.sample < 400
+    assert (compiled.sweep(angles).status[loss.sample :] == Status.LOST).all()
+
+
+def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start that is a whole turn off closes as well as the right one, and on the same sides."""
+    compiled = compile_closure(mechanism("four_bar"), cache=False)
+    truth, found = compiled.turn(400), compiled._tracker._starts
+
+    def shifted(*given: Any) -> Array:
+        starts = found(*given)
+        starts[2:] += 2 * np.pi
+        return starts
+
+    monkeypatch.setattr(compiled._tracker, "_starts", shifted)
+    sweep = compiled.turn(400)
+    assert (sweep.status == Status.CLOSED).all()
+    assert_same(sweep, truth.q, truth.v, truth.a)
+
+
+def test_a_start_at_a_dead_centre_is_refused() -> None:
+    """A slider cannot push its crank out of line."""
+    m = load("crank_slider", "driven")
+    slide = next(j.name for j in m.joints if j.name not in "OAB")
+    with pytest.raises(KernelError, match="singular"):
+        compile_closure(m, cache=False, inputs=(Input(constant(0.0, 1.0), joint=slide),))
+
+
+# Other dimensions, one linkage in a lane
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("linkages", [3, 21])
+def test_each_lane_has_a_linkage_of_its_own(linkages: int, backend: str, rng: np.random.Generator) -> None:
+    compiled = closure("four_bar", backend, open_parameters=SHAPE)
+    p = compiled.values * rng.uniform(0.95, 1.05, (linkages, 3))
+    sweep, angles = compiled.turn(120, parameters=p), turn_angles(mechanism("four_bar"), 120)
+    assert not sweep.losses
+    assert sweep.q.shape == (linkages, 120, 9)
+    for k, row in enumerate(p.tolist()):
+        numbers = dict(zip(SHAPE, row, strict=True))
+        built = load_document(four_bar({f"links.{name[7:]}": x for name, x in numbers.items()}), "driven")
+        truth = library(built, angles)  # whose centres of mass are where the file's bars have them: the angles are the same
+        for found, wanted in ((sweep.q, truth.q), (sweep.v, truth.v), (sweep.a, truth.a)):
+            assert np.abs(found[k] - wanted)[:, 2::3].max() < ROUNDING * max(1.0, np.abs(wanted[:, 2::3]).max())
+        same_centres = with_numbers(replace(mechanism("four_bar"), q0=sweep.q[k, 0]), numbers)
+        truth = library(same_centres, angles)
+        assert_same(part(sweep, k), truth.q, truth.v, truth.a)
+
+
+def test_a_thousandth_of_the_size_turns_alike() -> None:
+    """Tolerances and guards go with the linkage's own vectors, not with those of the file."""
+    m = mechanism("six_bar")
+    names = tuple(x for x in parameter_values(m) if x.startswith(("points.", "joints.")) or ".com." in x)
+    compiled = compile_closure(m, open_parameters=names, cache=False)
+    whole, small = compiled.turn(240), compiled.turn(240, parameters=compiled.values / 1000)
+    assert (small.status == Status.CLOSED).all()
+    size = np.tile([1000.0, 1000.0, 1.0], len(m.links))
+    assert_same(replace(small, q=small.q * size, v=small.v * size, a=small.a * size), whole.q, whole.v, whole.a)
+
+
+def test_linkages_that_cannot_be_are_named_and_harm_no_other() -> None:
+    compiled = closure("four_bar", open_parameters=SHAPE)
+    p = np.tile(compiled.values, (16, 1))
+    p[3, 1] = 0.2  # the coupler reaches no further: coupler and rocker in line at some angle of the crank
+    p[7, 0] = 1.0  # the crank's end is where coupler and rocker cannot meet
+    sweep, alone = compiled.turn(360, parameters=p), compiled.turn(360)
+    assert [(x.linkage, x.kind) for x in sweep.losses] == [(3, "limit of motion"), (7, "not assembled")]
+    reach = np.arccos((0.12**2 + 0.4**2 - (0.2 + 0.3) ** 2) / (2 * 0.12 * 0.4))
+    assert sweep.losses[0].inputs["crank"] == pytest.approx(reach, abs=1e-9)
+    assert sweep.losses[1].sample == 0
+    for k in set(range(16)) - {3, 7}:
+        assert_same(part(sweep, k), alone.q, alone.v, alone.a)
+
+
+def test_the_other_assembly_is_another_start() -> None:
+    document = four_bar({})
+    document["assembly"]["sketch"] = {"B": [0.12, 0.0], "C": [0.32, -0.28]}
+    other = load_document(document, "driven")
+    sweep, truth = closure("four_bar").sweep(turn_angles(other, 90), start=other.q0), library(other, turn_angles(other, 90))
+    assert not sweep.losses
+    assert_same(sweep, truth.q, truth.v, truth.a)
+    mirrored = closure("four_bar").sweep(-turn_angles(other, 90))
+    assert np.abs(sweep.q[:, 1::3] + mirrored.q[:, 1::3]).max() < ROUNDING
+    apart = closure("four_bar").sweep(turn_angles(other, 90), start=other.q0 + 0.3)
+    assert [x.kind for x in apart.losses] == ["not assembled"]
+
+
+def test_threads_share_many_linkages(rng: np.random.Generator) -> None:
+    compiled = closure("four_bar", open_parameters=SHAPE)
+    p = compiled.values * rng.uniform(0.97, 1.03, (50, 3))
+    one, two = compiled.turn(50, parameters=p), compiled.turn(50, parameters=p, threads=2)
+    np.testing.assert_array_equal(one.q, two.q)
+    np.testing.assert_array_equal(one.a, two.a)
+
+
+# What is asked for
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    four = mechanism("four_bar")
+    for more, text in (
+        ({"open_parameters": ("links.crank.mass",)}, "no dimension"),
+        ({"open_parameters": ("points.crank.Z.x",)}, "no number named"),
+        ({"backend": "abacus"}, "no backend"),
+        ({"lanes": 3}, "power of 2"),
+    ):
+        with pytest.raises(KernelError, match=text):
+            compile_closure(four, cache=False, **more)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="knife edges"):
+        compile_closure(load("sleigh"))
+    with pytest.raises(ValueError, match="a turn is of one"):
+        closure("five_bar/driven").turn(10)
+    with pytest.raises(ValueError, match="inputs of shape"):
+        closure("five_bar/driven").sweep(np.zeros(5))
+    with pytest.raises(ValueError, match="not finite"):
+        closure("four_bar").sweep(np.array([0.0, np.nan]))
+    with pytest.raises(ValueError, match="parameters of shape"):
+        closure("four_bar").turn(8, parameters=np.ones(2))
+
+
+def test_the_command_line_moves_a_linkage_natively() -> None:
+    for linkage in ("eight_bar", "excavator"):
+        loop, native = (kinematics(linkage, steps=90, method=x) for x in ("loop", "native"))
+        assert native["status"] == "ok"
+        for link, levels in loop["links"].items():
+            for key, wanted in levels.items():
+                assert np.abs(native["links"][link][key] - wanted).max() < ROUNDING * max(1.0, np.abs(wanted).max())
+
+
+def test_a_motion_that_ends_says_so_in_the_words_of_the_library() -> None:
+    driver = "constant:link=rocker,start_deg=100.0,speed=1.0"
+    loop, native = (kinematics("four_bar", driver=driver, steps=90, method=x) for x in ("loop", "native"))
+    assert native["status"] == loop["status"] == "stopped"
+    assert native["message"].split(" = ")[0] == loop["message"].split(" = ")[0]
+    assert len(native["t"]) == len(loop["t"])
+
+
+def test_without_a_compiler_it_is_not_native(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native_code, "available", lambda: False)
+    assert compile_closure(mechanism("four_bar")).backend == "numpy"
+    with pytest.raises(KernelError, match="llvmlite"):
+        compile_closure(mechanism("four_bar"), backend="llvm")

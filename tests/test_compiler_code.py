@@ -1,0 +1,489 @@
+"""From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+from gauss_bench.compiler.elimination.program import generate
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import Kernel
+from gauss_bench.compiler.kernel import compile as compile_kernel
+from gauss_bench.compiler.machine import native_code, object_cache, trigonometry
+from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.stepping import rollout as loops
+from gauss_bench.compiler.stepping import runners, steps
+from gauss_bench.compiler.stepping.driver import before
+from gauss_bench.integrate.fixed_step import semi_implicit_euler
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import build_reference, random_states
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+LINKAGES = ["crank_slider", "four_bar", "six_bar", "shaper", "eight_bar", "five_bar", "excavator", "parallelogram", "sleigh"]
+DRIVEN = ["four_bar/cycloid", "eight_bar/driven", "five_bar/driven"]
+H = 1e-4  # [s]
+
+
+@cache
+def mechanism(name: str) -> Mechanism:
+    linkage, _, scenario = name.partition("/")
+    return load(linkage, scenario) if scenario else load(linkage)
+
+
+@cache
+def kernel(name: str, stabilization: str = "none", backend: str = "llvm", **more: object) -> Kernel:
+    return compile_kernel(mechanism(name), stabilization=stabilization, backend=backend, cache=False, **more)  # type: ignore[arg-type]
+
+
+@cache
+def reference(name: str, t_end: float) -> Reference:
+    return build_reference(mechanism(name), t_end)
+
+
+@cache
+def motion(name: str, count: int = 40, gap: int = 50) -> tuple[Array, Array]:
+    """Different states along one motion."""
+    m = mechanism(name)
+    return kernel(name, "projection").rollout(m.q0, m.v0, H, count * gap, every=gap)
+
+
+def residuals(m: Mechanism, q: Array, v: Array, t: float | Array = 0.0) -> tuple[Array, Array]:
+    """Norms of phi and phi' at states (k, n)."""
+    evaluator = Evaluator(m)
+    rows = evaluator.constraints(t, q, v)
+    return np.abs(rows.phi).max(-1), np.abs((rows.J @ v[..., None])[..., 0] + rows.phi_t).max(-1)
+
+
+def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
+    """A graph whose leaves are %x0, %x1 ..., run as machine code on columns (k,)."""
+    x = np.ascontiguousarray(np.array(columns).T)
+    inputs = {f"%x{i}": ("%y", i) for i in range(x.shape[1])}
+    listing = loops.evaluation(g, roots, inputs, {"%y": x.shape[1], "%p": 0, "%t": 1}, 1)
+    code = native_code.compile_text(listing.text, "accelerate", listing.operations, cached=False)
+    out = np.empty((len(x), len(roots)))
+    y = runners.address(x)
+    code.call(y, y, y, runners.address(out), len(x))
+    return out
+
+
+def ulps(found: Array, exact: list[mpmath.mpf]) -> float:
+    """Largest error in units of the last place of the exact values."""
+    return max(abs(mpmath.mpf(float(a)) - b) / float(np.spacing(abs(float(b)))) for a, b in zip(found, exact, strict=True))
+
+
+ARGUMENTS = {
+    "a few turns": np.linspace(-10.0, 10.0, 3001),
+    "hundreds of turns": np.linspace(-1e3, 1e3, 3001) + 0.1,
+    "to the limit": np.linspace(-trigonometry.LARGEST, trigonometry.LARGEST, 3001),
+    "quarter turns, where all digits cancel": np.arange(-1500, 1500) * np.pi / 2,
+    "tiny": 10.0 ** np.linspace(-300, -3, 500),
+}
+
+
+@pytest.mark.parametrize("arguments", ARGUMENTS.values(), ids=ARGUMENTS)
+def test_sine_and_cosine_from_nothing_are_full_doubles(arguments: Array) -> None:
+    """The reduction rounds twice, one ulp of r or up to 1.8 of a sine with a smaller exponent; the last sum once, half an ulp."""
+    bound = 2.4
+    g = Graph()
+    found = evaluated(g, list(trigonometry.sincos(g, g.leaf("%x0"))), arguments)
+    with mpmath.workprec(200):
+        exact = [mpmath.mpf(float(x)) for x in arguments]
+        assert ulps(found[:, 0], [mpmath.sin(x) for x in exact]) < bound
+        assert ulps(found[:, 1], [mpmath.cos(x) for x in exact]) < bound
+
+
+@pytest.mark.parametrize(
+    "reach", sorted({r for reaches in steps.REACHES.values() for x in reaches[:-1] for r in (x.step, x.correction)})
+)
+def test_a_rotation_adds_one_rounding_of_one(reach: float, rng: np.random.Generator) -> None:
+    x, d = rng.uniform(-4, 4, 2000), np.append(rng.uniform(-reach, reach, 1998), [-reach, reach])
+    g = Graph()
+    pair = g.leaf("%x0"), g.leaf("%x1")
+    found = evaluated(g, list(trigonometry.rotated(g, pair, g.leaf("%x2"), reach)), np.sin(x), np.cos(x), d)
+    with mpmath.workprec(200):
+        exact = [mpmath.mpf(float(a)) + mpmath.mpf(float(b)) for a, b in zip(x, d, strict=True)]
+        off = [abs(mpmath.mpf(float(s)) - mpmath.sin(a)) for (s, _), a in zip(found, exact, strict=True)]
+        off += [abs(mpmath.mpf(float(c)) - mpmath.cos(a)) for (_, c), a in zip(found, exact, strict=True)]
+    assert max(off) < 1.25 * 2.0**-53  # half from the pair given, half from the sum, an eighth from the series, and little else
+
+
+def test_no_series_pretends_to_reach_everywhere() -> None:
+    with pytest.raises(ValueError, match="too far"):
+        trigonometry.short_series(4.0)
+
+
+@pytest.mark.parametrize("name", [*LINKAGES, *DRIVEN])
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
+    truth = random_states(mechanism(name), 40)
+    found = kernel(name, backend=backend).acceleration(truth.q, truth.v, truth.t)
+    scale = 1.0 + np.abs(truth.a).max(axis=1)
+    # rounding times the condition of what is solved; the largest met is 1e-11, next to change points of the parallelogram
+    assert (np.abs(found - truth.a).max(axis=1) / scale).max() < (1e-10 if name == "parallelogram" else 1e-12)
+    alone = kernel(name, backend=backend).acceleration(truth.q[0], truth.v[0], float(truth.t[0]))
+    np.testing.assert_array_equal(alone, found[0])
+
+
+@pytest.mark.parametrize(("name", "steps_taken"), [("crank_slider", 400), ("six_bar", 1600), ("shaper", 1600)])
+@pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
+def test_runge_kutta_has_order_four(name: str, steps_taken: int, stabilization: str) -> None:
+    m, exact = mechanism(name), reference(name, 0.4)
+    errors = []
+    for count in (steps_taken, 2 * steps_taken):
+        q, v = kernel(name, stabilization).rollout(m.q0, m.v0, 0.4 / count, count, every=count // 40)
+        errors.append(max(np.abs(q - exact.q[1:]).max(), np.abs(v - exact.v[1:]).max()))
+    # the shaper turns back within hundredths of a second, and still has a share of order 5 in its error
+    assert 3.8 < np.log2(errors[0] / errors[1]) < 4.2
+    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+@pytest.mark.parametrize("name", ["four_bar/cycloid", "five_bar/driven"])
+def test_a_driver_is_followed_in_time(name: str) -> None:
+    m = mechanism(name)
+    q, v = kernel(name, "projection").rollout(m.q0, m.v0, 1e-3, 300, every=30)
+    t = 1e-3 * np.arange(30, 301, 30)
+    phi, phi_dot = residuals(m, q, v, t)
+    assert phi.max() < 1e-14
+    assert phi_dot.max() < 1e-13
+    later, _ = kernel(name, "projection").rollout(q[4], v[4], 1e-3, 150, t0=float(t[4]))
+    np.testing.assert_allclose(later, q[-1], rtol=0, atol=1e-13)  # rounding, carried over 150 steps
+
+
+def test_semi_implicit_euler_is_the_one_of_the_suite() -> None:
+    m = mechanism("six_bar")
+    q, v = m.q0, m.v0
+    for k in range(20):
+        q, v = semi_implicit_euler(lambda t, q, v: kernel("six_bar").acceleration(q, v), k * H, q, v, H)
+    found = kernel("six_bar").rollout(m.q0, m.v0, H, 20, integrator="semi_implicit_euler")
+    np.testing.assert_allclose(np.concatenate(found), np.concatenate([q, v]), rtol=0, atol=1e-13)  # rounding of 20 steps
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_a_lane_computes_the_bits_of_a_single_run(name: str, stabilization: str) -> None:
+    code = kernel(name, stabilization, lanes=8)
+    q, v = motion(name, 11)  # not a multiple of the lanes
+    together = np.concatenate(code.rollout(q, v, H, 200), axis=1)
+    alone = np.array([np.concatenate(code.rollout(*state, H, 200)) for state in zip(q, v, strict=True)])
+    np.testing.assert_array_equal(together, alone)
+    np.testing.assert_array_equal(together, np.concatenate(code.rollout(q, v, H, 200, threads=2), axis=1))
+
+
+@pytest.mark.parametrize("lanes", [2, 4, 16])
+def test_the_number_of_lanes_does_not_matter(lanes: int) -> None:
+    q, v = motion("crank_slider")
+    one, other = (kernel("crank_slider", lanes=w).rollout(q, v, H, 100) for w in (8, lanes))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_samples_are_the_states_on_the_way() -> None:
+    m, code = mechanism("crank_slider"), kernel("crank_slider", "projection")
+    q, v = code.rollout(m.q0, m.v0, H, 100, every=30)
+    assert q.shape == v.shape == (4, m.n)  # after 30, 60, 90 and 100 steps
+    for k, count in enumerate((30, 60, 90, 100)):
+        np.testing.assert_array_equal(np.concatenate(code.rollout(m.q0, m.v0, H, count)), np.append(q[k], v[k]))
+    many, _ = code.rollout(np.tile(m.q0, (3, 1)), np.tile(m.v0, (3, 1)), H, 100, every=30)
+    np.testing.assert_array_equal(many, np.tile(q, (3, 1, 1)))
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "six_bar", "eight_bar", "excavator", "parallelogram"])
+@pytest.mark.parametrize("h", [1e-3, 1e-4])
+def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None:
+    m = mechanism(name)
+    q, v = kernel(name, "projection").rollout(m.q0, m.v0, h, 1000, every=1)
+    phi, phi_dot = residuals(m, q, v, h * np.arange(1, 1001))
+    # next to a change point pivots go down to their thresholds, parts of a thousandth, and multiply rounding by their inverse
+    worse = 1000 if name == "parallelogram" else 1
+    assert phi.max() < worse * 1e-14 * (1 + np.abs(q).max())
+    assert (phi_dot / (1 + np.abs(v).max(axis=1))).max() < worse * 1e-13
+
+
+def test_projection_holds_for_a_hundred_thousand_steps() -> None:
+    m = load("crank_slider", "conservative")
+    code = compile_kernel(m, stabilization="projection", cache=False)
+    q0, v0 = turning(m)
+    q, v = code.rollout(q0, v0, H, 100_000, every=1000)
+    phi, phi_dot = residuals(m, q, v)
+    assert np.ptp(q[:, 2]) > 1.0  # it swings
+    assert phi.max() < 1e-14 * (1 + np.abs(q).max())
+    assert (phi_dot / (1 + np.abs(v).max(axis=1))).max() < 1e-13
+    energy = code.energy(q, v)
+    # (w h)^4 / 120 a radian at w = 10 rad/s: 1e-14 a radian, for 100 rad
+    assert np.abs(energy - code.energy(q0, v0)).max() < 1e-11 * np.abs(energy).max()
+    assert code.switches == code.fallbacks == code.lost == 0
+
+
+def turning(m: Mechanism) -> tuple[Array, Array]:
+    """The start of a linkage with one degree of freedom, its crank turning with 10 rad/s."""
+    direction = np.linalg.svd(Evaluator(m).constraints(0.0, m.q0, m.v0).J)[2][-1]
+    assert m.crank is not None
+    return m.q0, 10.0 / direction[3 * m.crank + 2] * direction
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "six_bar", "sleigh"])
+def test_baumgarte_brings_a_state_back(name: str) -> None:
+    m = mechanism(name)
+    rng = np.random.default_rng(3)
+    q, v = m.q0 + 1e-6 * rng.standard_normal(m.n), m.v0 + 1e-6 * rng.standard_normal(m.n)
+    before_q, before_v = residuals(m, q, v)
+    after_q, after_v = residuals(m, *kernel(name, "baumgarte").rollout(q, v, 1e-3, 500))
+    # alpha t = 10: (1 + 10) exp(-10) = 5e-4 of the start is left, and of the rate, which the position feeds, 20 times that
+    assert after_v < 0.02 * (before_q * 20 + before_v)
+    assert name == "sleigh" or after_q < 1e-3 * (before_q + before_v / 20)
+
+
+def test_the_acceleration_asked_for_is_without_baumgarte() -> None:
+    m = mechanism("crank_slider")
+    q = m.q0 + np.linspace(-1e-3, 1e-3, m.n)
+    plain, damped = (kernel("crank_slider", s, b).acceleration(q, m.v0) for s, b in (("none", "llvm"), ("baumgarte", "llvm")))
+    np.testing.assert_array_equal(plain, damped)
+    other = kernel("crank_slider", "baumgarte", "numpy").acceleration(q, m.v0)
+    np.testing.assert_allclose(other, plain, rtol=0, atol=1e-13 * np.abs(plain).max())
+
+
+def test_after_preparing_nothing_is_compiled_in_a_rollout() -> None:
+    m = mechanism("crank_slider")
+    code = compile_kernel(m, cache=False)
+    code.prepare()
+    code.prepare(many=True)
+    seconds = code.compile_seconds
+    code.rollout(m.q0, m.v0, 1e-3, 2000)
+    code.rollout(np.tile(m.q0, (9, 1)), np.tile(m.v0, (9, 1)), 1e-2, 100)
+    assert code.compile_seconds == seconds
+
+
+def running(name: str, count: int) -> tuple[Array, Array]:
+    m = mechanism(name)
+    return kernel(name).rollout(m.q0, m.v0, H, count)
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+@pytest.mark.parametrize("every", [None, 7, 500])
+def test_a_bad_partition_passes_the_dead_centre_by_a_good_one(stabilization: str, every: int | None) -> None:
+    """The slider as independent coordinate cannot pass the dead centre, where it stands still; the crank can."""
+    q, v = running("crank_slider", 1500)
+    bad = kernel("crank_slider", stabilization, formulation="gauss", independent=(6,))
+    assert bad.partitions[0] == (6,)
+    found = np.concatenate(bad.rollout(q, v, H, 4000, every=every), axis=-1)
+    expected = np.concatenate(kernel("crank_slider", stabilization).rollout(q, v, H, 4000, every=every), axis=-1)
+    # near the dead centre a rounding of the slider moves the crank a thousand times as far, the inverse of the pivot's threshold
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert bad.switches >= 1
+    assert bad.fallbacks == bad.lost == 0
+
+
+def test_lanes_that_stop_do_not_disturb_the_others() -> None:
+    q, v = motion("crank_slider")
+    bad = kernel("crank_slider", formulation="gauss", independent=(6,))
+    found = np.concatenate(bad.rollout(q, v, H, 1500, every=100), axis=-1)
+    expected = np.concatenate(kernel("crank_slider").rollout(q, v, H, 1500, every=100), axis=-1)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert bad.switches > 0
+
+
+def test_without_another_partition_the_rank_decides() -> None:
+    q, v = running("crank_slider", 1500)
+    bad = compile_kernel(mechanism("crank_slider"), "gauss", "projection", independent=(6,), cache=False)
+    bad._driver.choices._more = iter(())
+    found = np.concatenate(bad.rollout(q, v, H, 4000))
+    expected = np.concatenate(kernel("crank_slider", "projection").rollout(q, v, H, 4000))
+    # next to the dead centre a projection that keeps the slider moves the crank, up to the inverse of the pivot's threshold
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
+    assert bad.fallbacks >= 1
+    at_dead_centre = turning(mechanism("crank_slider"))  # the linkage starts there, stretched
+    exact = kernel("crank_slider").acceleration(*at_dead_centre)
+    np.testing.assert_allclose(bad.acceleration(*at_dead_centre), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_change_points_are_passed_on_the_branch(stabilization: str) -> None:
+    """The parallelogram folds flat twice a turn; every partition fails there, and the motion is still that of a parallelogram."""
+    m = mechanism("parallelogram")
+    q, _ = kernel("parallelogram", stabilization).rollout(m.q0, m.v0, H, 10_000, every=100)
+    cranks = q[:, [2, 5, 8]] - m.q0[[2, 5, 8]]
+    assert np.abs(cranks[-1]).max() > 2 * np.pi
+    assert np.ptp(cranks, axis=1).max() < 1e-8
+
+
+def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:
+    """Over 0.4 rad in one step: no rotation reaches that far."""
+    m = mechanism("crank_slider")
+    q, v = running("crank_slider", 20_000)
+    for stabilization in ("none", "projection"):
+        found = kernel("crank_slider", stabilization).rollout(q, v, 1e-2, 40, every=1)
+        expected = kernel("crank_slider", stabilization, "numpy").rollout(q, v, 1e-2, 40, every=1)
+        assert np.abs(found[1][:, 2]).max() * 1e-2 > steps.REACHES["rk4"][1].step
+        np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-9, atol=1e-9)  # rounding, grown by coarse steps
+    assert m.n == q.size
+
+
+def test_speeding_up_goes_through_all_reaches() -> None:
+    """From rest to 50 rad/s at h = 1e-3: the shortest reach is left on the way, alone and in a batch."""
+    m, code = mechanism("crank_slider"), kernel("crank_slider")
+    alone = np.concatenate(code.rollout(m.q0, m.v0, 1e-3, 2000))
+    assert not np.isnan(alone).any()
+    together = code.rollout(np.tile(m.q0, (9, 1)), np.tile(m.v0, (9, 1)), 1e-3, 2000)
+    expected = np.concatenate(kernel("crank_slider", backend="numpy").rollout(m.q0, m.v0, 1e-3, 2000))
+    np.testing.assert_allclose(alone, expected, rtol=1e-8)  # rounding, grown for 2 s by a motion that speeds up
+    np.testing.assert_allclose(np.concatenate(together, axis=1), np.tile(expected, (9, 1)), rtol=1e-8)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy", "casadi"])
+def test_what_cannot_go_on_is_not_a_number(backend: str) -> None:
+    m = mechanism("crank_slider")
+    code = kernel("crank_slider", backend=backend)
+    v = np.stack([m.v0, np.full(m.n, np.nan), m.v0 + 1e200])
+    q, _ = code.rollout(np.tile(m.q0, (3, 1)), v, H, 3)
+    assert np.isfinite(q[0]).all()
+    assert np.isnan(q[1:]).all()
+    assert code.lost == 2
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "six_bar", "excavator", "four_bar/cycloid", "sleigh"])
+@pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
+def test_the_ways_without_a_compiler_agree(name: str, stabilization: str, integrator: str) -> None:
+    m = mechanism(name)
+    native = kernel(name, stabilization)
+    expected = np.concatenate(native.rollout(m.q0, m.v0, H, 300, every=70, integrator=integrator), axis=1)
+    for backend in ("numpy", "casadi"):
+        other = kernel(name, stabilization, backend).rollout(m.q0, m.v0, H, 300, every=70, integrator=integrator)
+        np.testing.assert_allclose(np.concatenate(other, axis=1), expected, rtol=1e-11, atol=1e-11)  # rounding of 300 steps
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+@pytest.mark.parametrize("reach", range(3))
+def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: int) -> None:
+    m = mechanism("six_bar")
+    code = steps.read_code(generate(m), stabilization)
+    batch = runners.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
+    found = []
+    for longest in (10**6, 0):
+        listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][reach], 4, longest)
+        runner = runners.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
+        runner.loaded[4] = native_code.compile_text(listing.text, "rollout", listing.operations, cached=False)
+        outcome = runner.run(batch)
+        assert outcome.complete.all()
+        found.append(outcome.samples)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-11)  # rounding; with projection, where v is corrected first
+
+
+def test_open_parameters_differ_from_lane_to_lane() -> None:
+    m = mechanism("crank_slider")
+    names = ("links.crank.mass", "gravity.y")
+    code = compile_kernel(m, open_parameters=names, cache=False)
+    assert code.parameters == names
+    p = np.array([[0.37 + 0.1 * k, -9.81 + k] for k in range(10)])
+    q, v = motion("crank_slider", 10)
+    together = np.concatenate(code.rollout(q, v, H, 100, parameters=p), axis=1)
+    alone = [np.concatenate(code.rollout(a, b, H, 100, parameters=x)) for a, b, x in zip(q, v, p, strict=True)]
+    np.testing.assert_array_equal(together, alone)
+    assert np.ptp(together[:, m.n + 2]) > 0
+    nominal = np.concatenate(code.rollout(q, v, H, 100), axis=1)
+    fixed = np.concatenate(kernel("crank_slider").rollout(q, v, H, 100), axis=1)
+    np.testing.assert_allclose(nominal, fixed, rtol=1e-11, atol=1e-11)  # the file's values, rounded in another order
+    with pytest.raises(ValueError, match="2 are open"):
+        code.rollout(q, v, H, 1, parameters=p[:, :1])
+
+
+def test_forces_and_energy() -> None:
+    m = mechanism("six_bar")
+    q, v = motion("six_bar")
+    evaluator, code = Evaluator(m), kernel("six_bar")
+    np.testing.assert_allclose(code.energy(q, v), evaluator.energy(q, v), rtol=1e-13)
+    a, multipliers = code.acceleration(q, v), code.forces(q, v)
+    for k in range(len(q)):
+        terms = evaluator.terms(0.0, q[k], v[k])
+        balance = terms.M @ a[k] + terms.J.T @ multipliers[k] - terms.Q
+        assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
+
+
+def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    m = mechanism("crank_slider")
+    first = compile_kernel(m)
+    second = compile_kernel(m)
+    assert (first.from_cache, second.from_cache) == (False, True)
+    assert (tmp_path / "gauss-bench" / "kernels").stat().st_mode & 0o777 == 0o700
+    expected = first.rollout(m.q0, m.v0, H, 50)
+    np.testing.assert_array_equal(expected, second.rollout(m.q0, m.v0, H, 50))
+    for file in (tmp_path / "gauss-bench" / "kernels").iterdir():
+        content = bytearray(file.read_bytes())
+        content[len(content) // 2] ^= 1
+        file.write_bytes(content)
+    third = compile_kernel(m)
+    assert not third.from_cache
+    np.testing.assert_array_equal(expected, third.rollout(m.q0, m.v0, H, 50))
+    assert compile_kernel(m).from_cache  # rebuilt in place
+
+
+def test_object_code_belongs_to_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert object_cache.store("a", b"code")
+    assert object_cache.load("a") == b"code"
+    folder = object_cache.folder()
+    (folder / "b.o").write_bytes((folder / "a.o").read_bytes())
+    assert object_cache.load("b") is None  # a file under another name
+    (folder / "a.o").write_bytes((folder / "a.o").read_bytes()[:-1])
+    assert object_cache.load("a") is None
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no POSIX permissions")
+def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    object_cache.store("a", b"code")
+    folder = object_cache.folder()
+    folder.chmod(0o755)
+    assert object_cache.load("a") is None
+    assert not object_cache.store("b", b"code")
+    folder.chmod(0o700)
+    uid = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: uid + 1)
+    assert object_cache.load("a") is None
+    assert not object_cache.store("b", b"code")
+
+
+def test_a_link_in_place_of_the_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir(mode=0o700)
+    object_cache.folder().parent.mkdir(parents=True)
+    object_cache.folder().symlink_to(elsewhere)
+    assert not object_cache.store("a", b"code")
+    assert not list(elsewhere.iterdir())
+
+
+def test_without_a_compiler_numpy_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native_code, "available", lambda: False)
+    m = mechanism("crank_slider")
+    assert compile_kernel(m).backend == "numpy"
+    with pytest.raises(KernelError, match="llvmlite"):
+        compile_kernel(m, backend="llvm")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"stabilization": "hope"}, {"backend": "fortran"}, {"formulation": "newton"}, {"open_parameters": ("links.crank.colour",)}],
+)
+def test_unknown_names_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(KernelError):
+        compile_kernel(mechanism("crank_slider"), cache=False, **wrong)  # type: ignore[arg-type]
+
+
+def test_the_code_of_a_long_chain_stays_short() -> None:
+    """Sixteen windows would need 7000 operations written out."""
+    m = load("n_four_bar_16")
+    code = steps.read_code(generate(m), "none")
+    listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][0], 1)
+    assert listing.operations < 2 * code.acceleration.operations + 13 * m.n
+    assert 4 * code.acceleration.operations > loops.WRITTEN_OUT
+
+
+def test_samples_before_a_step() -> None:
+    assert [before(step, 3) for step in range(8)] == [0, 0, 0, 0, 1, 1, 1, 2]

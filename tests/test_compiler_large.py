@@ -1,0 +1,228 @@
+"""Kernels of large linkages: the same physics as everywhere, in code that does not grow with the linkage."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.kernel_chains import mechanism_named
+from gauss_bench.bench.measurements.growth import growth, scaling
+from gauss_bench.compiler.chains.kernel import LargeKernel, large_kernel
+from gauss_bench.compiler.chains.program import generate_large
+from gauss_bench.compiler.elimination.check import acceleration_error
+from gauss_bench.compiler.elimination.partition import study
+from gauss_bench.compiler.elimination.workspace import Plan
+from gauss_bench.compiler.equations.sampling import manifold_states
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.mechanism.model import CoulombFriction, Mechanism
+from gauss_bench.reference.exact import closed_form
+
+pytest.importorskip("llvmlite")
+
+FORMULATIONS = ("gauss", "lagrange")
+EXACT = 1e-10  # relative: 1e-13 is usual; pivots as small as the guard's thousandth of their row may cost three digits more
+ROUNDING = 1e-13  # relative: the same operations, long sums in another order
+
+
+def every_linkage() -> Iterator[Mechanism]:
+    """All scenarios without dry friction of the linkages that come with the suite; chains; and a ladder of unequal loops."""
+    for name in [*sorted(built_in()), "n_four_bar_1", "n_four_bar_12"]:
+        for scenario in load(name).scenarios:
+            mechanism = load(name, scenario)
+            if not mechanism.has_friction:
+                yield mechanism
+    yield mechanism_named("pendulums_9", "swing")
+    yield ladder(11)
+
+
+def ladder(count: int) -> Mechanism:
+    """Four-bars side by side of which no two are alike, with springs, dampers and braked joints."""
+    rng = np.random.default_rng(count)
+    feet, heights = np.cumsum(rng.uniform(0.8, 1.4, count + 1)), rng.uniform(0.7, 1.3, count + 1)
+    tops = np.stack([feet, heights], axis=1)
+    lengths, angles = np.hypot(*np.diff(tops, axis=0).T), np.degrees(np.arctan2(*np.diff(tops, axis=0).T[::-1]))
+    turns = {f"v{i}": 90.0 for i in range(count + 1)} | {f"h{i}": float(x) for i, x in enumerate(angles)}
+    links = {f"v{i}": bar(x, rng.uniform(0.5, 2.0)) for i, x in enumerate(heights)}
+    links |= {f"h{i}": bar(x, rng.uniform(0.5, 2.0)) for i, x in enumerate(lengths)}
+    joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
+    for i in range(count + 1):
+        ends = [f"v{i}.B", *([f"h{i - 1}.B"] if i else []), *([f"h{i}.A"] if i < count else [])]
+        joints[f"B{i}"] = {"type": "revolute", "at": ends}
+    forces: dict[str, Any] = {
+        f"spring{i}": {"type": "spring_damper", "between": [f"ground.A{i}", f"v{i + 1}.B"], "k": 20.0 + i, "c": 0.5, "rest": 1.0}
+        for i in range(0, count, 3)
+    }
+    forces |= {f"brake{i}": {"type": "joint_damping", "joint": f"B{i}", "c": 0.02 * i} for i in range(1, count, 4)}
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": f"ladder_{count}",
+            "crank": "v0",
+            "ground": {"points": {f"A{i}": [float(x), 0.0] for i, x in enumerate(feet)}},
+            "links": links,
+            "joints": joints,
+            "forces": forces,
+            "assembly": {"angles_deg": turns},
+            "observe": {"points": ["v0.B"]},
+            "scenarios": {"fall": {"duration": 1.0, "start": {"crank_deg": 90.0, "speed": -1.0}, "forces": list(forces)}},
+        }
+    )
+
+
+def bar(length: float, mass: float) -> dict[str, Any]:
+    return {"points": {"A": [0.0, 0.0], "B": [float(length), 0.0]}, "bars": [["A", "B"]], "mass": float(mass)}
+
+
+@pytest.fixture(scope="module")
+def four_bars() -> dict[int, LargeKernel]:
+    """Kernels of N-four-bars by N."""
+    return {count: large_kernel(load(f"n_four_bar_{count}")) for count in (1, 16, 64)}
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("mechanism", list(every_linkage()), ids=lambda m: f"{m.name}-{m.scenario}")
+def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulation: str) -> None:
+    kernel, evaluator = large_kernel(mechanism, formulation), Evaluator(mechanism)
+    states = manifold_states(mechanism, 7, seed=5)
+    found = kernel.acceleration(states.q, states.v, states.t)
+    for t, q, v, a in zip(states.t, states.q, states.v, found, strict=True):
+        assert acceleration_error(evaluator, float(t), q, v, a) <= EXACT
+        np.testing.assert_array_equal(kernel.acceleration(q, v, float(t)), a)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("name", ["eight_bar-cycloid", "n_four_bar_12-fall", "squeezer-squeeze"])
+def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
+    mechanism = load(*name.split("-"))
+    kernel, h, n = large_kernel(mechanism, formulation), 1e-5, 4
+    q, v = mechanism.q0, mechanism.v0
+    for t in np.arange(n) * h:
+        a1 = kernel.acceleration(q, v, t)
+        a2 = kernel.acceleration(q + h / 2 * v, v + h / 2 * a1, t + h / 2)
+        a3 = kernel.acceleration(q + h / 2 * v + h**2 / 4 * a1, v + h / 2 * a2, t + h / 2)
+        a4 = kernel.acceleration(q + h * v + h**2 / 2 * a2, v + h * a3, t + h)
+        q, v = q + h * v + h**2 / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    found = kernel.rollout(mechanism.q0, mechanism.v0, h, n)
+    for own, wanted in zip(found, (q, v), strict=True):
+        assert np.abs(own - wanted).max() <= ROUNDING * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("count", [1, 16, 64])
+def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, LargeKernel], count: int) -> None:
+    kernel = four_bars[count]
+    motion = closed_form(kernel.mechanism, ["0.5"])
+    assert motion is not None
+    q, v = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 500)
+    assert np.abs(q - motion.q[0].astype(float)).max() < 1e-11  # the method's own error is h^4 = 1e-12 in the units of the linkage
+    assert np.abs(v - motion.v[0].astype(float)).max() < 1e-11
+    assert kernel.lost == kernel.fallbacks == 0
+
+
+@pytest.mark.parametrize("count", [1, 16])
+def test_a_singular_position_is_passed(four_bars: dict[int, LargeKernel], count: int) -> None:
+    """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
+    kernel = four_bars[count]
+    motion = closed_form(kernel.mechanism, ["1.5"])
+    assert motion is not None
+    q, _ = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 1500)
+    assert kernel.fallbacks > 0
+    # a step away, 1e-3 rad, rounding of 1e-14 grows a million times at most
+    assert np.abs(q - motion.q[0].astype(float)).max() < 1e-7
+
+
+def test_a_partition_fails_where_its_coordinate_stands_still() -> None:
+    """The slider of a slider-crank has no speed at the dead centre, whatever the crank does."""
+    mechanism = load("crank_slider", "conservative")
+    slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
+    program = generate_large(study(mechanism), Plan("gauss", (3 * slider,)))
+    states = manifold_states(mechanism, 400)
+    sound = np.array([program.acceleration(0.0, q, v)[1] for q, v in zip(states.q, states.v, strict=True)])
+    share = np.abs(states.v[:, 3 * slider]) / np.abs(states.v).max(axis=1)
+    assert sound[share > 0.05].all()
+    assert not sound[share < 1e-4].any()
+
+
+def test_where_one_partition_fails_another_serves() -> None:
+    mechanism = load("crank_slider", "conservative")
+    kernel, evaluator = large_kernel(mechanism), Evaluator(mechanism)
+    slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
+    kernel.programs.insert(0, generate_large(kernel.study, Plan("gauss", (3 * slider,))))
+    states = manifold_states(mechanism, 60)
+    for q, v in zip(states.q, states.v, strict=True):
+        assert acceleration_error(evaluator, 0.0, q, v, kernel.acceleration(q, v)) <= EXACT
+    q, v = kernel.rollout(mechanism.q0, mechanism.v0, 1e-4, 20_000)
+    assert kernel.switches > 0
+    wanted, _ = large_kernel(mechanism, "lagrange").rollout(mechanism.q0, mechanism.v0, 1e-4, 20_000)
+    assert np.abs(q - wanted).max() < 1e-7  # two seconds of falling multiply rounding, and what is lost near the guard
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 8])
+def test_many_trajectories_are_many_single_ones(lanes: int) -> None:
+    mechanism = load("jansen", "walk")
+    kernel = large_kernel(mechanism, lanes=lanes)
+    states = manifold_states(mechanism, 11, seed=2)
+    q, v = kernel.rollout(states.q, states.v, 1e-5, 50, every=20)
+    assert q.shape == v.shape == (len(states.q), 3, mechanism.n)
+    for k, (q0, v0) in enumerate(zip(states.q, states.v, strict=True)):
+        alone = kernel.rollout(q0, v0, 1e-5, 50)
+        for own, wanted in zip((q[k, -1], v[k, -1]), alone, strict=True):
+            assert np.abs(own - wanted).max() <= ROUNDING * np.abs(wanted).max()
+
+
+def test_what_cannot_go_on_is_not_a_number() -> None:
+    mechanism = load("n_four_bar_12")
+    kernel = large_kernel(mechanism)
+    q0, v0 = np.tile(mechanism.q0, (2, 1)), np.tile(mechanism.v0, (2, 1))
+    v0[1] = np.nan
+    q, v = kernel.rollout(q0, v0, 1e-3, 10)
+    assert np.isfinite(q[0]).all()
+    assert np.isnan(q[1]).all()
+    assert np.isnan(v[1]).all()
+    assert kernel.lost == 1
+
+
+def test_code_does_not_grow_with_the_linkage_and_operations_do_in_proportion() -> None:
+    programs = [generate_large(study(m), Plan("gauss", (2,))) for m in (load("n_four_bar_32"), load("n_four_bar_128"))]
+    operations, groups, loops = zip(*((p.operations, len(p.groups.groups), len(p.loops)) for p in programs), strict=True)
+    assert operations[1] < 4.1 * operations[0]
+    assert groups[1] < 1.4 * groups[0]  # one round more
+    assert loops[1] < 1.4 * loops[0]
+
+
+def test_what_there_is_no_kernel_for_is_refused() -> None:
+    with pytest.raises(KernelError, match="no formulation"):
+        large_kernel(load("four_bar"), "newton")
+    plain = load("four_bar")
+    rubbing = replace(plain, frictions=(CoulombFriction("rubs", plain.joints[:1], 0.1, 0.01, 0.1),))
+    with pytest.raises(KernelError, match="dry friction"):
+        large_kernel(rubbing)
+
+
+def test_the_comparison_has_a_row_for_every_engine() -> None:
+    rows = scaling([1])["scaling"]
+    own = [x for x in rows if x["engine"].startswith("loops")]
+    assert {x["engine"] for x in own} == {"loops, gauss", "loops, lagrange"}
+    assert all(0 < x["low"] <= x["seconds"] <= x["high"] and x["error"] < ROUNDING for x in own)
+    assert all(x["message"] for x in rows if x["status"] != "ok")
+
+
+def test_growth_is_the_slope_of_logarithms() -> None:
+    rows = [{"engine": "a", "quantity": "b", "size": n, "seconds": 3e-7 * n**1.25} for n in (1, 16, 64, 256)]
+    assert growth(rows, "a", "b") == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "sleigh"])
+def test_answers_are_not_changed_by_later_questions(name: str) -> None:
+    mechanism = load(name)
+    kernel = large_kernel(mechanism)
+    first = kernel.acceleration(mechanism.q0, mechanism.v0)
+    kept, (q, v) = first.copy(), kernel.rollout(mechanism.q0, mechanism.v0, 1e-3, 10)
+    q_kept, v_kept = q.copy(), v.copy()
+    kernel.acceleration(q, v)
+    kernel.rollout(q, v, 1e-3, 10)
+    np.testing.assert_array_equal(first, kept)
+    np.testing.assert_array_equal(np.stack([q, v]), np.stack([q_kept, v_kept]))
