@@ -244,6 +244,15 @@ class ObserveTable(Table, other="points links"):
     links: list[Text] = []
 
 
+class MeasureTable(Table, other="link joint between point angle_deg angle"):
+    link: Text | None = None
+    joint: Text | None = None
+    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    point: Text | None = None
+    angle_deg: Number | None = None
+    angle: Number | None = None
+
+
 class ExpectTable(Table, other="dof redundant loops"):
     dof: Annotated[int, Field(strict=True, ge=0)] | None = None
     redundant: Annotated[int, Field(strict=True, ge=0)] | None = None
@@ -253,7 +262,7 @@ class ExpectTable(Table, other="dof redundant loops"):
 class LinkageTable(
     Table,
     physics="crank gravity ground links joints constraints forces assembly scenarios",
-    other="format name title expect observe",
+    other="format name title expect observe measure",
 ):
     format: Literal["planar-linkage/1"]
     name: Name
@@ -268,6 +277,7 @@ class LinkageTable(
     forces: dict[Name, ForceEntry] = {}
     assembly: AssemblyTable = AssemblyTable()
     observe: ObserveTable = ObserveTable()
+    measure: MeasureTable | None = None
     scenarios: Annotated[dict[Name, ScenarioTable], Field(min_length=1)]
 
 
