@@ -13,7 +13,7 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = ["__version__", "compare", "load", "simulate"]
 
-_HOMES = {"load": "gauss_bench.mechanism.load", "simulate": "gauss_bench.simulation", "compare": "gauss_bench.comparison"}
+_HOMES = {"load": "gauss_bench.mechanism.load", "simulate": "gauss_bench.api.simulate", "compare": "gauss_bench.api.compare"}
 
 
 def __getattr__(name: str) -> Any:

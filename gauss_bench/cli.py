@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.options import Verb, parser
+from gauss_bench.api.options import Verb, parser
 
 BAD_INPUT = 2
 
@@ -37,10 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
+    from gauss_bench.api.simulate import ChoiceError
     from gauss_bench.bench.journal import Busy
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
-    from gauss_bench.simulation import ChoiceError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, Busy, OSError))
@@ -63,7 +63,7 @@ def plain(item: Any) -> Any:
 
 
 def list_all(options: argparse.Namespace) -> int:
-    from gauss_bench import text
+    from gauss_bench.api import text
 
     found = text.catalogue()
     if options.json:
@@ -74,16 +74,16 @@ def list_all(options: argparse.Namespace) -> int:
 
 
 def show(options: argparse.Namespace) -> int:
-    from gauss_bench import text
+    from gauss_bench.api import text
     from gauss_bench.mechanism.load import load
 
     first = load(options.linkage, options.scenario)
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
     found = text.description(first, others)
     if options.svg:
-        from gauss_bench.report.drawing import draw
-        from gauss_bench.report.pose import posed
-        from gauss_bench.results import write_text
+        from gauss_bench.report.drawings.drawing import draw
+        from gauss_bench.report.drawings.pose import posed
+        from gauss_bench.tables import write_text
 
         write_text(options.svg, draw(*posed(options.linkage)))
     if options.json:
@@ -94,8 +94,8 @@ def show(options: argparse.Namespace) -> int:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    from gauss_bench import text
-    from gauss_bench.simulation import simulate as simulated
+    from gauss_bench.api import text
+    from gauss_bench.api.simulate import simulate as simulated
 
     result = simulated(
         options.linkage,
@@ -115,19 +115,20 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def kinematics(options: argparse.Namespace) -> int:
-    from gauss_bench import motion, text
+    from gauss_bench.api import kinematics as moved
+    from gauss_bench.api import text
 
     asked = (options.scenario, options.driver, options.steps, options.points, options.method)
-    result = motion.kinematics(options.linkage, *asked)
+    result = moved.kinematics(options.linkage, *asked)
     pictures(options, result)
     if options.json:
         print_json(result)
     elif options.out:
-        csv = motion.table(result).to_csv(index=False, lineterminator="\n")
+        csv = moved.table(result).to_csv(index=False, lineterminator="\n")
         if options.out == "csv":
             print(csv, end="")
         else:
-            from gauss_bench.results import write_text
+            from gauss_bench.tables import write_text
 
             write_text(Path(options.out), csv)
     else:
@@ -139,15 +140,15 @@ def kinematics(options: argparse.Namespace) -> int:
 
 def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
     """Write the plot and the animation that were asked for."""
-    from gauss_bench import motion
-    from gauss_bench.report.animation import animate
-    from gauss_bench.report.curves import curves
-    from gauss_bench.results import write_text
+    from gauss_bench.api import kinematics as moved
+    from gauss_bench.report.drawings.animation import animate
+    from gauss_bench.report.drawings.curves import curves
+    from gauss_bench.tables import write_text
 
     if not (options.plot or options.animate):
         return
-    mechanism = motion.driven(options.linkage, options.scenario, options.driver)
-    points, states = motion.observed(mechanism, options.points), motion.states(result)
+    mechanism = moved.driven(options.linkage, options.scenario, options.driver)
+    points, states = moved.observed(mechanism, options.points), moved.states(result)
     if options.plot:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
     if options.animate:
@@ -155,8 +156,8 @@ def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
 
 
 def certify(options: argparse.Namespace) -> int:
-    from gauss_bench import text
-    from gauss_bench.bench import certificates
+    from gauss_bench.api import text
+    from gauss_bench.bench.measurements import certificates
 
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
@@ -172,8 +173,8 @@ def certify(options: argparse.Namespace) -> int:
 
 
 def verify(options: argparse.Namespace) -> int:
-    from gauss_bench import text
-    from gauss_bench.bench import certificates
+    from gauss_bench.api import text
+    from gauss_bench.bench.measurements import certificates
 
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     print_json(rows) if options.json else print(text.format_verification(rows))
@@ -198,7 +199,7 @@ def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
 
 
 def run(options: argparse.Namespace) -> int:
-    from gauss_bench import text
+    from gauss_bench.api import text
     from gauss_bench.bench.runner import run as run_suite
 
     if options.suite == "kernel":
@@ -237,7 +238,7 @@ def report(options: argparse.Namespace) -> int:
 def check(options: argparse.Namespace) -> int:
     from functools import partial
 
-    from gauss_bench import text
+    from gauss_bench.api import text
     from gauss_bench.bench import check as gate
     from gauss_bench.bench.measure import unaltered
     from gauss_bench.bench.runner import measure_all

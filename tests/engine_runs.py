@@ -8,7 +8,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
-from gauss_bench.engines.native import Native
+from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
@@ -40,7 +40,7 @@ def ran(engine: Engine, mechanism: Mechanism, times: Iterable[float], native: bo
 
 
 def by_gauss(mechanism: Mechanism, times: Iterable[float], **choice: Any) -> Trajectory:
-    return ran(Native("gauss"), mechanism, times, **{"integrator": "dop853", **choice})
+    return ran(Interpreted("gauss"), mechanism, times, **{"integrator": "dop853", **choice})
 
 
 def relative_error(found: Array, expected: Array) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.api.kinematics import kinematics
 from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
 from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.compiler.errors import KernelError
@@ -23,7 +24,6 @@ from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.motion import kinematics
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 from tests.conftest import redundant

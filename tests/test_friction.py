@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from gauss_bench import metrics
+from gauss_bench.api.simulate import simulate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
@@ -19,7 +20,6 @@ from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import absolute_reference, build_reference, random_states, sample_times
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.simulation import simulate
 from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
 from tests.conftest import DATA
 

@@ -178,7 +178,7 @@ def test_rows_of_active_bars_and_driven_slides_have_consistent_rates(linkage: st
 
 
 def test_active_bars_keep_their_lengths_and_do_the_work() -> None:
-    from gauss_bench.simulation import simulate
+    from gauss_bench.api.simulate import simulate
 
     found = simulate("excavator", "gauss", stabilization="projection", at=[0.0, 1.0, 2.0])
     assert found["status"] == "ok"

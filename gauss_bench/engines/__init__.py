@@ -10,6 +10,7 @@ FOREIGN = {
     "pinocchio": "gauss_bench.engines.pinocchio.adapter:Pinocchio",
     "exudyn": "gauss_bench.engines.exudyn.adapter:Exudyn",
     "mujoco": "gauss_bench.engines.mujoco.adapter:Mujoco",
+    "casadi": "gauss_bench.engines.casadi.adapter:Casadi",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
@@ -33,9 +34,9 @@ def get(name: str) -> Engine:
         ImportError: its adapter cannot be imported. Adapters import their library only when they build.
     """
     if name in OWN:
-        from gauss_bench.engines.native import Native
+        from gauss_bench.engines.interpreted import Interpreted
 
-        return Native(name)
+        return Interpreted(name)
     if name in COMPILED:
         from gauss_bench.engines.compiled import Compiled
 

@@ -1,0 +1,223 @@
+"""One linkage moved through a law, without forces: the object that `gauss-bench kinematics --json` prints."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gauss_bench.api.simulate import ChoiceError, link_states, point_states
+from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.loops import find_graph
+from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.mechanism.errors import Fault, LinkageError
+from gauss_bench.mechanism.load import document_of, load_document
+from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
+
+TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
+RISE = {"travel_deg": 360.0, "time": 1.0}
+
+
+def driver_table(text: str) -> dict[str, Any]:
+    """The driver table of "LAW" or "LAW:key=value,...", with the keys of a scenario's driver.
+
+    Raises:
+        ChoiceError: what stands after the colon is not of that form.
+    """
+    law, _, rest = text.partition(":")
+    table: dict[str, Any] = {"law": law}
+    for part in filter(None, rest.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ChoiceError(f"driver {text!r}: {part!r} is not of the form key=value")
+        table[key.strip()] = _read(value.strip())
+    if law == "table" and "file" in table:
+        table["rows"] = _rows(Path(table.pop("file")))
+    return (TURN.get(law, RISE) if not rest and law != "table" else {}) | table
+
+
+def _read(value: str) -> Any:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def _rows(path: Path) -> list[list[float]]:
+    """Rows t, value of a text file; commas or blanks between them, # before remarks."""
+    try:
+        lines = [line.partition("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+        return [[float(x) for x in line] for line in lines if line]
+    except (OSError, ValueError) as error:
+        raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error
+
+
+def driven(linkage: str, scenario: str | None, driver: str | None) -> Mechanism:
+    """The linkage in a driven scenario: the one named, or its first driven one, with the driver replaced where one is given.
+
+    Raises:
+        LinkageError: faults of the file or of the driver, by table and field.
+    """
+    document, digest, path = document_of(linkage)
+    if driver is None:
+        scenarios = document.get("scenarios", {})
+        first = (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
+        mechanism = load_document(document, scenario or next(first, None), str(path), digest, path.stem)
+        if not mechanism.drivers:
+            at = f"scenarios.{mechanism.scenario}"
+            raise LinkageError(str(path), [Fault(at, "drives nothing; name a driven scenario, or give a driver")])
+        return mechanism
+    load_document(document, scenario, str(path), digest, path.stem)  # the file's own faults come first, under its own names
+    table = driver_table(driver)
+    if not {"link", "joint", "between"} & table.keys():
+        table["link"] = document.get("crank")
+    moved = copy.deepcopy(document)
+    moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
+    return load_document(moved, "kinematics", str(path), digest)
+
+
+def observed(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
+    """The points named "link.point", or those the file observes.
+
+    Raises:
+        ChoiceError: there is no such point.
+    """
+    if names is None:
+        return mechanism.observed_points
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
+    found = []
+    for name in names:
+        link, _, point = name.partition(".")
+        if link not in index or point not in mechanism.links[index[link]].points:
+            raise ChoiceError(f"no point {name!r}; links are {', '.join(index)}, and points are named link.point")
+        found.append(mechanism.point(index[link], point))
+    return tuple(found)
+
+
+def kinematics(
+    linkage: str,
+    scenario: str | None = None,
+    driver: str | None = None,
+    steps: int = 360,
+    points: list[str] | None = None,
+    method: str = "loop",
+) -> dict[str, Any]:
+    """Positions, velocities and accelerations over the scenario's duration, as plain data.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        scenario: a driven one; the first where not given.
+        driver: "LAW" or "LAW:key=value,..." in the keys of a scenario's driver, instead of the scenario's own.
+        steps: equal parts of the duration.
+        points: "link.point" to report; those the file observes where not given.
+        method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
+
+    Raises:
+        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used.
+    """
+    if method not in METHODS:
+        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if steps < 1:
+        raise ChoiceError(f"steps must be at least 1, not {steps}")
+    mechanism = driven(linkage, scenario, driver)
+    chosen = observed(mechanism, points)
+    times = np.linspace(0.0, mechanism.duration, steps + 1)
+    status, message = "ok", ""
+    try:
+        motion = METHODS[method](mechanism, inputs_of(mechanism), times)
+    except MotionError as error:
+        status, message, motion = "stopped", str(error), error.reached
+    except ValueError as error:  # a linkage that the method does not cover, or inputs that do not match its freedom
+        raise ChoiceError(str(error)) from error
+    n = len(motion.q)
+    states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
+    values = [driver.law(times[:n]) for driver in mechanism.drivers]
+    named = [dict(zip(("angle", "speed", "acceleration"), value, strict=True)) for value in values]
+    return {
+        "status": status,
+        "message": message,
+        "mechanism": mechanism.name,
+        "scenario": mechanism.scenario,
+        "method": method,
+        "t": times[:n],
+        "driver": named[0],
+        "drivers": dict(zip((d.name for d in mechanism.drivers), named, strict=True)),
+        "links": link_states(mechanism, states),
+        "points": point_states(chosen, states),
+        "loops": [loop.joints for loop in find_graph(mechanism).loops],
+        "branch": branch_of(mechanism, inputs_of(mechanism), mechanism.q0),
+        "iterations": motion.iterations,
+        "singular": described_singular(mechanism),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class NativeMotion:
+    """States (k, n) from native code; its iterations are not counted."""
+
+    q: Array
+    v: Array
+    a: Array
+    iterations: None = None
+
+
+def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> NativeMotion:
+    """The motion at times (k,) [s], as from `loop_motion`.
+
+    Raises:
+        ValueError: the inputs do not fit the linkage, or there is no compiler.
+        LimitOfMotion, SingularPosition: with the motion up to there.
+    """
+    from gauss_bench.compiler.closure import compile_closure
+
+    closure = compile_closure(mechanism, backend="llvm", inputs=inputs)
+    laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]
+    sweep = closure.sweep(*np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0))
+    if not sweep.losses:
+        return NativeMotion(sweep.q, sweep.v, sweep.a)
+    loss = sweep.losses[0]
+    kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
+    where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
+    text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
+    reached = NativeMotion(sweep.q[: loss.sample], sweep.v[: loss.sample], sweep.a[: loss.sample])
+    raise kind(text, loss.inputs, float(times[loss.sample]), reached)
+
+
+METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
+
+
+def states(result: dict[str, Any]) -> Trajectory:
+    """The states (k, n) of a result of `kinematics`."""
+    links = result["links"].values()
+    levels = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+    q, v, a = (np.column_stack([link[key] for link in links for key in keys]) for keys in levels)
+    return Trajectory(np.asarray(result["t"]), q, v, a, len(q) - 1)
+
+
+def table(result: dict[str, Any]) -> pd.DataFrame:
+    """The result as one row per time: t, the drivers' values, then every coordinate of links and points."""
+    columns: dict[str, Any] = {"t": result["t"]}
+    for group in ("drivers", "links", "points"):
+        for name, values in result[group].items():
+            columns |= {f"{name}.{key}": value for key, value in values.items()}
+    return pd.DataFrame(columns)
+
+
+def described_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
+    """Limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
+    try:
+        found = singular_positions(mechanism)
+    except (ValueError, ChangePoint) as error:
+        return str(error)
+    return [
+        {"coordinate": s.coordinate, "kind": s.kind, "value": s.value, "crank": s.crank, "crank_deg": float(np.degrees(s.crank))}
+        for s in found
+    ]

@@ -1,0 +1,175 @@
+"""What the command line says to people: the same objects that --json prints, as text."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gauss_bench.bench.gate import Verdict
+from gauss_bench.engines import get, names
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.model import Mechanism
+
+STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
+
+
+def catalogue() -> dict[str, Any]:
+    """Linkages with their scenarios, engines with what they offer."""
+    linkages = {name: load(name) for name in built_in()}
+    engines = {}
+    for name in names():
+        adapter = get(name)
+        try:
+            version = adapter.version()
+        except ImportError:
+            version = "not installed"
+        engines[name] = {
+            "version": version,
+            "settings": list(adapter.settings),
+            "integrators": list(adapter.integrators),
+            "stabilizations": list(adapter.stabilizations),
+        }
+    return {"linkages": {k: {"title": m.title, "scenarios": list(m.scenarios)} for k, m in linkages.items()}, "engines": engines}
+
+
+def format_catalogue(found: dict[str, Any]) -> str:
+    lines = ["linkages"]
+    lines += [f"  {k:14} {v['title']}  [{', '.join(v['scenarios'])}]" for k, v in found["linkages"].items()]
+    lines.append("engines")
+    for name, engine in found["engines"].items():
+        offers = "; ".join(", ".join(engine[k]) for k in ("settings", "integrators", "stabilizations"))
+        lines.append(f"  {name:14} {engine['version']}  [{offers}]")
+    return "\n".join(lines)
+
+
+def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
+    """What a file describes, each scenario assembled."""
+    return {
+        "name": first.name,
+        "title": first.title,
+        "source": first.source,
+        "dof": first.dof,
+        "redundant": first.redundant,
+        "loops": len(first.joints) - len(first.links),
+        "links": {x.name: {"mass": x.mass, "inertia": x.inertia, "com": x.com, "points": dict(x.points)} for x in first.links},
+        "joints": {x.name: type(x).__name__.lower() for x in first.joints},
+        "knife_edges": [x.name for x in first.knife_edges],
+        "scenarios": {
+            m.scenario: {
+                "duration": m.duration,
+                "forces": [f.name for f in m.forces],
+                "driven": bool(m.drivers),
+                "q0": m.q0,
+                "v0": m.v0,
+            }
+            for m in (first, *others)
+        },
+    }
+
+
+def format_description(found: dict[str, Any]) -> str:
+    counts = f"{found['dof']} degrees of freedom, {found['loops']} loops, {found['redundant']} redundant rows"
+    lines = [f"{found['name']}: {found['title']}", counts, "links (mass kg, inertia kg m^2, centre of mass m)"]
+    for name, link in found["links"].items():
+        lines.append(f"  {name:14} {link['mass']:<12.6g} {link['inertia']:<12.6g} ({link['com'][0]:.6g}, {link['com'][1]:.6g})")
+    lines.append("joints: " + ", ".join(f"{k} ({v})" for k, v in found["joints"].items()))
+    for name, scenario in found["scenarios"].items():
+        how = "driven" if scenario["driven"] else "free"
+        lines.append(f"scenario {name}: {scenario['duration']:g} s, {how}, forces {', '.join(scenario['forces']) or 'none'}")
+    return "\n".join(lines)
+
+
+def format_simulation(result: dict[str, Any]) -> str:
+    how = f"{result['engine']} ({result['settings']}), {result['integrator']}, step {result['step']:g} s"
+    lines = [f"{result['mechanism']} / {result['scenario']}: {how}", f"status {result['status']} {result['message']}".rstrip()]
+    for k, t in enumerate(result["t"]):
+        lines.append(f"t = {t:g} s")
+        for name, state in result["links"].items():
+            lines.append(f"  {name:14}" + " ".join(f"{key} {state[key][k]: .9g}" for key in STATE_KEYS))
+    lines += [f"{key:22} {value:.3g}" for key, value in result["metrics"].items() if value is not None]
+    return "\n".join(lines)
+
+
+def format_kinematics(result: dict[str, Any]) -> str:
+    lines = [f"{result['mechanism']} / {result['scenario']}: {result['method']}, {len(result['t'])} positions, {result['status']}"]
+    lines.append("loops: " + "; ".join("-".join(loop) for loop in result["loops"]))
+    lines.append(f"assembly: {result['branch']}")
+    singular = result["singular"]
+    if isinstance(singular, str):
+        lines.append(f"singular positions: {singular}")
+    else:
+        lines += [f"{s['kind']} of {s['coordinate']} at crank angle {s['crank_deg']:.8f} deg" for s in singular]
+    for name, state in result["points"].items():
+        ranges = (f"{key} {min(state[key]):.6g} .. {max(state[key]):.6g}" for key in ("x", "y", "vx", "vy", "ax", "ay"))
+        lines.append(f"  {name:16}" + ", ".join(ranges))
+    return "\n".join(lines)
+
+
+def format_run(rows: pd.DataFrame, folder: Path) -> str:
+    counts = rows["status"].value_counts().sort_index()
+    said = ", ".join(f"{n} {status}" for status, n in counts.items())
+    return f"{len(rows)} cases ({said}); {int(rows['valid'].sum())} pass the validity gate; tables in {folder}"
+
+
+def format_check(verdicts: list[Verdict]) -> str:
+    told = [v for v in verdicts if v.outcome != "ok"]
+    failed = sum(v.outcome == "fail" for v in verdicts)
+    better = len(told) - failed
+    lines = [str(v) for v in told]
+    lines.append(f"{len(verdicts)} figures: {failed} worse than their limit, {better} better than expected")
+    if failed:
+        lines.append("If the change is meant, accept it with its reason: gauss-bench check --accept 'REASON'")
+    elif better:
+        lines.append("Keep the improvement with: gauss-bench check --accept 'REASON'")
+    return "\n".join(lines)
+
+
+def format_certificate(row: dict[str, Any]) -> str:
+    """What one certificate vouches for, in words."""
+    name = f"{row['mechanism']} / {row['scenario']}"
+    if row["status"] != "ok":
+        return f"{name}: not certified. {row['message']}"
+    whole = "its whole duration" if row["complete"] else f"{row['duration']:g} s were asked for"
+    lines = [f"{name}: {row['digits']} digits of positions and velocities vouched for until t = {row['until']:g} s ({whole})"]
+    if not row["complete"]:
+        lines.append(f"it stops there: {row['message']}")
+    lines.append(f"values: {row['method']}")
+    lines.append(f"checked by: {row['collocation_method']}, step {row['step']:.3g} s")
+    bars = (("positions", "q"), ("velocities", "v"), ("accelerations", "a"), ("joint forces", "multipliers"))
+    for words, level in bars:
+        bar = row[f"error_{level}"]
+        lines.append(f"  {words:14} error bar {'none: left open by redundant rows' if bar is None else format(bar, '.1e')}")
+    floor = row["floor_q"]
+    lines.append(
+        f"parameters known to 1e-16 leave positions uncertain by {'an unknown amount' if floor is None else format(floor, '.1e')}"
+    )
+    for words in ("taylor", "collocation"):
+        off = row[f"{words}_off_closed_form"]
+        lines += (
+            [f"closed form: the {words} pipeline follows it to {off:.1e} until t = {row[f'{words}_until']:g} s"]
+            if off is not None
+            else []
+        )
+        lines += [f"the {words} pipeline: {row[f'{words}_stopped']}"] if row[f"{words}_stopped"] else []
+    lines.append(f"written to {row['file']}" if row["file"] else "not written: give --out FILE to keep it")
+    return "\n".join(lines)
+
+
+def format_certificates(rows: list[dict[str, Any]]) -> str:
+    lines = []
+    for row in rows:
+        said = f"{row['digits']} digits until {row['until']:g} s" if row["status"] == "ok" else row["status"]
+        lines.append(f"{row['mechanism']:14} {row['scenario']:14} {said}  {row['message']}".rstrip())
+    return "\n".join(lines)
+
+
+def format_verification(rows: list[dict[str, Any]]) -> str:
+    lines = []
+    for row in rows:
+        if row["status"] == "ok":
+            errors = f"states {row['state_error']:.1e} in {row['windows']} windows, balance {row['balance_error']:.1e}"
+            said = f"{'holds' if row['passed'] else 'DOES NOT HOLD'}: {errors}"
+        else:
+            said = f"{row['status']}: {row['message']}"
+        lines.append(f"{row['mechanism']:14} {row['scenario']:14} {said}")
+    return "\n".join(lines)

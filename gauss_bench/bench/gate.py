@@ -1,0 +1,155 @@
+"""The accuracy gate: the gate suite against a committed baseline. It never reads a time.
+
+A figure fails when it is worse than its limit, and is told when it is better by as much. Limits are computed from the baseline by
+the rules below; a new baseline is accepted only with a dated reason.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.tables import KEY, write_table
+
+COLUMNS = [*KEY, "metric", "value", "accepted"]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Limits of a metric: worse than `factor` times the baseline, but never below `floor`, fails; better by `factor` is told."""
+
+    factor: float
+    floor: float
+
+
+# Figures move by less than 2 between machines as long as they stand above rounding, where they move by much more: hence the floors.
+RULES = {
+    "acceleration_error_median": Rule(2.0, 1e-12),  # rounding at a condition of 1e4
+    "crank_error_t1": Rule(2.0, 1e-10),  # rounding grown over a second of fast turning
+    "position_error": Rule(2.0, 1e-10),
+    "velocity_error": Rule(2.0, 1e-8),  # speeds are some 50 times angles
+    "position_drift": Rule(2.0, 1e-12),
+    "velocity_drift": Rule(2.0, 1e-10),
+    "energy_error": Rule(2.0, 1e-8),  # [J] the quadrature of the work through samples a millisecond apart
+}
+ORDER_MARGIN = 0.2  # observed orders scatter by 0.1 between neighbouring steps
+TRUTH_MARGIN = 1e-9  # [rad] a reference that moves by more than its bar (1e-11) is another truth; libraries may move it below that
+TRUTHS = ("crank_t05", "crank_t1")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One figure against its limit: "fail", "better" or "ok"."""
+
+    outcome: str
+    case: str
+    metric: str
+    value: str
+    limit: str
+    baseline: str
+
+    def __str__(self) -> str:
+        return f"{self.outcome}: {self.case}: {self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
+
+
+def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+    """The gated figures in long form: one row per case and metric.
+
+    Runs that the validity gate refused keep only their status, their flag and their acceleration error: their trajectories say
+    nothing, but they must stay refused.
+    """
+    found: list[dict[str, Any]] = []
+    for row in rows.to_dict("records"):
+        key = {k: row[k] for k in KEY}
+        found.append(key | {"metric": "status", "value": row["status"]})
+        if row["status"] == "ok":
+            found.append(key | {"metric": "valid", "value": str(row["valid"])})
+        used = [*RULES, "observed_order"] if row["valid"] else ["acceleration_error_median"]
+        found += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
+    for reference in references.to_dict("records"):
+        key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
+        key |= {"engine": "reference", "step": 0.0, "t_end": reference["t_end"]}
+        found += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
+    frame = pd.DataFrame(found).astype({"step": float, "t_end": float})
+    return frame.sort_values([*KEY, "metric"], kind="stable", ignore_index=True)
+
+
+def compare(found: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
+    """A verdict for every figure; one that is missing on either side fails."""
+    keys = [*KEY, "metric"]
+    here = {tuple(r[k] for k in keys): str(r["value"]) for r in found.to_dict("records")}
+    there = {tuple(r[k] for k in keys): str(r["value"]) for r in baseline.to_dict("records")}
+    verdicts = []
+    for key in sorted(here.keys() | there.keys(), key=str):
+        case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
+        verdicts.append(_verdict(case, str(key[-1]), here.get(key), there.get(key)))
+    return verdicts
+
+
+def _verdict(case: str, metric: str, value: str | None, base: str | None) -> Verdict:
+    if base is None or value is None:
+        outcome, missing = "fail", "none"
+        if metric == "observed_order":  # exists only while the errors stand above their floor: its loss is told, not judged
+            outcome = "better"
+        return Verdict(outcome, case, metric, value or missing, "present on both sides", base or missing)
+    if metric in ("status", "valid"):
+        return Verdict("ok" if value == base else "fail", case, metric, value, base, base)
+    x, b = float(value), float(base)
+    if metric == "observed_order":
+        low = b - ORDER_MARGIN
+        outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
+        return Verdict(outcome, case, metric, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
+    if metric in TRUTHS:
+        moved = abs(x - b) > TRUTH_MARGIN * (1 + abs(b))
+        return Verdict("fail" if moved else "ok", case, metric, value, f"{b:.12g} +- {TRUTH_MARGIN * (1 + abs(b)):.1g}", base)
+    rule = RULES[metric]
+    limit = max(rule.factor * b, rule.floor)
+    outcome = "fail" if not x <= limit else "better" if x < b / rule.factor and b > rule.floor else "ok"
+    return Verdict(outcome, case, metric, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
+
+
+def read_baseline(path: Path) -> pd.DataFrame:
+    """The committed figures, as `accept` wrote them."""
+    return pd.read_csv(path, dtype={c: str for c in COLUMNS if c not in ("step", "t_end")}, keep_default_na=False)
+
+
+def accept(found: pd.DataFrame, path: Path, reason: str) -> int:
+    """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason. Number changed."""
+    stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
+    old = read_baseline(path) if path.exists() else pd.DataFrame(columns=COLUMNS)
+    keys = [*KEY, "metric"]
+    before = {tuple(r[k] for k in keys): r for r in old.to_dict("records")}
+    rows, changed = [], 0
+    for row in found.to_dict("records"):
+        key = tuple(row[k] for k in keys)
+        kept = before.get(key)
+        if kept is not None and _verdict("", str(key[-1]), str(row["value"]), str(kept["value"])).outcome == "ok":
+            rows.append(kept)
+        else:
+            rows.append(row | {"accepted": stamp})
+            changed += 1
+    write_table(pd.DataFrame(rows, columns=COLUMNS), path)
+    return changed
+
+
+def restricted(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
+    """The part of a baseline that a partial run can be held against."""
+    inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
+    return baseline[inside].reset_index(drop=True)
+
+
+def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:
+    return (v for v in verdicts if v.outcome == "fail")
+
+
+def scaled_inertia(factor: float, mechanism: Mechanism) -> Mechanism:
+    """A planted fault: the inertia of the crank (else of the first link) times a factor."""
+    k = mechanism.crank or 0
+    links = list(mechanism.links)
+    links[k] = replace(links[k], inertia=links[k].inertia * factor)
+    return replace(mechanism, links=tuple(links))

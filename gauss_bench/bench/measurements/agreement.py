@@ -1,0 +1,109 @@
+"""Whether the compiled formulations give the accelerations of the same formulations in numpy, with their rank decisions.
+
+At random states, and close to where a partition of the coordinates fails: dead centres, at which a link or slide reverses and
+cannot be an independent coordinate, and the change points of a parallelogram, at which all bars lie in one line and the rows lose
+rank. At a distance d from a change point every formulation loses digits, as the condition grows like 1/d; how far the two in numpy
+differ from each other says what there is left to agree on.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from gauss_bench import metrics
+from gauss_bench.bench.kernel_timing import Missing, Row, row
+from gauss_bench.bench.measurements.steps import FORMULATIONS
+from gauss_bench.bench.targets import AGREEMENT, at_most
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import compile
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+RANDOM = "random states"
+CENTRES = "dead centres"
+FOLDED = {"parallelogram": (0.0, np.pi)}  # [rad] crank angles at which all its bars lie in one line
+OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)}  # [rad] of the crank
+SPEED = 10.0  # [rad/s] of the crank there
+
+
+def agreement(linkage: str, scenario: str, states: int) -> dict[str, Any]:
+    """One row for each formulation and kind of place, {"kernel_agreement": [...]}: the worst relative difference of a state."""
+    mechanism = load(linkage, scenario or None)
+    rows = []
+    for place, q, v in places(mechanism, states):
+        for formulation in FORMULATIONS:
+            start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation}
+            start |= {"place": place, "states": len(q)}
+            found = row(start, differences, mechanism, formulation, q, v)
+            rows.append(at_most(found, "error", AGREEMENT))
+    return {"kernel_agreement": rows}
+
+
+def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
+    """Name of a kind of place, and consistent states q, v (k, n) there."""
+    states = random_states(mechanism, count)
+    yield RANDOM, states.q, states.v
+    motion = MinimalCoordinate(mechanism)
+    for name, cranks in _singular(mechanism):
+        for offset in OFFSETS[name]:
+            angles = np.array([crank + side * offset for crank in cranks for side in ((-1, 1) if offset else (1,))])
+            parts = [motion.state(np.array([x]), np.array([SPEED]), np.zeros(1)) for x in np.sort(angles)]
+            q, v = (np.concatenate([p[k] for p in parts]) for k in range(2))
+            yield f"{name}, {offset:g} rad off" if offset else name, q, v
+
+
+def _singular(mechanism: Mechanism) -> Iterator[tuple[str, list[float]]]:
+    """Crank angles [rad] of dead centres, and of change points."""
+    if mechanism.name in FOLDED:
+        yield "change points", list(FOLDED[mechanism.name])
+        return
+    try:
+        found = singular_positions(mechanism)
+    except ChangePoint:
+        return
+    cranks = sorted({round(s.crank, 12): s.crank for s in found if s.kind == "dead centre"}.values())
+    if cranks:
+        yield CENTRES, cranks
+
+
+def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
+    """The kernel against its formulation in numpy, and the other formulation in numpy against that.
+
+    Raises:
+        Missing: one of them has no answer.
+    """
+    try:
+        kernel = compile(mechanism, formulation)
+        true, other = (_accelerations(mechanism, name, q, v) for name in judges(mechanism, formulation))
+    except KernelError as error:
+        raise Missing(Status.ERROR, str(error)) from error
+    except RunFailure as failure:
+        raise Missing(failure.status, str(failure)) from failure
+    single = np.array([kernel.acceleration(*x) for x in zip(q, v, strict=True)])
+    many = kernel.acceleration(q, v)
+    errors = {"error": max(_worst(single, true), _worst(many, true)), "numpy_error": _worst(other, true)}
+    return errors | {"against": judges(mechanism, formulation)[0]}
+
+
+def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
+    """What a kernel is compared with, and what that is: two formulations in numpy that can take the linkage's rows."""
+    if mechanism.redundant:
+        return "gauss", "udwadia_kalaba"
+    return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")
+
+
+def _accelerations(mechanism: Mechanism, name: str, q: Array, v: Array) -> Array:
+    model = get(name).build(mechanism, Choice())
+    return np.array([model.acceleration(0.0, *x) for x in zip(q, v, strict=True)])
+
+
+def _worst(found: Array, true: Array) -> float:
+    return float(metrics.relative_acceleration_error(found, true).max())

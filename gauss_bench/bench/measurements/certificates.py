@@ -1,0 +1,176 @@
+"""Certificates by the dozen: made for every built-in scenario, verified in workers, and as rows of a table."""
+
+import hashlib
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from gauss_bench.bench.tasks import Task, finish
+from gauss_bench.mechanism.generate import SINGLE
+from gauss_bench.mechanism.load import built_in, document_of, load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.certificate import (
+    Certificate,
+    CertificateError,
+    certificate_path,
+    check_holds,
+    read_certificate,
+    write_certificate,
+)
+from gauss_bench.reference.certify import DIGITS, Uncertified, certify
+from gauss_bench.reference.verification import verify
+from gauss_bench.terms import Array
+
+LIMIT = 3600.0  # [s] for one certificate on a slow core
+CLOSED_FORMS = (*SINGLE, "n_four_bar_2")  # generated linkages whose certificates show the pipelines against the exact motion
+LONGER = {("crank_slider", "paper"): 10.0}  # [s] the paper's own example is shown until it runs steadily
+
+
+def certify_one(
+    linkage: str, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, out: Path | None = None
+) -> dict[str, Any]:
+    """Certify a linkage, write the file, and say what it vouches for; `status` is "ok" or "failed" with a message.
+
+    Raises:
+        LinkageError: the linkage file has faults.
+        CertificateError: digits or an end that make no sense.
+    """
+    if not 1 <= digits <= 16:
+        raise CertificateError(f"--digits must be from 1 to 16, the digits of a double, not {digits}")
+    if until is not None and not (np.isfinite(until) and until > 0):
+        raise CertificateError(f"--until must be a positive number of seconds, not {until}")
+    mechanism = load(linkage, scenario)
+    end = mechanism.duration if until is None else until
+    started = time.perf_counter()
+    shape = "{desc} {bar} {n:.3g}/{total:.3g} s"
+    with tqdm(total=end, disable=not sys.stderr.isatty(), file=sys.stderr, bar_format=shape) as bar:
+
+        def report(stage: str, t: float) -> None:
+            bar.set_description(stage, refresh=False)
+            bar.n = t
+            bar.refresh()
+
+        try:
+            certificate = certify(linkage, mechanism.scenario, digits, until, report)
+        except (Uncertified, ArithmeticError, ImportError) as error:
+            message = f"the extra 'certify' is not installed: {error}" if isinstance(error, ImportError) else str(error)
+            return {"status": "failed", "mechanism": mechanism.name, "scenario": mechanism.scenario, "message": message}
+    if out:
+        write_certificate(certificate, out)
+    return described(certificate, mechanism) | {"file": str(out) if out else None, "seconds": time.perf_counter() - started}
+
+
+def described(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
+    """One row: what a certificate vouches for."""
+    c = certificate
+    row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
+    row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
+    for level in ("q", "v", "a", "multipliers"):
+        row[f"error_{level}"] = _last(getattr(c, f"error_{level}")) if level != "multipliers" or c.multipliers.size else None
+    row |= {f"floor_{level}": _last(getattr(c, f"floor_{level}")) for level in ("q", "v", "a")}
+    crank = 3 * (mechanism.crank or 0) + 2
+    row |= {
+        "crank_end": float(c.q[-1, crank]),
+        "samples": len(c.t),
+        "step": c.facts["collocation_step"],
+        "method": c.facts["method"],
+    }
+    for name, pipeline in zip(("taylor", "collocation"), c.facts["pipelines"], strict=True):
+        row |= {f"{name}_{k}": pipeline.get(k) for k in ("until", "off_closed_form", "stopped", "method")}
+        row |= {f"{name}_drift_q": pipeline["drift"][0], f"{name}_drift_v": pipeline["drift"][1]}
+    return row
+
+
+def _last(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known[-1]) if len(known) else None
+
+
+def certified_scenarios() -> list[tuple[str, str]]:
+    """Linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
+    names = [*built_in(), *CLOSED_FORMS]
+    pairs = [(name, scenario) for name in names for scenario in document_of(name)[0]["scenarios"]]
+    return [(name, scenario) for name, scenario in pairs if not load(name, scenario).has_friction and _wanted(name, scenario)]
+
+
+def _wanted(name: str, scenario: str) -> bool:
+    return name in built_in() or scenario != "driven"
+
+
+def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
+    """Make every certificate of the suite anew, in its place; one row each."""
+    return _rows(
+        [Task(f"{name}|{scenario}", _certify_in_place, (name, scenario), "") for name, scenario in certified_scenarios()], jobs
+    )
+
+
+def _certify_in_place(name: str, scenario: str) -> dict[str, Any]:
+    path = certificate_path(load(name, scenario))
+    return {"row": certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)}
+
+
+def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> list[dict[str, Any]]:
+    """Verify certificate files, or those of the suite; one row each.
+
+    Raises:
+        CertificateError: a file is missing, damaged or holds for another linkage.
+    """
+    if not files:
+        files = [path for name, scenario in certified_scenarios() if (path := certificate_path(load(name, scenario))) is not None]
+    tasks = []
+    for path in files:
+        certificate = read_certificate(path)
+        owner = linkage or _owner(certificate, path)
+        check_holds(certificate, load(owner, certificate.scenario), path)
+        tasks.append(Task(f"{certificate.name}|{certificate.scenario}|{path}", _verified, (str(path), owner), ""))
+    return _rows(tasks, jobs)
+
+
+def _owner(certificate: Certificate, path: Path) -> str:
+    """The linkage file beside the certificate's folder, or the built-in or generated linkage of that name."""
+    beside = path.resolve().parent.parent / f"{certificate.name}.toml"
+    return str(beside) if beside.is_file() else certificate.name
+
+
+def _verified(path: str, linkage: str) -> dict[str, Any]:
+    certificate = read_certificate(Path(path))
+    found = verify(certificate, load(linkage, certificate.scenario))
+    return {"row": {"status": "ok", "file": path, **vars(found), "passed": found.passed}}
+
+
+def certificates_digest() -> str:
+    """Digest of all certificates of the suite: what is measured against them is stale when one changes."""
+    digest = hashlib.sha256()
+    for path in sorted({path for x in certified_scenarios() if (path := certificate_path(load(*x))) is not None}):
+        digest.update(f"{path.name}\n".encode() + (path.read_bytes() if path.exists() else b"missing"))
+    return digest.hexdigest()[:16]
+
+
+def certificate_table() -> dict[str, Any]:
+    """A row for every scenario of the suite: its certificate, or that it has none and why: {"certificates": [...]}."""
+    rows = []
+    for name, scenario in certified_scenarios():
+        mechanism = load(name, scenario)
+        path = certificate_path(mechanism)
+        row: dict[str, Any] = {"status": "failed", "mechanism": name, "scenario": scenario}
+        try:
+            if path is None:
+                raise CertificateError("no place for a certificate")
+            certificate = read_certificate(path)
+            check_holds(certificate, mechanism, path)
+            row = described(certificate, mechanism)
+        except CertificateError as error:
+            row["message"] = str(error)
+        rows.append(row)
+    return {"certificates": rows}
+
+
+def _rows(tasks: list[Task], jobs: int) -> list[dict[str, Any]]:
+    """One row a task, in order; a worker that was lost is a row with its reason."""
+    found = finish(tasks, jobs, LIMIT, "certificates")
+    names = ("mechanism", "scenario")
+    return [dict(zip(names, task.key.split("|"), strict=False)) | found[task.key]["row"] for task in tasks]

@@ -1,0 +1,149 @@
+"""The suite's own formulations as engines: terms, stabilisation, formulation, integrator, put together and nothing more.
+
+Friction in joints is a loop around any formulation: its force follows from the multipliers, those from the accelerations, and a
+formulation without multipliers gets them from J^T lambda = Q - M a.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.formulations import FORMULATIONS
+from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate.fixed_step import STEPS, step_counts
+from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
+from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
+from gauss_bench.mechanism.forces import JAMMED
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array, SingularSystem, Solution, Terms, recover_multipliers
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
+
+
+class Interpreted:
+    """One formulation as an engine."""
+
+    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    stabilizations = STABILIZATIONS
+    settings = SETTINGS
+    native_loop = False
+    python_loop = True
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def version(self) -> str:
+        from gauss_bench import __version__
+
+        return f"gauss-bench {__version__}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if choice.integrator == "dop853" and choice.stabilization == "projection":
+            return "projection between steps needs a fixed-step integrator"
+        return None
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "InterpretedModel":
+        return InterpretedModel(self.name, mechanism, choice)
+
+
+class InterpretedModel:
+    """A mechanism under one formulation, integrator and stabilisation."""
+
+    def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
+        self.mechanism, self.choice = mechanism, choice
+        self.formulation = FORMULATIONS[name]
+        self.evaluator = Evaluator(mechanism)
+        self.friction = self.evaluator.friction
+        try:
+            self.evaluator.check_loads()
+        except UndeterminedLoads as error:
+            raise RunFailure(Status.RANK_LOST, str(error)) from error
+        self.evaluations = 0
+        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._moved(t, q, v, self.evaluator.terms(t, q, v))
+
+    def stabilized(self, t: float, q: Array, v: Array) -> Array:
+        """The acceleration the integrator sees."""
+        self.evaluations += 1
+        terms = self.evaluator.terms(t, q, v)
+        return self._moved(t, q, v, baumgarte(terms) if self.choice.stabilization == "baumgarte" else terms)
+
+    def _moved(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
+        solution = self._solve(t, terms)
+        return self._resisted(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
+
+    def _resisted(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
+        """The fixed point a = solve(Q + W N(lambda(a))), from the solution without friction; W (n, p)."""
+        if not np.isfinite(solution.a).all():
+            raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
+        loads: Array = np.zeros(W.shape[1])
+        loaded, change = terms, np.inf
+        for _ in range(self.friction.ITERATIONS):
+            found = solution.multipliers
+            found = recover_multipliers(loaded, solution.a) if found is None else found
+            before, previous, loads = loads, change, self.friction.loads(found)
+            change, scale = float(np.abs(loads - before).max()), float(np.abs(found).max())
+            if change <= self.friction.TOLERANCE * scale or previous <= change <= self.friction.STALLED * scale:
+                return solution.a
+            loaded = replace(terms, Q=terms.Q + W @ loads)
+            solution = self._solve(t, loaded)
+        raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
+
+    def _solve(self, t: float, terms: Terms) -> Solution:
+        try:
+            solution = self.formulation(terms)
+        except (SingularSystem, np.linalg.LinAlgError) as error:
+            if np.isfinite(terms.J).all() and np.isfinite(terms.gamma).all():
+                raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
+            raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
+        if self.mechanism.redundant and solution.rank > self.rank:
+            drifted = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent (rank {solution.rank}, "
+            raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")
+        return solution
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times = times
+        self.steps = self.evaluations = 0
+        self.q = np.tile(self.mechanism.q0, (len(times), 1))
+        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+
+    def run(self) -> None:
+        with np.errstate(all="ignore"):  # what is not finite is found by `read`
+            if self.choice.integrator == "dop853":
+                self._adaptive()
+            else:
+                self._fixed()
+
+    def _adaptive(self) -> None:
+        options = SETTINGS["default"]
+        q0, v0 = self.mechanism.q0, self.mechanism.v0
+        if self.times[-1] == self.times[0]:
+            return
+        try:
+            found = dop853(self.stabilized, self.times, q0, v0, options["dop853_rtol"], options["dop853_atol"])
+        except StepFailure as error:
+            raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
+        self.q, self.v, self.steps, _ = found
+
+    def _fixed(self) -> None:
+        step = STEPS[self.choice.integrator]
+        projected = self.choice.stabilization == "projection"
+        q, v = self.mechanism.q0, self.mechanism.v0
+        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+            for i in range(count):
+                t = float(self.times[k]) + i * h
+                q, v = step(self.stabilized, t, q, v, h)
+                if projected:
+                    q, v = self.evaluator.project(t + h, q, v)
+            if not np.isfinite(q).all():
+                raise RunFailure(Status.NAN, f"not finite at t = {self.times[k + 1]:.6g} s; a smaller step may help")
+            self.q[k + 1], self.v[k + 1] = q, v
+            self.steps += count
+
+    def read(self) -> Trajectory:
+        a = np.array([self.acceleration(t, q, v) for t, q, v in zip(self.times, self.q, self.v, strict=True)])
+        return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations)

@@ -1,0 +1,289 @@
+"""Yuan & Ge (2016), sections 1 to 3 up to eq. (14): Gauss's function, its constraints and its least-squares form.
+
+    G(a) = 1/2 (M a + f - Q)^T M^-1 (M a + f - Q)                                                                 (1)
+    a = J^- g + N h,    N = I - J^- J                                                                             (8)
+    G = 1/2 |A h - b|^2,    A = M^(1/2) N,    b = -(M^(1/2) J^- g + M^(-1/2) (f - Q))                       (9)-(11)
+    h = A^- b + (I - A^- A) w,    a = J^- g + N A^- b                                                      (12)-(14)
+
+J^- is any matrix with J J^- J = J where nothing else is said; the Moore-Penrose inverse is one of them.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from gauss_bench.papers import crank_slider
+from gauss_bench.papers.crank_slider import Number, derivative, gradient
+from gauss_bench.papers.forms.problems import (
+    CRANK,
+    SEED,
+    Problem,
+    all_problems,
+    crank_problems,
+    in_millimetres,
+    random_problems,
+    relative,
+    solved,
+    worst,
+)
+from gauss_bench.terms import Array
+
+RCOND = 1e-10  # of the largest singular value: rounding leaves 1e-15, these problems keep 1e-4
+AB = tuple[Array, Array]
+
+
+def power(M: Array, exponent: float) -> Array:
+    """M^exponent, symmetric."""
+    values, vectors = np.linalg.eigh(M)
+    return np.asarray((vectors * values**exponent) @ vectors.T)
+
+
+def pinv(A: Array) -> Array:
+    return np.linalg.pinv(A, rcond=RCOND)
+
+
+def some_inverse(A: Array, rng: np.random.Generator) -> Array:
+    """A random X with A X A = A, which is neither symmetric in A X nor in X A."""
+    X = pinv(A)
+    U, V = rng.normal(size=X.shape), rng.normal(size=X.shape)
+    return X + (np.eye(len(X)) - X @ A) @ U + V @ (np.eye(len(A)) - A @ X)
+
+
+def moore_penrose(A: Array, rng: np.random.Generator) -> Array:
+    return pinv(A)
+
+
+def projector(p: Problem) -> Array:
+    """N = I - J^+ J."""
+    return np.eye(p.n) - pinv(p.J) @ p.J
+
+
+def gauss_function(p: Problem, a: Number) -> Number:
+    r = p.M @ a + p.f - p.Q
+    return np.asarray(r @ np.linalg.solve(p.M, r) / 2)
+
+
+def root_function(p: Problem, a: Number) -> Number:
+    r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q)
+    return np.asarray(r @ r / 2)
+
+
+def function_with(p: Problem, extra: Array, a: Number) -> Number:
+    return root_function(replace(p, Q=p.Q + extra), a)
+
+
+def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
+    """Slope of G at a along the accelerations that the constraints allow, relative to its whole slope."""
+    whole = gradient(G, a)
+    return float(np.abs(projector(p) @ whole).max() / np.abs(whole).max())
+
+
+def stationary(form: Callable[[Problem, Number], Number]) -> float:
+    return worst([slope(p, lambda a, p=p: form(p, a), p.a) for p in all_problems()])  # type: ignore[misc]
+
+
+def same_function(form: Callable[[Problem, Number], Number]) -> float:
+    rng = np.random.default_rng(SEED)
+    pairs = [(p, rng.normal(size=p.n)) for p in random_problems()]
+    return worst([abs(float(form(p, a) / gauss_function(p, a)) - 1) for p, a in pairs])
+
+
+def stationary_with(form: Callable[[Problem, Array, Number], Number]) -> float:
+    rng, errors = np.random.default_rng(SEED), []
+    for p in random_problems():
+        extra = rng.normal(size=p.n)
+        true = solved(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
+        errors.append(slope(p, lambda a, p=p, extra=extra: form(p, extra, a), true))  # type: ignore[misc]
+    return worst(errors)
+
+
+Rate = Callable[[Number, Number], Number]
+
+
+def differentiated(rate: Rate, q: Array, v: Array) -> Array:
+    """g of J a = g: minus what is left of the derivative of rate(q, v) when no speed changes."""
+    return -derivative(lambda x: rate(x, v), q, v)
+
+
+def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
+    """Rate of the constraint and true q, v, a: the crank-slider, and a blade that is led around a circle."""
+
+    def slider(q: Number, v: Number) -> Number:
+        return np.asarray(crank_slider.jacobian(q) @ v)
+
+    def blade(q: Number, v: Number) -> Number:
+        return np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]])
+
+    radius, speed, theta = 0.7, 3.0, 0.4
+    along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+    turn = np.array([0.0, 0.0, theta]), np.append(radius * speed * along, speed), np.append(radius * speed**2 * across, 0.0)
+    return [(slider, s.q, s.v, s.a) for s in crank_slider.states()[1:]] + [(blade, *turn)]
+
+
+def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
+    errors = []
+    for rate, q, v, a in constrained_motions():
+        Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
+        errors.append(relative(form(rate, q, v), Ja))
+    return worst(errors)
+
+
+def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
+    return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
+
+
+def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
+    """Whether it gives solutions of J a = g only, and with h = a every solution a."""
+    rng, errors = np.random.default_rng(SEED), []
+    for p in random_problems():
+        X = some_inverse(p.J, rng)
+        a = form(p, X, rng.normal(size=p.n))
+        errors += [np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)]
+    return worst(errors)
+
+
+Inverse = Callable[[Array, np.random.Generator], Array]
+
+
+def left_in_least_squares(A: Array, x: Array, b: Array) -> float:
+    """|A^T (A x - b)|, relative to its terms; zero where x minimises |A x - b|."""
+    return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
+
+
+def contradicting_rows(form: Inverse) -> float:
+    """Least-squares residual of (8) where redundant rows disagree by a tenth of what they ask for."""
+    rng, errors = np.random.default_rng(SEED), []
+    for p in (p for p in random_problems() if len(p.J) > p.rank):
+        noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
+        a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
+        errors.append(left_in_least_squares(p.J, a, noisy.g))
+    return worst(errors)
+
+
+def matrix_as_printed(p: Problem) -> Array:
+    return power(p.M, -0.5) @ projector(p)
+
+
+def matrix(p: Problem) -> Array:
+    return power(p.M, 0.5) @ projector(p)
+
+
+def vector_as_printed(p: Problem) -> Array:
+    return -(power(p.M, -0.5) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
+
+
+def vector(p: Problem) -> Array:
+    return -(power(p.M, 0.5) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
+
+
+def matrix_off(form: Callable[[Problem], Array]) -> float:
+    """Against what (8) put into (2) leaves in front of h: M^(-1/2) M N."""
+    return worst([relative(form(p), power(p.M, -0.5) @ p.M @ projector(p)) for p in all_problems()])
+
+
+def vector_off(form: Callable[[Problem], Array]) -> float:
+    """Against what (8) put into (2) leaves without h: M^(-1/2) (M J^- g + f - Q)."""
+    return worst([relative(form(p), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g)) for p in all_problems()])
+
+
+def pair_as_printed(p: Problem) -> AB:
+    return matrix_as_printed(p), vector_as_printed(p)
+
+
+def pair(p: Problem) -> AB:
+    return matrix(p), vector(p)
+
+
+def acceleration(p: Problem, parts: AB) -> Array:
+    """Eq. (14) without w."""
+    A, b = parts
+    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
+
+
+def pair_off(form: Callable[[Problem], AB]) -> float:
+    return worst([relative(acceleration(p, form(p)), p.a) for p in crank_problems()])
+
+
+def half_square(A: Array, b: Array, h: Array) -> float:
+    r = A @ h - b
+    return float(r @ r / 2)
+
+
+def square_off(form: Callable[[Array, Array, Array], float]) -> float:
+    rng, errors = np.random.default_rng(SEED), []
+    for p in random_problems():
+        h = rng.normal(size=p.n)
+        G = gauss_function(p, general_solution(p, pinv(p.J), h))
+        errors.append(abs(form(*pair(p), h) / float(G) - 1))
+    return worst(errors)
+
+
+def unit_dependence(acceleration_of: Callable[[Problem], Array]) -> float:
+    """Largest change of the crank's acceleration when lengths are counted in millimetres, relative to it."""
+    errors = []
+    for p in crank_problems():
+        metres, millimetres = acceleration_of(p)[CRANK], acceleration_of(in_millimetres(p))[CRANK]
+        errors.append(abs(millimetres / metres - 1))
+    return worst(errors)
+
+
+def pair_unit_dependence(form: Callable[[Problem], AB]) -> float:
+    return unit_dependence(lambda p: acceleration(p, form(p)))
+
+
+def sides(A: Array, b: Array, h: Array) -> AB:
+    return A @ h, b
+
+
+def normal_sides(A: Array, b: Array, h: Array) -> AB:
+    return A.T @ A @ h, A.T @ b
+
+
+def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
+    """Difference of both sides at the true minimum, which h = a is."""
+    return worst([relative(*form(*pair(p), p.a)) for p in all_problems()])
+
+
+def minimum_missed(form: Inverse) -> float:
+    rng, errors = np.random.default_rng(SEED), []
+    for p in random_problems():
+        A, b = pair(p)
+        X = form(A, rng)
+        h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
+        errors.append(left_in_least_squares(A, h, b))
+    return worst(errors)
+
+
+def expanded(p: Problem, w: Array) -> Array:
+    A, b = pair(p)
+    N, X = projector(p), pinv(A)
+    return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
+
+
+def last_member_alone(p: Problem, w: Array) -> Array:
+    A, _ = pair(p)
+    return np.asarray(projector(p) @ pinv(A) @ A @ w)
+
+
+def bracketed(p: Problem, w: Array) -> Array:
+    A, b = pair(p)
+    X = pinv(A)
+    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
+
+
+def with_any_w(form: Callable[[Problem, Array], Array]) -> float:
+    rng = np.random.default_rng(SEED)
+    return worst([relative(form(p, 10 * np.abs(p.a).max() * rng.normal(size=p.n)), p.a) for p in all_problems()])
+
+
+def crank_at_start(acceleration_of: Callable[[Problem], Array]) -> float:
+    return float(acceleration_of(crank_problems()[0])[CRANK])
+
+
+def true_crank_at_start() -> float:
+    return float(crank_slider.states()[0].a[CRANK])
+
+
+def crank_by_pair(form: Callable[[Problem], AB]) -> float:
+    return crank_at_start(lambda p: acceleration(p, form(p)))

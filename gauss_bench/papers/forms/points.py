@@ -1,0 +1,206 @@
+"""Men et al. (2009), section 1, as functions: the shaper by its loops and by its points, at true positions of the linkage file.
+
+    r1 e(th1) + r2 e(th2) = r3 e(th3),   r4 e(th4) + r5 e(th5) = r6 e(th6) + r7 e(th7)                                (1)
+    |B - O1| = L_O1B,   |C - B| = L_BC,   (X_A - X_B)/(Y_A - Y_B) = (X_O1 - X_B)/(Y_O1 - Y_B)                         (2)
+
+Points are complex numbers. Link 4 is link 3 as far as B, so that th4 = th3; th6 and th7 are the frame's and the slide's directions.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from gauss_bench.kinematics.basins import basins
+from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.point_equations import PointModel
+from gauss_bench.kinematics.root_finding import newton_raphson
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.papers.forms.problems import worst
+from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.terms import Array
+
+POSITIONS = 72  # of a turn: 5 degrees apart, as one would watch it on a screen
+SEED, STARTS = 2009, 100
+NEAREST = 1e-6  # [rad] from the direction in which the quotient is undefined; nearer, rounding of the position itself shows
+SAME = 1e-6  # [m] far above where searches end, far below the distance of two assemblies
+
+
+@dataclass(frozen=True)
+class Shaper:
+    """Positions of the points [m] in the plane, and the lengths of lever and rod."""
+
+    O1: complex
+    O2: complex
+    A: complex
+    B: complex
+    C: complex
+    lever: float
+    rod: float
+
+    def turned(self, angle: float) -> "Shaper":
+        """The whole drawing turned about O1."""
+        turn = np.exp(1j * angle)
+        O2, A, B, C = (self.O1 + complex(turn * (point - self.O1)) for point in (self.O2, self.A, self.B, self.C))
+        return replace(self, O2=O2, A=A, B=B, C=C)
+
+
+@cache
+def driven() -> Mechanism:
+    return load("shaper", "driven")
+
+
+@cache
+def turn_states() -> Array:
+    """q (POSITIONS, n) over a driven turn."""
+    mechanism = driven()
+    motion, angles = MinimalCoordinate(mechanism), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
+    return np.concatenate([motion.geometry(np.array([angle]))[0] for angle in angles])
+
+
+@cache
+def shapers() -> tuple[Shaper, ...]:
+    """The shaper over a turn."""
+    m = driven()
+    link = {x.name: i for i, x in enumerate(m.links)}
+    O1, O2 = (complex(*m.ground_points[name]) for name in ("O1", "O2"))
+    lever, rod = m.links[link["lever"]].points, m.links[link["rod"]].points
+    l_lever, l_rod = float(np.linalg.norm(lever["B"] - lever["O1"])), float(np.linalg.norm(rod["C"] - rod["B"]))
+
+    def point(q: Array, owner: str, name: str) -> complex:
+        i = link[owner]
+        return complex(q[3 * i], q[3 * i + 1]) + complex(*m.point(i, name).local) * complex(np.exp(1j * q[3 * i + 2]))
+
+    def at(q: Array) -> Shaper:
+        return Shaper(O1, O2, point(q, "block", "A"), point(q, "lever", "B"), point(q, "ram", "C"), l_lever, l_rod)
+
+    return tuple(at(q) for q in turn_states())
+
+
+def cross(a: complex, b: complex) -> float:
+    return (a.conjugate() * b).imag
+
+
+def sides(x: Shaper) -> tuple[complex, complex]:
+    """Residuals of both loops (1) with th4 = th3, from the angles and lengths that the positions give."""
+    r1, r2 = x.O2 - x.O1, x.A - x.O2
+    r3 = x.A - x.O1
+    e3 = r3 / abs(r3)
+    frame, slide = 1j * (x.C - x.O1).imag, (x.C - x.O1).real
+    return r1 + r2 - r3, x.lever * e3 + (x.C - x.B) - frame - slide
+
+
+def loops_off(form: Callable[[Shaper], tuple[complex, complex]]) -> float:
+    return worst([max(map(abs, form(x))) / x.lever for x in shapers()])
+
+
+def lengths(x: Shaper) -> tuple[float, float]:
+    """Residuals of the first two equations (2)."""
+    B, C, O1 = x.B, x.C, x.O1
+    return (
+        (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2,
+        (C.real - B.real) ** 2 + (C.imag - B.imag) ** 2 - x.rod**2,
+    )
+
+
+def lengths_off(form: Callable[[Shaper], tuple[float, float]]) -> float:
+    return worst([max(map(abs, form(x))) / x.lever**2 for x in shapers()])
+
+
+def basic_as_printed() -> tuple[str, str]:
+    """Point and axis that are said to be known of the slider."""
+    return "C", "real"
+
+
+def basic() -> tuple[str, str]:
+    return "C", "imag"
+
+
+def basic_off(form: Callable[[], tuple[str, str]]) -> float:
+    """How far the coordinate that is said to be known moves in a turn, relative to the stroke."""
+    point, axis = form()
+    values = [getattr(getattr(x, point), axis) for x in shapers()]
+    return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
+
+
+def collinear_as_printed() -> str:
+    return "O1 B C"
+
+
+def collinear() -> str:
+    return "O1 A B"
+
+
+def collinear_off(form: Callable[[], str]) -> float:
+    """Largest sine of the angle between the three points that are said to be in line."""
+    errors = []
+    for x in shapers():
+        a, b, c = (getattr(x, name) for name in form().split())
+        errors.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
+    return worst(errors)
+
+
+def quotient(O1: complex, A: complex, B: complex) -> float:
+    return (A.real - B.real) / (A.imag - B.imag) - (O1.real - B.real) / (O1.imag - B.imag)
+
+
+def product(O1: complex, A: complex, B: complex) -> float:
+    return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
+
+
+Line3 = Callable[[complex, complex, complex], float]
+
+
+def line_off(form: Line3) -> float:
+    """Residual that rounding leaves at true positions, with the lever in every direction down to NEAREST from the axes."""
+    near = np.geomspace(NEAREST, 0.5, 12)
+    errors = []
+    for x in shapers()[:: POSITIONS // 4]:
+        lever = float(np.angle(x.B - x.O1))
+        for axis in np.arange(4) * np.pi / 2:
+            for angle in (*(axis + near), *(axis - near)):
+                y = x.turned(float(angle) - lever)
+                errors.append(abs(form(y.O1, y.A, y.B)))
+    return worst(errors)
+
+
+def search_off(form: Line3) -> float:
+    """Share of positions, each 5 degrees from the one before, at which Newton's method does not find B.
+
+    The shaper as drawn, its lever about the vertical, and laid on its side, its lever about the horizontal.
+    """
+    return sum(lost(form, [x.turned(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
+
+
+def lost(form: Line3, places: Sequence[Shaper]) -> int:
+    """Positions of a turn at which the search fails."""
+    failed = 0
+    for before, x in zip(places, [*places[1:], places[0]], strict=True):
+
+        def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:
+            def equations(u: Array) -> Array:
+                B = complex(u[0], u[1])
+                return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
+
+            steps = 1e-7 * np.eye(2)
+            return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
+
+        with np.errstate(all="ignore"):
+            root = newton_raphson(residual, np.array([before.B.real, before.B.imag]), 1e-10)
+        failed += not abs(complex(*root.x) - x.B) < SAME
+    return failed
+
+
+def from_before() -> float:
+    """Spread of starts [m]: the farthest that an unknown point moves between two positions 5 degrees apart."""
+    model = PointModel(driven(), inputs_of(driven()))
+    unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
+    return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
+
+
+def starts_off(form: Callable[[], float]) -> float:
+    """Share of random starts within the spread from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly."""
+    searches = basins(driven(), inputs_of(driven()), [form()], STARTS, SEED)
+    return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

@@ -1,0 +1,136 @@
+"""Problems with known solutions on which the formulas of Yuan & Ge (2016), section 3, are tried.
+
+    M a + f = Q - J^T lambda,   J a = g
+
+The paper's f, g and Q are kept apart as it has them. The sign of lambda is this project's (M a + J^T lambda = Q); many books, and
+a Lagrangian minus lambda times the residual, have the other. Random problems are solved by the saddle-point system; those of the
+crank-slider take their accelerations from the motion in the crank angle, which has neither J nor lambda.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from gauss_bench.formulations.lagrange import lagrange
+from gauss_bench.papers import crank_slider
+from gauss_bench.terms import Array, Terms
+
+SEED = 2016
+SIZES = ((7, 4, 0), (5, 1, 0), (9, 6, 0), (7, 4, 2), (6, 3, 1))  # coordinates, independent rows, rows that repeat those
+EACH = 6
+CRANK = 2  # index of the crank angle in the example's coordinates
+MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One state of some system: what is given, the true accelerations a (n,) and the shortest multipliers (m,)."""
+
+    M: Array
+    f: Array
+    Q: Array
+    J: Array
+    g: Array
+    a: Array
+    multipliers: Array
+
+    @property
+    def n(self) -> int:
+        return len(self.M)
+
+    @property
+    def rank(self) -> int:
+        return int(np.linalg.matrix_rank(self.J))
+
+    @property
+    def terms(self) -> Terms:
+        """The same for a formulation of the suite."""
+        zero = np.zeros(len(self.J))
+        return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
+
+
+def solved(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
+    """The problem with its solution; the first `independent` rows of J are, and all others follow from them."""
+    zero = np.zeros(independent)
+    a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
+    return Problem(M, f, Q, J, g, a, multipliers_of(M, f, Q, J, a))
+
+
+def multipliers_of(M: Array, f: Array, Q: Array, J: Array, a: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(J.T, Q - f - M @ a, rcond=1e-10)[0])
+
+
+def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) -> Problem:
+    """A full symmetric positive definite M and m independent rows, of which `repeated` combinations are added."""
+    root = rng.normal(size=(n, n))
+    M = root @ root.T + 0.1 * n * np.eye(n)
+    mix = np.vstack([np.eye(m), rng.normal(size=(repeated, m))])
+    J, g = mix @ rng.normal(size=(m, n)), mix @ rng.normal(size=m)
+    return solved(M, rng.normal(size=n), rng.normal(size=n), J, g, m)
+
+
+@cache
+def random_problems() -> tuple[Problem, ...]:
+    """Random problems of all SIZES, a few of each, redundant but consistent rows among them."""
+    rng = np.random.default_rng(SEED)
+    return tuple(random_problem(rng, *size) for size in SIZES for _ in range(EACH))
+
+
+@cache
+def crank_problems() -> tuple[Problem, ...]:
+    """The paper's example at its start and at random states."""
+    M, f, problems = np.diag(crank_slider.mass()), np.zeros(7), []
+    for s in crank_slider.states():
+        J, g, Q = crank_slider.jacobian(s.q), crank_slider.bias(s.q, s.v), crank_slider.forces(s.q, s.v)
+        problems.append(Problem(M, f, Q, J, g, s.a, multipliers_of(M, f, Q, J, s.a)))
+    return tuple(problems)
+
+
+def all_problems() -> tuple[Problem, ...]:
+    return (*random_problems(), *crank_problems())
+
+
+@cache
+def special_problems(kind: str) -> tuple[Problem, ...]:
+    """Random problems in which the Euclidean metric does no harm.
+
+    Kinds: "even" M = mu I; "full" as many rows as coordinates; "idle" no constraint force; "aligned" M maps range(J^T) to itself.
+    """
+    rng = np.random.default_rng(SEED + 1)
+    problems: list[Problem] = []
+    for n, m, _ in SIZES[:3] * EACH:
+        p = random_problem(rng, n, n if kind == "full" else m)
+        M, J, g = p.M, p.J, p.g
+        if kind == "even":
+            M = rng.uniform(0.5, 2.0) * np.eye(n)
+        elif kind == "full":
+            J = J + 2 * np.sqrt(n) * np.eye(n)  # a square random matrix alone may be nearly singular
+        elif kind == "idle":
+            g = J @ np.linalg.solve(M, p.Q - p.f)
+        elif kind == "aligned":
+            J = rng.normal(size=(m, m)) @ np.linalg.eigh(M)[1][:, :m].T
+        problems.append(solved(M, p.f, p.Q, J, g, len(J)))
+    return tuple(problems)
+
+
+def in_millimetres(p: Problem) -> Problem:
+    """The same problem of the crank-slider with millimetres for metres; forces in kg mm/s^2, masses and angles as before.
+
+    With q' = s q: M' = M / s s^T, Q' = Q / s, J' = 1000 J / s because the rows are lengths, a' = s a.
+    """
+    s = MILLIMETRES
+    return replace(
+        p, M=p.M / np.outer(s, s), f=p.f / s, Q=p.Q / s, J=1e3 * p.J / s, g=1e3 * p.g, a=p.a * s, multipliers=p.multipliers / 1e3
+    )
+
+
+def relative(x: Array, true: Array) -> float:
+    """Largest difference, relative to the largest true value."""
+    return float(np.abs(x - true).max() / np.abs(true).max())
+
+
+def worst(values: Sequence[float]) -> float:
+    """The largest; not a number where any is not, which no tolerance lets pass."""
+    return float(np.max(values))

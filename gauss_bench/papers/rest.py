@@ -1,0 +1,133 @@
+"""Where the crank-slider can rest, whether it comes to rest from its start, and the bounds between coming to rest and running.
+
+    F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
+
+The equation of motion has no time in it, so two motions cannot cross in the plane of crank angle and speed. A crank that starts at
+rest and completes a turn is back at the same angle with a speed; it stays ahead of its first turn in the second and in every later
+one, and never stops. A crank that turns back before that is caught between the angle where it turned and the one where it started,
+because torque, weight and spring give back no more than they took and the damper only takes; it comes to rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from gauss_bench.papers.crank_motion import RTOL, CrankMotion
+from gauss_bench.papers.crank_slider import derivative
+from gauss_bench.terms import Array
+
+GRID = 720  # angles of a turn: the static torque changes its slope a few times a turn only
+LONGEST = 60.0  # [s]; a first turn takes less than 1 s, longer only within rounding of a bound
+WIDTH = 1e-9  # of the bound: about what the integration leaves
+MARGIN = 100.0  # brackets by which the second search starts outside the first
+FINER = 1e-2  # of the tolerance: integrated again with it, the bound moves by what the integration leaves
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """Largest or smallest static torque [N m] and its crank angle [rad]."""
+
+    torque: float
+    theta: float
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A crank angle [rad] in (-pi, pi] at which the crank can rest."""
+
+    theta: float
+    stable: bool
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The value at which coming to rest turns into running, and its uncertainty.
+
+    The uncertainty is half the bracket of the bisection, plus what a finer integration moves the value by.
+    """
+
+    value: float
+    bracket: float
+
+
+def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
+    """Smallest and largest static torque of weight and spring over a turn."""
+    idle = replace(motion, torque=0.0)
+    theta = np.linspace(-np.pi, np.pi, GRID + 1)
+    F, step = idle.static_torque(theta), 2 * np.pi / GRID
+    extremes = []
+    for sign, near in ((1.0, theta[F.argmin()]), (-1.0, theta[F.argmax()])):
+        best = minimize_scalar(
+            lambda x, sign=sign: sign * float(idle.static_torque(x)),
+            bounds=(float(near - step), float(near + step)),
+            method="bounded",
+            options={"xatol": 1e-10},
+        )
+        extremes.append(Extreme(sign * float(best.fun), float(best.x)))
+    return extremes[0], extremes[1]
+
+
+def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
+    """Where the crank can rest under the motion's torque, in the order of the angle; empty where no angle balances it."""
+    theta = np.linspace(-np.pi, np.pi, GRID + 1)
+    F = motion.static_torque(theta)
+    places = []
+    for k in np.flatnonzero(F[:-1] * F[1:] < 0):
+        root = float(brentq(lambda x: float(motion.static_torque(x)), float(theta[k]), float(theta[k + 1]), xtol=1e-14))
+        places.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
+    return tuple(places)
+
+
+def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
+    """Whether the crank, started at rest at theta = 0, comes to rest.
+
+    Raises:
+        ArithmeticError: not decided within LONGEST, which happens at an exact bound only.
+    """
+    push = float(motion.static_torque(0.0))
+    if push == 0.0:
+        return True
+
+    def decided(t: float, y: Array) -> float:
+        """Negative once the crank has turned back or completed a turn; zero at the start, and positive after it."""
+        return float(min(np.sign(push) * y[1], 2 * np.pi - abs(y[0])))
+
+    decided.terminal, decided.direction = True, -1.0  # type: ignore[attr-defined]
+    course = motion.run(LONGEST, rtol=rtol, event=decided)
+    if not course.stopped:
+        raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
+    return bool(abs(course.theta[-1]) < np.pi * 2 * (1 - 1e-6))
+
+
+def bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> Bound:
+    """The bound between a value with which the crank comes to rest and one with which it runs on; `width` is relative.
+
+    Raises:
+        ValueError: it does not come to rest with the first, or does with the second.
+    """
+    low, high = bisected(make, settled, running, RTOL, width)
+    near = MARGIN * (high - low)
+    fine = bisected(make, low - near, high + near, FINER * RTOL, width)
+    value = (fine[0] + fine[1]) / 2
+    return Bound(value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2))
+
+
+def bisected(
+    make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float
+) -> tuple[float, float]:
+    """Both ends of the bracket, narrowed to `width` of the larger of them.
+
+    Raises:
+        ValueError: the crank does not come to rest at the first end, or does at the second.
+    """
+    if not settles(make(settled), rtol) or settles(make(running), rtol):
+        raise ValueError(f"no bound between {settled:g} and {running:g}")
+    while abs(running - settled) > width * max(abs(running), abs(settled)):
+        middle = (settled + running) / 2
+        if settles(make(middle), rtol):
+            settled = middle
+        else:
+            running = middle
+    return settled, running
