@@ -28,6 +28,7 @@ from gauss_bench.compiler.equations.forces import generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node, factored
+from gauss_bench.mechanism.model import Mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +215,21 @@ def _guards(factors: Factors) -> list[tuple[Node, float]]:
             threshold = max(p.threshold / abs(factor), found.get(base.index, (base, 0.0))[1])
             found[base.index] = (base, threshold)
     return list(found.values())
+
+
+FORMULATIONS = ("auto", "gauss", "lagrange")
+
+
+def refuse(mechanism: Mechanism, formulation: str) -> None:
+    """What no program can be generated for.
+
+    Raises:
+        KernelError: an unknown formulation, or dry friction.
+    """
+    if formulation not in FORMULATIONS:
+        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    if mechanism.has_friction:
+        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
 
 
 @dataclass(frozen=True)

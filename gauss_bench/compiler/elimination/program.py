@@ -6,13 +6,14 @@ The functions share their expressions: where several are evaluated at the same s
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.check import off_constraints_error, worst_error
-from gauss_bench.compiler.elimination.formulations import Workspace, moved_links, plain_links, vector
+from gauss_bench.compiler.elimination.formulations import Workspace, moved_links, plain_links, refuse, vector
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, function, uses
 from gauss_bench.compiler.elimination.partition import Study, covering, study
+from gauss_bench.compiler.elimination.rank import CHECKED, off_constraints_error, worst_error
 from gauss_bench.compiler.elimination.search import Best, cheapest
 from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy as energy_of
@@ -25,10 +26,8 @@ from gauss_bench.terms import Array
 
 __all__ = ["Costs", "KernelError", "Program", "costs", "generate", "partitions"]
 
-FORMULATIONS = ("auto", "gauss", "lagrange")
 AIMS = ("single", "batch")
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
-CHECKED = 1e-9  # relative; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +95,9 @@ def generate(
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
     """
-    if formulation not in FORMULATIONS:
-        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    refuse(mechanism, formulation)
     if aim not in AIMS:
         raise KernelError(f"no aim {aim}; there are {', '.join(AIMS)}")
-    if mechanism.has_friction:
-        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
     parameters = named_parameters(mechanism, open_parameters)
     found = study(mechanism)
     if independent is not None and (len(set(independent)) != found.free or not set(independent) <= set(range(mechanism.n))):
@@ -109,6 +105,9 @@ def generate(
     program = _written(found, cheapest(found, parameters, formulation, independent, aim), baumgarte)
     check(program, mechanism)
     return program
+
+
+known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often compiled under several stabilisations
 
 
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:

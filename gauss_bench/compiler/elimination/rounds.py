@@ -18,15 +18,18 @@ in one link alone, and rounds find equal steps in all loops.
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.formulations import Plan, Workspace, workspace
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, workspace
 from gauss_bench.compiler.elimination.function import Function, numbered
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right
-from gauss_bench.compiler.elimination.partition import Study
+from gauss_bench.compiler.elimination.partition import Study, covering, study
+from gauss_bench.compiler.elimination.rank import CHECKED, worst_error
 from gauss_bench.compiler.equations.constraints import Row
 from gauss_bench.compiler.equations.links import open_parameters
+from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -226,6 +229,7 @@ def solve(graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], colu
     return _Elimination(graph, A, right, rows, columns).solution(len(right))
 
 
+CHECKS = 5  # states, other than those at which pivots were chosen
 LONG = 12  # summands; longer sums run over arrays
 
 Home = tuple[str, int]  # an array, and the place in it
@@ -250,6 +254,58 @@ class RoundsProgram:
     phases: list[int]
     homes: dict[int, Home]
     dropped: tuple[str, ...]
+
+
+def programs_in_rounds(mechanism: Mechanism, formulation: str) -> Iterator[RoundsProgram]:
+    """The programs of a mechanism, the best first.
+
+    Raises:
+        KernelError: dry friction, an unknown formulation, no usable pivots, or a first program that is wrong.
+    """
+    refuse(mechanism, formulation)
+    known = study(mechanism)
+    made: list[RoundsProgram] = []
+    for program in _cheapest_first(_generated(known, formulation), 2 if formulation == "auto" else 1):
+        if not made:
+            check(program, mechanism)
+        made.append(program)
+        yield program
+    if not made:
+        raise KernelError(f"{mechanism.name}: no partition of the coordinates has usable pivots")
+
+
+def _generated(known: Study, formulation: str) -> Iterator[RoundsProgram]:
+    """Under the formulations that are open, and last under the other; partitions late, as many freedoms make them slow to find."""
+    lagrange = Plan("lagrange", ())
+    plans: Iterable[Plan] = (Plan("gauss", x) for x in covering(known))
+    if formulation == "auto":
+        plans = (plan for group in (islice(plans, 1), [lagrange], plans) for plan in group)
+    else:
+        plans = chain([lagrange], plans) if formulation == "lagrange" else chain(plans, [lagrange])
+    for plan in plans:
+        try:
+            yield generate_in_rounds(known, plan)
+        except KernelError:
+            continue  # not every partition can be eliminated everywhere
+
+
+def _cheapest_first(programs: Iterator[RoundsProgram], compared: int) -> Iterator[RoundsProgram]:
+    yield from sorted(islice(programs, compared), key=lambda p: p.acceleration.operations)
+    yield from programs
+
+
+def check(program: RoundsProgram, mechanism: Mechanism) -> None:
+    """Compare with the linkage's own evaluation.
+
+    Raises:
+        KernelError: the program is off by more than CHECKED, or usable nowhere.
+    """
+    states = manifold_states(mechanism, CHECKS, seed=1)
+    a, held = program.acceleration(states.t[:, None], states.q, states.v)
+    sound = np.flatnonzero(held[:, 0] == program.guards)
+    error = worst_error(mechanism, [(float(states.t[k]), states.q[k], states.v[k], a[k]) for k in sound]) if len(sound) else np.inf
+    if not error <= CHECKED:
+        raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {len(sound)} states")
 
 
 def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from gauss_bench.compiler.elimination.function import Instruction
-from gauss_bench.compiler.elimination.rounds import RoundsProgram
+from gauss_bench.compiler.elimination.rounds import Plan, RoundsProgram
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
@@ -383,3 +383,26 @@ def _last_readers(found: list[Loop]) -> dict[int, int]:
             for values in group.operands:
                 read |= dict.fromkeys(values, number)
     return read
+
+
+@dataclass(frozen=True, eq=False)
+class LoopedProgram:
+    """Loops that compute accelerations, and where they keep their numbers; `guards` of them hold where the program serves."""
+
+    plan: Plan
+    groups: Groups
+    loops: list[Loop]
+    memory: Memory
+    guards: int
+    dropped: tuple[str, ...]
+
+    @property
+    def operations(self) -> int:
+        return self.groups.operations
+
+
+def looped(program: RoundsProgram) -> LoopedProgram:
+    """The loops of a program."""
+    groups = grouped(program)
+    order = loops(groups)
+    return LoopedProgram(program.plan, groups, order, memory(program, groups, order), program.guards, program.dropped)

@@ -27,11 +27,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph
 from gauss_bench.compiler.machine.llvm import Writer
 from gauss_bench.compiler.machine.schedule import live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.steps import EXACT, STEPS, Builder, Code, Reach, Stage, Step, rk4_end, rk4_stage
+from gauss_bench.compiler.stepping.steps import EXACT, STEPS, Builder, Reach, Stage, Step, rk4_end, rk4_stage
 
 
 @dataclass(frozen=True, eq=False)

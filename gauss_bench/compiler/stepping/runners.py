@@ -1,25 +1,26 @@
-"""Whoever steps trajectories, and what they say of it; here the native code, by groups of lanes and on several threads.
+"""Whoever steps trajectories, and what they say of it: native code, by groups of lanes and on several threads, or arrays of numpy.
 
 A runner knows one program, one integrator and one reach. It never decides what follows when a trajectory stops: driver.py does.
+Without a compiler the step is taken in the variant that leaves every sine to the target; guards, projection and the order of the
+operations are those of the native code, so that results agree to rounding.
 """
 
-import ctypes
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import NativeCode
+from gauss_bench.compiler.machine.code import Code
+from gauss_bench.compiler.machine.native_code import Buffers, Flags, NativeCode, address, in_lanes, out_of_lanes, shared
+from gauss_bench.compiler.machine.python import function
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping.steps import Code, Reach
+from gauss_bench.compiler.stepping.steps import REACHES, STEPS, Reach, Step
 from gauss_bench.terms import Array
 
-Flags = NDArray[np.bool_]
+CHUNK = 4096  # trajectories at a time: they share what a call of numpy costs, and a step has hundreds
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +68,13 @@ class Outcome:
 class Runner(Protocol):
     """Steps trajectories by one program, integrator and reach."""
 
-    def run(self, batch: Batch, threads: int = 1) -> Outcome: ...
+    def run(self, batch: Batch, threads: int = 1) -> Outcome:
+        """All trajectories of a batch as far as their guards hold."""
+        ...
 
-
-def in_lanes(x: Array, lanes: int) -> Array:
-    """(k, rows) as (groups, rows, lanes); the last state is repeated to fill the last group."""
-    missing = -len(x) % lanes
-    full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
-    return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
-
-
-def out_of_lanes(x: Array, count: int) -> Array:
-    """(groups, ..., rows, lanes) as (k, ..., rows)."""
-    moved = np.moveaxis(x, -1, 1)
-    return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
-
-
-def address(x: Array) -> int:
-    return int(x.__array_interface__["data"][0])
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
+        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
+        ...
 
 
 class NativeRunner:
@@ -115,17 +105,11 @@ class NativeRunner:
         samples, report = np.empty((groups, batch.slots, rows, lanes)), np.empty((groups, 3, lanes))
         call = self.native(lanes).call
 
-        def part(bounds: tuple[int, int]) -> None:
-            low, high = bounds
+        def part(low: int, high: int) -> None:
             arrays = [address(x[low:high]) for x in (y, p, samples, report)]
             call(*arrays[:2], batch.h, batch.t0, batch.n, batch.every, *arrays[2:], batch.slots, high - low)
 
-        parts = list(pairwise(np.linspace(0, groups, min(threads, groups) + 1).astype(int).tolist()))
-        if len(parts) == 1:
-            part(parts[0])
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:
-                list(pool.map(part, parts))
+        shared(part, groups, threads)
         done, complete, far = out_of_lanes(report, count).T
         return Outcome(out_of_lanes(y, count), out_of_lanes(samples, count), done.astype(int), complete > 0, far > 0)
 
@@ -142,17 +126,6 @@ class NativeRunner:
             return sample.copy()
         done, complete, far = report[:, None].copy()
         return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), done.astype(int), complete > 0, far > 0)
-
-
-class Buffers(threading.local):
-    """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
-
-    call: Any
-
-    def put(self, call: Any, *sizes: int) -> None:
-        self.arrays = [np.empty(size) for size in sizes]
-        self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
-        self.call = call
 
 
 class NativeEvaluator:
@@ -188,3 +161,58 @@ class NativeEvaluator:
         y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
         own.call(*own.addresses, 1)
         return out[:-1].copy() if out[-1] else None
+
+
+def plain_step(code: Code, integrator: str) -> Step:
+    """The step without reach, its sines left to the target."""
+    return STEPS[integrator](code, REACHES[integrator][-1], library=True)
+
+
+class NumpyRunner:
+    """Steps by generated source on arrays."""
+
+    def __init__(self, code: Code, integrator: str):
+        self.code, self.n = code, code.program.n
+        step = plain_step(code, integrator)
+        always = step.graph.make("le", step.graph.const(0.0), step.graph.const(1.0))
+        masks = [always if m is None else m for m in (step.regular, step.regular_out, step.within)]
+        names = {f"%{a}{i}": f"{a}[{i}]" for a in "qv" for i in range(self.n)} | {"%t": "t", "%h": "h"}
+        names |= {f"%p{i}": f"p[{i}]" for i in range(code.program.n_parameters)}
+        order = [f"%{a}{i}" for a in "qv" for i in range(self.n)]
+        roots = [*(step.carried[k] for k in order), *step.out, *masks]
+        self.evaluate = function(step.graph, roots, ("q", "v", "t", "h", "p"), names)
+
+    def run(self, batch: Batch, threads: int = 1) -> Outcome:
+        count = len(batch.states)
+        parts = [self._part(batch, slice(k, k + CHUNK)) for k in range(0, count, CHUNK)]
+        return Outcome(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("states", "samples", "done", "complete", "far")))
+
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
+        """As a batch of one."""
+        outcome = self.run(Batch(np.concatenate([q, v])[None], parameters[None], t0, h, n, max(1, n)))
+        return outcome.samples[0, -1] if outcome.complete[0] else outcome
+
+    def _part(self, batch: Batch, rows: slice) -> Outcome:
+        y, p = np.ascontiguousarray(batch.states[rows].T), np.ascontiguousarray(batch.parameters[rows].T)
+        count, size, n = y.shape[1], 2 * self.n, batch.n
+        samples = np.full((batch.slots, size, count), np.nan)
+        alive, complete, far = np.ones(count, bool), np.zeros(count, bool), np.zeros(count, bool)
+        done = np.zeros(count, int)
+        due, slot = min(batch.every, n), 0
+        with np.errstate(all="ignore"):
+            for i in range(n + 1):
+                now = self.evaluate(y[: self.n], y[self.n :], batch.t0 + i * batch.h, batch.h, p)
+                regular, regular_out, within = (np.broadcast_to(m, count) for m in now[-3:])
+                if i == due:
+                    samples[slot] = [np.broadcast_to(x, count) for x in now[size:-3]]
+                    due, slot = min(due + batch.every, n), slot + 1
+                if i == n:
+                    complete = alive & regular_out
+                    y = np.where(complete, samples[-1], y)
+                far |= alive & regular & ~within
+                alive = alive & regular & within
+                if i == n or not alive.any():
+                    break
+                y = np.where(alive, np.array([np.broadcast_to(x, count) for x in now[:size]]), y)
+                done += alive
+        return Outcome(y.T.copy(), np.ascontiguousarray(samples.transpose(2, 0, 1)), done, complete, far & ~complete)

@@ -4,9 +4,7 @@ A runner knows one program and what is stored. It stops a lane where a sample is
 """
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,9 +12,8 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.loop_program import ClosureProgram
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import NativeCode
-from gauss_bench.compiler.stepping.arrays import function
-from gauss_bench.compiler.stepping.runners import address, in_lanes, out_of_lanes
+from gauss_bench.compiler.machine.native_code import NativeCode, address, in_lanes, out_of_lanes, shared
+from gauss_bench.compiler.machine.python import function
 from gauss_bench.compiler.turns import follow as closure_loops
 from gauss_bench.compiler.turns.follow import Outputs, written
 from gauss_bench.terms import Array
@@ -91,18 +88,12 @@ class NativeFollower:
         report = np.empty((len(x), 1 + self.program.guards, lanes))
         call, rows, samples = self.native.call, address(course.rows), course.samples
 
-        def part(bounds: tuple[int, int]) -> None:
-            low, high = bounds
+        def part(low: int, high: int) -> None:
             given = address(inputs) + 8 * shift * low
             arrays = [address(a[low:high]) for a in (x, signs, p, where, report)]
             call(*arrays[:2], given, arrays[2], rows, *arrays[3:], course.tolerance, samples, shift, high - low)
 
-        if min(threads, len(x)) < 2:
-            part((0, len(x)))
-        else:
-            parts = list(pairwise(np.linspace(0, len(x), min(threads, len(x)) + 1).astype(int).tolist()))
-            with ThreadPoolExecutor(len(parts)) as pool:
-                list(pool.map(part, parts))
+        shared(part, len(x), threads)
         found = out_of_lanes(report, count)
         last = out_of_lanes(x, count) if x.size else course.x  # an open chain has no unknowns
         return Followed(found[:, 0].astype(int), last, found[:, 1:])

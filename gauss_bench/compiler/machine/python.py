@@ -1,7 +1,6 @@
-"""The same steps without a compiler: arrays of numpy for many trajectories, CasADi's virtual machine for one.
+"""Graphs of machine arithmetic as source of Python, on floats or on arrays of numpy: the way without a compiler.
 
-Both read the graph of a step in the variant that takes every sine from the target's own functions; the guards, the projection and
-the order of the operations are those of the native code, so that results agree to rounding.
+Sines are left to the target's own functions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,12 +12,8 @@ import numpy as np
 from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.machine.graph import Graph, inline
 from gauss_bench.compiler.machine.schedule import live
-from gauss_bench.compiler.stepping.runners import Batch, Outcome
-from gauss_bench.compiler.stepping.steps import REACHES, STEPS, Code, Step
 from gauss_bench.terms import Array
 
-CHUNK = 4096  # trajectories at a time: they share what a call of numpy costs, and a step has hundreds
-FOLDED = 256  # steps in one call of CasADi's machine
 SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "both": "&"}
 CALLS = {
     "neg": "-{0}",
@@ -84,53 +79,3 @@ def on_arrays(given: Function) -> Callable[..., list[Array]]:
         return [np.array(columns[a:b]).reshape(b - a, *shape).T for a, b in pairwise(cuts)]
 
     return call
-
-
-def plain_step(code: Code, integrator: str) -> Step:
-    """The step without reach, its sines left to the target."""
-    return STEPS[integrator](code, REACHES[integrator][-1], library=True)
-
-
-class NumpyRunner:
-    """Steps by generated source on arrays."""
-
-    def __init__(self, code: Code, integrator: str):
-        self.code, self.n = code, code.program.n
-        step = plain_step(code, integrator)
-        always = step.graph.make("le", step.graph.const(0.0), step.graph.const(1.0))
-        masks = [always if m is None else m for m in (step.regular, step.regular_out, step.within)]
-        names = {f"%{a}{i}": f"{a}[{i}]" for a in "qv" for i in range(self.n)} | {"%t": "t", "%h": "h"}
-        names |= {f"%p{i}": f"p[{i}]" for i in range(code.program.n_parameters)}
-        order = [f"%{a}{i}" for a in "qv" for i in range(self.n)]
-        roots = [*(step.carried[k] for k in order), *step.out, *masks]
-        self.evaluate = function(step.graph, roots, ("q", "v", "t", "h", "p"), names)
-
-    def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        count = len(batch.states)
-        parts = [self._part(batch, slice(k, k + CHUNK)) for k in range(0, count, CHUNK)]
-        return Outcome(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("states", "samples", "done", "complete", "far")))
-
-    def _part(self, batch: Batch, rows: slice) -> Outcome:
-        y, p = np.ascontiguousarray(batch.states[rows].T), np.ascontiguousarray(batch.parameters[rows].T)
-        count, size, n = y.shape[1], 2 * self.n, batch.n
-        samples = np.full((batch.slots, size, count), np.nan)
-        alive, complete, far = np.ones(count, bool), np.zeros(count, bool), np.zeros(count, bool)
-        done = np.zeros(count, int)
-        due, slot = min(batch.every, n), 0
-        with np.errstate(all="ignore"):
-            for i in range(n + 1):
-                found = self.evaluate(y[: self.n], y[self.n :], batch.t0 + i * batch.h, batch.h, p)
-                regular, regular_out, within = (np.broadcast_to(m, count) for m in found[-3:])
-                if i == due:
-                    samples[slot] = [np.broadcast_to(x, count) for x in found[size:-3]]
-                    due, slot = min(due + batch.every, n), slot + 1
-                if i == n:
-                    complete = alive & regular_out
-                    y = np.where(complete, samples[-1], y)
-                far |= alive & regular & ~within
-                alive = alive & regular & within
-                if i == n or not alive.any():
-                    break
-                y = np.where(alive, np.array([np.broadcast_to(x, count) for x in found[:size]]), y)
-                done += alive
-        return Outcome(y.T.copy(), np.ascontiguousarray(samples.transpose(2, 0, 1)), done, complete, far & ~complete)
