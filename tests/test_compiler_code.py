@@ -14,8 +14,9 @@ from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import native_code, object_cache, trigonometry
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine.native_code import address
+from gauss_bench.compiler.stepping import driver, programs, steps
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping import runners, steps
 from gauss_bench.compiler.stepping.driver import before
 from gauss_bench.integrate.fixed_step import semi_implicit_euler
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -67,8 +68,8 @@ def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     listing = loops.evaluation(g, roots, inputs, {"%y": x.shape[1], "%p": 0, "%t": 1}, 1)
     code = native_code.compile_text(listing.text, "accelerate", listing.operations, cached=False)
     out = np.empty((len(x), len(roots)))
-    y = native_code.address(x)
-    code.call(y, y, y, native_code.address(out), len(x))
+    y = address(x)
+    code.call(y, y, y, address(out), len(x))
     return out
 
 
@@ -361,11 +362,11 @@ def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integr
 def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: int) -> None:
     m = mechanism("six_bar")
     code = read_code(generate(m), stabilization)
-    batch = runners.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
+    batch = driver.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
     found = []
     for longest in (10**6, 0):
         listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][reach], 4, longest)
-        runner = runners.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
+        runner = programs.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
         runner.loaded[4] = native_code.compile_text(listing.text, "rollout", listing.operations, cached=False)
         outcome = runner.run(batch)
         assert outcome.complete.all()

@@ -19,12 +19,8 @@ from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import programs_in_rounds
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.code import Code, read_code
-from gauss_bench.compiler.machine.loops import looped
-from gauss_bench.compiler.stepping.driver import Driver
+from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms, Target
-from gauss_bench.compiler.stepping.runners import Batch, Outcome
-from gauss_bench.compiler.stepping.steps import STEPS
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -108,12 +104,6 @@ def compile_kernel(
     return Kernel(mechanism, options, taken, start)
 
 
-def straight_line_codes(mechanism: Mechanism, options: Options) -> Iterator[Code]:
-    """The programs of a mechanism as they are stepped, the best first."""
-    for program in _straight_line(mechanism, options):
-        yield read_code(program, options.stabilization)
-
-
 def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     damping = o.baumgarte if o.stabilization == "baumgarte" else None
     first = known_program(mechanism, o.formulation, o.open_parameters, o.independent, damping)
@@ -150,12 +140,14 @@ class Kernel:
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs: StraightLinePrograms | LoopedPrograms
         if form == "looped":
-            generated = map(looped, programs_in_rounds(mechanism, options.formulation))
+            generated = programs_in_rounds(mechanism, options.formulation)
             self._programs = loops = LoopedPrograms(generated, self.lanes, options.target.cache)
             first = loops.codes[0].program
-            self.formulation, self.operations = first.plan.formulation, first.operations
+            self.formulation, self.operations = first.source.plan.formulation, first.operations
         else:
-            self._programs = straight = StraightLinePrograms(straight_line_codes(mechanism, options), options.target)
+            self._programs = straight = StraightLinePrograms(
+                _straight_line(mechanism, options), options.stabilization, options.target
+            )
             program = straight.codes[0].program
             self.formulation, self.operations = program.formulation, program.acceleration.operations
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
@@ -211,7 +203,7 @@ class Kernel:
             2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
             `lost`.
         """
-        if n < 0 or (every is not None and every < 1) or integrator not in STEPS:
+        if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         q, v = np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)

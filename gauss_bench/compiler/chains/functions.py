@@ -19,7 +19,7 @@ A trajectory stops before the first step in which a guard fails at any stage. Wi
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.loop_text import LoopWriter, Text, declarations
+from gauss_bench.compiler.machine.llvm import LoopWriter, Text, declarations
 from gauss_bench.compiler.machine.loops import LoopedProgram, Memory
 
 # c, w, and time since the step began; what the last stage leaves at q_s, v_s is not used

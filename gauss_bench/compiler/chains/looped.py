@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from gauss_bench.compiler.chains.functions import Sizes, module
-from gauss_bench.compiler.machine.loops import WIDEST, LoopedProgram, Memory
+from gauss_bench.compiler.machine.loops import WIDEST, LoopedProgram, Memory, RoundsProgram, looped
 from gauss_bench.compiler.machine.native_code import Flags, NativeCode, address, best_lanes, compile_text, in_lanes, out_of_lanes
-from gauss_bench.compiler.stepping.runners import Batch, Outcome
+from gauss_bench.compiler.stepping.driver import Batch, Outcome
 from gauss_bench.terms import Array
 
 
@@ -142,12 +142,12 @@ class LoopedRunner:
 class LoopedPrograms:
     """The looped programs of one mechanism: the best first, further ones when they are asked for."""
 
-    def __init__(self, programs: Iterator[LoopedProgram], lanes: int, cache: bool):
+    def __init__(self, programs: Iterator[RoundsProgram], lanes: int, cache: bool):
         self.lanes, self.cache, self._more = lanes, cache, programs
         self.codes: list[LoopedCode] = []
         self.runners: dict[tuple[int, str], LoopedRunner] = {}
         self.further()
-        self.n, self.values, self.dropped = 3 * self.codes[0].memory.links, np.zeros(0), self.codes[0].program.dropped
+        self.n, self.values, self.dropped = 3 * self.codes[0].memory.links, np.zeros(0), self.codes[0].program.source.dropped
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -157,7 +157,7 @@ class LoopedPrograms:
         program = next(self._more, None)
         if program is None:
             return False
-        self.codes.append(LoopedCode(program, self.cache))
+        self.codes.append(LoopedCode(looped(program), self.cache))
         return True
 
     def levels(self, integrator: str) -> int:
@@ -191,7 +191,7 @@ class LoopedPrograms:
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
         """Independent coordinates of every program generated so far; () for Lagrange's."""
-        return tuple(code.program.plan.independent for code in self.codes)
+        return tuple(code.program.source.plan.independent for code in self.codes)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

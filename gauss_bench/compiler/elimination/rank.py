@@ -12,13 +12,18 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import RANK_TOLERANCE, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 
+CHECKS, FEW = 9, 2  # states at which a program is checked; few of a large linkage
+OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
 CHECKED = 1e-9  # relative error; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
+
+Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
 
 def _by_singular_values(J: Array, r: Array) -> Array:
@@ -85,16 +90,19 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
     return error / size if size > 0 else error
 
 
-def worst_error(mechanism: Mechanism, accelerations: list[tuple[float, Array, Array, Array]]) -> float:
-    """The largest relative error of accelerations (t, q, v, a); not a number where one of them is not."""
-    evaluator = Evaluator(mechanism)
-    return float(np.max([acceleration_error(evaluator, *state) for state in accelerations]))
+def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
+    """The largest relative error of accelerations over the motion, not a number where one is not; and how many states served."""
+    evaluator, states = Evaluator(mechanism), manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
+    a, sound = accelerate(states.t[:, None], states.q, states.v)
+    errors = [acceleration_error(evaluator, float(states.t[k]), states.q[k], states.v[k], a[k]) for k in np.flatnonzero(sound)]
+    return float(np.max(errors, initial=0.0)), len(errors)
 
 
-def off_constraints_error(mechanism: Mechanism, t: float, q: Array, v: Array, phi: Array, phi_dot: Array, energy: float) -> float:
-    """Error of residuals and energy at any state, relative to their own size or 1 (m, rad, their rates, J)."""
-    evaluator = Evaluator(mechanism)
-    terms, true_energy = evaluator.terms(t, q, v), float(evaluator.energy(q, v))
-    given = np.concatenate([phi, phi_dot, [energy]])
-    wanted = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [true_energy]])
-    return float(np.abs((given - wanted) / np.maximum(np.abs(wanted), 1.0)).max())
+def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
+    """Error of residuals, their rates and energy, one after the other, relative to their own size or 1 (m, rad, their rates, J)."""
+    evaluator, states = Evaluator(mechanism), manifold_states(mechanism, FEW, seed=1)
+    t, v = float(states.t[-1]), states.v[-1]
+    q = states.q[-1] + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=mechanism.n)
+    terms = evaluator.terms(t, q, v)
+    wanted = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [evaluator.energy(q, v)]])
+    return float(np.abs((evaluate(t, q, v) - wanted) / np.maximum(np.abs(wanted), 1.0)).max())

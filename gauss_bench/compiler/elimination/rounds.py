@@ -21,15 +21,14 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, workspace
 from gauss_bench.compiler.elimination.function import Function, numbered
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right
 from gauss_bench.compiler.elimination.partition import Study, covering, study
-from gauss_bench.compiler.elimination.rank import CHECKED, worst_error
+from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
 from gauss_bench.compiler.equations.constraints import Row
-from gauss_bench.compiler.equations.links import open_parameters
-from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -229,7 +228,6 @@ def solve(graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], colu
     return _Elimination(graph, A, right, rows, columns).solution(len(right))
 
 
-CHECKS = 5  # states, other than those at which pivots were chosen
 LONG = 12  # summands; longer sums run over arrays
 
 Home = tuple[str, int]  # an array, and the place in it
@@ -300,12 +298,14 @@ def check(program: RoundsProgram, mechanism: Mechanism) -> None:
     Raises:
         KernelError: the program is off by more than CHECKED, or usable nowhere.
     """
-    states = manifold_states(mechanism, CHECKS, seed=1)
-    a, held = program.acceleration(states.t[:, None], states.q, states.v)
-    sound = np.flatnonzero(held[:, 0] == program.guards)
-    error = worst_error(mechanism, [(float(states.t[k]), states.q[k], states.v[k], a[k]) for k in sound]) if len(sound) else np.inf
-    if not error <= CHECKED:
-        raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {len(sound)} states")
+
+    def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
+        a, held = program.acceleration(t, q, v)
+        return a, held[:, 0] == program.guards
+
+    error, count = error_on_constraints(mechanism, accelerate)
+    if not (count and error <= CHECKED):
+        raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {count} states")
 
 
 def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:
@@ -314,7 +314,7 @@ def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:
     Raises:
         KernelError: no pivots are usable.
     """
-    work = workspace(found, open_parameters(found.mechanism, ()), plan)
+    work = workspace(found, (), plan)
     graph, mechanism = work.terms.graph, found.mechanism
     rows = _starred(graph, mechanism, work)
     J: Matrix = {(r, c): e for r, row in enumerate(rows) for c, e in row.entries.items()}

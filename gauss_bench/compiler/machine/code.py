@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.elimination.program import Program
+from gauss_bench.compiler.elimination.program import Function, Program
+
+__all__ = ["Code", "Program", "read_code"]
 
 
 @dataclass(frozen=True, eq=False)

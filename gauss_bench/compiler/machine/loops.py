@@ -24,7 +24,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from gauss_bench.compiler.elimination.function import Instruction
-from gauss_bench.compiler.elimination.rounds import Plan, RoundsProgram
+from gauss_bench.compiler.elimination.rounds import RoundsProgram
+
+__all__ = ["WIDEST", "Group", "Groups", "Loop", "LoopedProgram", "Memory", "RoundsProgram", "looped", "needed_outside"]
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
@@ -389,12 +391,14 @@ def _last_readers(found: list[Loop]) -> dict[int, int]:
 class LoopedProgram:
     """Loops that compute accelerations, and where they keep their numbers; `guards` of them hold where the program serves."""
 
-    plan: Plan
+    source: RoundsProgram
     groups: Groups
     loops: list[Loop]
     memory: Memory
-    guards: int
-    dropped: tuple[str, ...]
+
+    @property
+    def guards(self) -> int:
+        return self.source.guards
 
     @property
     def operations(self) -> int:
@@ -405,4 +409,4 @@ def looped(program: RoundsProgram) -> LoopedProgram:
     """The loops of a program."""
     groups = grouped(program)
     order = loops(groups)
-    return LoopedProgram(program.plan, groups, order, memory(program, groups, order), program.guards, program.dropped)
+    return LoopedProgram(program, groups, order, memory(program, groups, order))

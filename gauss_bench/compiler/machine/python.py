@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.machine.graph import Graph, inline
-from gauss_bench.compiler.machine.schedule import live
+from gauss_bench.compiler.machine.graph import Graph, inline, live
 from gauss_bench.terms import Array
 
 SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "both": "&"}

@@ -1,23 +1,82 @@
 """What happens when a guard stops a trajectory: another reach, another partition, and last a rank decision at each step."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.stepping.runners import Batch, Outcome, Runner
 from gauss_bench.terms import Array
+
+INTEGRATORS = ("rk4", "semi_implicit_euler")
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What is to be stepped.
+
+    Attributes:
+        states: (k, 2n) q and v.
+        parameters: (k, n_p).
+        t0, h: start and step [s]; n: steps; every: steps between samples, at least 1.
+    """
+
+    states: Array
+    parameters: Array
+    t0: float
+    h: float
+    n: int
+    every: int
+
+    @property
+    def slots(self) -> int:
+        """Samples of each trajectory: every `every` steps and the last."""
+        return max(1, -(-self.n // self.every))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a batch.
+
+    Attributes:
+        states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
+        samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
+        done: (k,) steps that count.
+        complete: (k,) whether that is all of them.
+        far: (k,) whether it stopped because the angles moved further than the code can follow, and for no other reason.
+    """
+
+    states: Array
+    samples: Array
+    done: NDArray[np.integer[Any]]
+    complete: NDArray[np.bool_]
+    far: NDArray[np.bool_]
+
+
+class Runner(Protocol):
+    """Steps trajectories by one program, integrator and reach."""
+
+    def run(self, batch: Batch, threads: int = 1) -> Outcome:
+        """All trajectories of a batch as far as their guards hold."""
+        ...
+
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
+        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
+        ...
 
 
 class Programs(Protocol):
-    """The programs of one mechanism, the best first; further ones are generated when they are asked for.
+    """The programs of one mechanism, the best first; further ones are generated when they are asked for."""
 
-    Attributes:
-        n: coordinates. values: (n_p,) open numbers of the file.
-    """
+    @property
+    def n(self) -> int:
+        """Coordinates."""
+        ...
 
-    n: int
-    values: Array
+    @property
+    def values(self) -> Array:
+        """(n_p,) open numbers of the file."""
+        ...
 
     def __len__(self) -> int: ...
     def further(self) -> bool:
