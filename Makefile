@@ -33,7 +33,7 @@ lint: setup            ## style and types
 	$(BIN)/mypy
 
 drawings: setup        ## the drawings of mechanisms/ from the linkage files
-	$(BIN)/python -c "from pathlib import Path; from gauss_bench.report.drawing import write_drawings; write_drawings(Path('mechanisms'))"
+	$(BIN)/python -c "from pathlib import Path; from gauss_bench.report.drawings.drawing import write_drawings; write_drawings(Path('mechanisms'))"
 
 setup: .venv/.ready
 

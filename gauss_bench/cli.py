@@ -81,9 +81,9 @@ def show(options: argparse.Namespace) -> int:
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
     found = text.description(first, others)
     if options.svg:
-        from gauss_bench.report.drawing import draw
-        from gauss_bench.report.pose import posed
-        from gauss_bench.results import write_text
+        from gauss_bench.report.drawings.drawing import draw
+        from gauss_bench.report.drawings.pose import posed
+        from gauss_bench.tables import write_text
 
         write_text(options.svg, draw(*posed(options.linkage)))
     if options.json:
@@ -128,7 +128,7 @@ def kinematics(options: argparse.Namespace) -> int:
         if options.out == "csv":
             print(csv, end="")
         else:
-            from gauss_bench.results import write_text
+            from gauss_bench.tables import write_text
 
             write_text(Path(options.out), csv)
     else:
@@ -141,9 +141,9 @@ def kinematics(options: argparse.Namespace) -> int:
 def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
     """Write the plot and the animation that were asked for."""
     from gauss_bench.api import kinematics as moved
-    from gauss_bench.report.animation import animate
-    from gauss_bench.report.curves import curves
-    from gauss_bench.results import write_text
+    from gauss_bench.report.drawings.animation import animate
+    from gauss_bench.report.drawings.curves import curves
+    from gauss_bench.tables import write_text
 
     if not (options.plot or options.animate):
         return
@@ -157,7 +157,7 @@ def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
 
 def certify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
-    from gauss_bench.bench import certificates
+    from gauss_bench.bench.measurements import certificates
 
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
@@ -174,7 +174,7 @@ def certify(options: argparse.Namespace) -> int:
 
 def verify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
-    from gauss_bench.bench import certificates
+    from gauss_bench.bench.measurements import certificates
 
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     print_json(rows) if options.json else print(text.format_verification(rows))

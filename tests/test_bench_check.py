@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.check import accept, compare, facts, failures, read_baseline
+from gauss_bench.bench.gate import accept, compare, facts, failures, read_baseline
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
 

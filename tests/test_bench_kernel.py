@@ -10,23 +10,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gauss_bench.bench import kernel_targets
+from gauss_bench.bench import targets as kernel_targets
 from gauss_bench.bench.kernel_chains import mechanism_named, name_of
-from gauss_bench.bench.kernel_claim import verdict
 from gauss_bench.bench.kernel_effort import FULL, REDUCED
-from gauss_bench.bench.kernel_equal import equal_accuracy, lead_time, with_ratios
-from gauss_bench.bench.kernel_ladder import METHODS, Method, largest_step, why_ended
-from gauss_bench.bench.kernel_limits import CHAINS, chain_text
-from gauss_bench.bench.kernel_long import judged
-from gauss_bench.bench.kernel_steps import step_rows
 from gauss_bench.bench.kernel_suite import exponents, run_kernels, summary
 from gauss_bench.bench.kernel_timing import Key, Measured, Missing
+from gauss_bench.bench.measurements.claim import verdict
+from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, lead_time, with_ratios
+from gauss_bench.bench.measurements.ladder import METHODS, Method, largest_step, why_ended
+from gauss_bench.bench.measurements.limits import CHAINS, chain_text
+from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.steps import step_rows
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.kernel_findings import kernel_findings
-from gauss_bench.results import KERNEL_TABLES
+from gauss_bench.tables import KERNEL_TABLES
 from gauss_bench.trajectory import Status
 
 SPREAD = ("seconds", "seconds_low", "seconds_high")

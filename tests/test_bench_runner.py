@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 
 from gauss_bench.bench.cases import Case, gate
+from gauss_bench.bench.clock import compare_costs, ratio
 from gauss_bench.bench.journal import Busy, Journal
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.runner import run
-from gauss_bench.bench.timing import compare_costs, ratio
-from gauss_bench.results import KEY, NUMBERS, read_table
+from gauss_bench.tables import KEY, NUMBERS, read_table
 
 ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
 COMMAND = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.kernel_chains import mechanism_named
-from gauss_bench.bench.scaling import growth, scaling
+from gauss_bench.bench.measurements.growth import growth, scaling
 from gauss_bench.compiler.chains.kernel import LargeKernel, large_kernel
 from gauss_bench.compiler.chains.program import generate_large
 from gauss_bench.compiler.elimination.check import acceleration_error

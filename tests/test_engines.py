@@ -97,7 +97,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(engine: str, st
 def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, store: str) -> None:
     from functools import partial
 
-    from gauss_bench.bench.check import scaled_inertia
+    from gauss_bench.bench.gate import scaled_inertia
 
     adapter = get(engine)
     settings = list(adapter.settings)[-1]

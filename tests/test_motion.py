@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.geometry import LINKAGES, geometry
+from gauss_bench.bench.measurements.geometry import LINKAGES, geometry
 from gauss_bench.cli import main
 
 DATA = Path(__file__).parent / "data"

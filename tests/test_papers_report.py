@@ -8,11 +8,11 @@ import pytest
 from gauss_bench.papers.crank_slider import linkage
 from gauss_bench.papers.motion_table import paper_motion
 from gauss_bench.reference.build import build_reference
+from gauss_bench.report.content import Section
 from gauss_bench.report.paper_figures import paper_figures
 from gauss_bench.report.paper_findings import paper_findings
 from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
-from gauss_bench.report.tables import Section
 from tests.papers_tables import Rows, audited, reproduced
 
 

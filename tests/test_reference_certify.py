@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.certificates import certified_scenarios
+from gauss_bench.bench.measurements.certificates import certified_scenarios
 from gauss_bench.cli import main
 from gauss_bench.mechanism.load import built_in, decimal_document, load
 from gauss_bench.papers.published import VALUES, published

@@ -11,11 +11,11 @@ from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.report.animation import FRAMES, REST, SLOWEST, animate
-from gauss_bench.report.curves import curves
-from gauss_bench.report.drawing import bar_ends, fit
+from gauss_bench.report.drawings.animation import FRAMES, REST, SLOWEST, animate
+from gauss_bench.report.drawings.curves import curves
+from gauss_bench.report.drawings.drawing import bar_ends, fit
+from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.palette import inline
-from gauss_bench.report.pose import posed
 from gauss_bench.terms import Array
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from gauss_bench.bench.check import Verdict
+from gauss_bench.bench.gate import Verdict
 from gauss_bench.engines import get, names
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism

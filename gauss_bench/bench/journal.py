@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from gauss_bench.results import package_versions
+from gauss_bench.tables import package_versions
 
 
 class Busy(RuntimeError):

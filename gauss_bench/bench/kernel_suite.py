@@ -12,22 +12,23 @@ from typing import Any
 
 import pandas as pd
 
-from gauss_bench.bench import kernel_batch, kernel_kinematics
-from gauss_bench.bench.certificates import certificates_digest
 from gauss_bench.bench.journal import Journal, fingerprint
-from gauss_bench.bench.kernel_agreement import FOLDED, agreement
 from gauss_bench.bench.kernel_chains import SCENARIO as SWING
 from gauss_bench.bench.kernel_chains import name_of
-from gauss_bench.bench.kernel_costs import chain_costs, kernel_costs, processor
 from gauss_bench.bench.kernel_effort import FULL, Effort
-from gauss_bench.bench.kernel_equal import Ladders, equal_accuracy
-from gauss_bench.bench.kernel_ladder import METHODS, ladder
-from gauss_bench.bench.kernel_long import SCENARIO as LONG
-from gauss_bench.bench.kernel_long import long_run
-from gauss_bench.bench.scaling import growth, scaling
+from gauss_bench.bench.measurements import batch as kernel_batch
+from gauss_bench.bench.measurements import turns as kernel_kinematics
+from gauss_bench.bench.measurements.agreement import FOLDED, agreement
+from gauss_bench.bench.measurements.certificates import certificates_digest
+from gauss_bench.bench.measurements.equal_accuracy import Ladders, equal_accuracy
+from gauss_bench.bench.measurements.growth import growth, scaling
+from gauss_bench.bench.measurements.kernel_costs import chain_costs, kernel_costs, processor
+from gauss_bench.bench.measurements.ladder import METHODS, ladder
+from gauss_bench.bench.measurements.long_runs import SCENARIO as LONG
+from gauss_bench.bench.measurements.long_runs import long_run
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.mechanism.load import load
-from gauss_bench.results import KERNEL_TABLES, environment, write_table
+from gauss_bench.tables import KERNEL_TABLES, environment, write_table
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "shaper": "torque", "eight_bar": "torque"}
 LIMIT = 300.0  # [s] the slowest task generates the longest chain of pendulums, in half a minute

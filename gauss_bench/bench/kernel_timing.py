@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.bench.timing import Block, interleaved, ratio
+from gauss_bench.bench.clock import Block, interleaved, ratio
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status

@@ -10,19 +10,19 @@ import numpy as np
 import pandas as pd
 
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.certificates import certificate_table, certificates_digest
-from gauss_bench.bench.driving import LINKAGES as driving_linkages
-from gauss_bench.bench.driving import driving
-from gauss_bench.bench.geometry import LINKAGES as geometry_linkages
-from gauss_bench.bench.geometry import geometry
+from gauss_bench.bench.clock import compare_costs, ratio
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, Alteration, measure, mechanism_of, reference_of, unaltered
-from gauss_bench.bench.paper_tables import PAPER_TASKS, example_motion
+from gauss_bench.bench.measurements.certificates import certificate_table, certificates_digest
+from gauss_bench.bench.measurements.driving import LINKAGES as driving_linkages
+from gauss_bench.bench.measurements.driving import driving
+from gauss_bench.bench.measurements.geometry import LINKAGES as geometry_linkages
+from gauss_bench.bench.measurements.geometry import geometry
+from gauss_bench.bench.measurements.papers import PAPER_TASKS, example_motion
 from gauss_bench.bench.tasks import Task, finish
-from gauss_bench.bench.timing import compare_costs, ratio
 from gauss_bench.engines import get
 from gauss_bench.metrics import CHECKPOINTS, observed_order
-from gauss_bench.results import KEY, SIDE_TABLES, environment, table, write_table, write_text
+from gauss_bench.tables import KEY, SIDE_TABLES, environment, table, write_table, write_text
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the quick suite takes 10 s on a slow core
 COST_LIMIT = 600.0  # [s] for one linkage with all engines

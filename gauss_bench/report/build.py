@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from gauss_bench.report.content import Block, Picture, Section
 from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import KEYS, Row, Run
 from gauss_bench.report.sections import (
@@ -31,8 +32,7 @@ from gauss_bench.report.sections import (
     stability,
     trajectories,
 )
-from gauss_bench.report.tables import Block, Picture, Section
-from gauss_bench.results import KERNEL_TABLES, SIDE_TABLES, write_text
+from gauss_bench.tables import KERNEL_TABLES, SIDE_TABLES, write_text
 
 FIRST = (findings.section,)
 PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)

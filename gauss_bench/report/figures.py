@@ -10,6 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullLocator
 
+from gauss_bench.report.content import times
 from gauss_bench.report.palette import INK, LINES, MARKERS, MUTED, cycle, engine_colours
 from gauss_bench.report.plotting import band, decades, legend, panels, svg, titled
 from gauss_bench.report.rows import (
@@ -27,7 +28,6 @@ from gauss_bench.report.rows import (
     ranked,
     run_time,
 )
-from gauss_bench.report.tables import times
 
 Line = tuple[Sequence[float], Sequence[float], Mapping[str, Any]]
 Entries = list[tuple[str, Mapping[str, Any]]]

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 
+from gauss_bench.report.content import Finding, count, error, listed, times
 from gauss_bench.report.kernel_findings import kernel_findings
 from gauss_bench.report.paper_findings import paper_findings
 from gauss_bench.report.rows import (
@@ -26,7 +27,6 @@ from gauss_bench.report.rows import (
     ranked,
     run_time,
 )
-from gauss_bench.report.tables import Finding, count, error, listed, times
 
 TARGETS = (1e-3, 1e-6)  # crank errors [rad] at which costs are compared
 SHRINKS = 2.0  # an error that falls by less while the step falls 4-fold does not come from the step

@@ -6,11 +6,11 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from gauss_bench.report.content import times
 from gauss_bench.report.figures import label_at, logarithmic
 from gauss_bench.report.palette import INK, MUTED, engine_colours
 from gauss_bench.report.plotting import legend, panels, svg, titled
 from gauss_bench.report.rows import Row, grouped, known, number
-from gauss_bench.report.tables import times
 
 OWN = "gauss-native"
 LANE = 0.19  # height of an engine within a linkage

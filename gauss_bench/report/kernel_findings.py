@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
+from gauss_bench.report.content import Finding, count, error, listed, times
 from gauss_bench.report.rows import Row, Run, grouped, known, number
-from gauss_bench.report.tables import Finding, count, error, listed, times
 
 AIMED = ("kernel_steps", "kernel_batch", "kernel_rhs", "kernel_agreement", "kernel_long", "kernel_kinematics")
 WORDS = {

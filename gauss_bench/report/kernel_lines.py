@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+from gauss_bench.report.content import Cell, Table, columns, error_cell, ratio_cells, text_cell, times
 from gauss_bench.report.rows import Row, known, number
-from gauss_bench.report.tables import Cell, Table, columns, error_cell, ratio_cells, text_cell, times
 
 Line = Callable[[Row], tuple[Cell, ...]]
 

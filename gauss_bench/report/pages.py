@@ -7,9 +7,9 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
+from gauss_bench.report.content import Cell, Picture, Section
 from gauss_bench.report.palette import engine_colours, inline
 from gauss_bench.report.rows import Run
-from gauss_bench.report.tables import Cell, Picture, Section
 
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 

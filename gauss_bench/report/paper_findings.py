@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
+from gauss_bench.report.content import Finding, count, error, listed
 from gauss_bench.report.rows import Run, grouped, number
-from gauss_bench.report.tables import Finding, count, error, listed
 
 SAID = {"ok": "are right as printed", "misprint": "misprinted", "not given": "left out"}
 

@@ -1,8 +1,6 @@
 """Same state in, acceleration out: what an engine makes of the equations of motion, apart from any integrator."""
 
-from gauss_bench.report.figures import acceleration_errors
-from gauss_bench.report.rows import SAME_ACCELERATION, Run, accelerations
-from gauss_bench.report.tables import (
+from gauss_bench.report.content import (
     Cell,
     Picture,
     Section,
@@ -16,6 +14,8 @@ from gauss_bench.report.tables import (
     text_cell,
     time_cell,
 )
+from gauss_bench.report.figures import acceleration_errors
+from gauss_bench.report.rows import SAME_ACCELERATION, Run, accelerations
 
 WORDS = (
     "Every engine is given the same 200 states and asked for the acceleration there; the error is relative to the reference's. "

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+from gauss_bench.report.content import Section, Text, listed, times
 from gauss_bench.report.kernel_lines import claimed, table
 from gauss_bench.report.rows import Row, Run, grouped, known, number
-from gauss_bench.report.tables import Section, Text, listed, times
 
 CLAIM = (
     "The papers solve for n - m accelerations where Lagrange's multipliers solve for n + m unknowns, and say that this is cheaper. "

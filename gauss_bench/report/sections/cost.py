@@ -1,8 +1,8 @@
 """What a step and an acceleration cost, as ratios to one engine of the same run."""
 
+from gauss_bench.report.content import Cell, Picture, Section, Table, Text, columns, engine_cell, ratio_cells, text_cell, time_cell
 from gauss_bench.report.figures import cost_ratios
 from gauss_bench.report.rows import Row, Run, costs, known, number
-from gauss_bench.report.tables import Cell, Picture, Section, Table, Text, columns, engine_cell, ratio_cells, text_cell, time_cell
 
 HEAD = (
     *("engine", "settings", "integrator"),

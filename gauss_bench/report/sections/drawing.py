@@ -2,10 +2,10 @@
 
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.report.drawing import draw
-from gauss_bench.report.pose import posed
+from gauss_bench.report.content import Picture, Section, Text, count
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.rows import Run
-from gauss_bench.report.tables import Picture, Section, Text, count
 
 
 def section(run: Run, name: str) -> Section | None:

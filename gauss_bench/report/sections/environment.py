@@ -1,7 +1,7 @@
 """Where, when and with what the run was made."""
 
+from gauss_bench.report.content import Cell, Section, Table, Text, columns, text_cell
 from gauss_bench.report.rows import Run
-from gauss_bench.report.tables import Cell, Section, Table, Text, columns, text_cell
 
 FACTS = (
     "suite",

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
+from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, count, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, ok
-from gauss_bench.report.tables import Block, Cell, Section, Table, Text, columns, count, listed, text_cell
 
 NUMBER = re.compile(r"\d[\d.e+-]*")
 

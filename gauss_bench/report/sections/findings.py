@@ -1,8 +1,8 @@
 """What this is, who wrote it, and what the run found."""
 
+from gauss_bench.report.content import Findings, Section, Text, count, listed
 from gauss_bench.report.findings import all_findings
 from gauss_bench.report.rows import Run, ok
-from gauss_bench.report.tables import Findings, Section, Text, count, listed
 
 AUTHORS = (
     "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "

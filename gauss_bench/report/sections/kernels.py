@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from gauss_bench.report.content import Block, Picture, Section, Text, listed
 from gauss_bench.report.kernel_figures import equal_accuracy, scaling
 from gauss_bench.report.kernel_lines import (
     RANGE,
@@ -21,7 +22,6 @@ from gauss_bench.report.kernel_lines import (
     turned,
 )
 from gauss_bench.report.rows import Row, Run, grouped, known, number
-from gauss_bench.report.tables import Block, Picture, Section, Text, listed
 
 STEPS = (
     "A Runge-Kutta step of 1e-4 s in the engine's own loop, forces, springs and guards included, from the scenario's start. "

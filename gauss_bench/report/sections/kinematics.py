@@ -1,7 +1,7 @@
 """Kinematics three independent ways, and the positions at which a linkage reverses."""
 
+from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, error_cell, text_cell
 from gauss_bench.report.rows import Row, Run, number
-from gauss_bench.report.tables import Block, Cell, Section, Table, Text, columns, error_cell, text_cell
 
 WORDS = (
     "Over one driven turn the positions, velocities and accelerations of all links are found three ways that share the linkage "

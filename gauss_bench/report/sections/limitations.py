@@ -1,7 +1,7 @@
 """Known limitations, written once; they hold for every run."""
 
+from gauss_bench.report.content import Bullets, Section
 from gauss_bench.report.rows import Run
-from gauss_bench.report.tables import Bullets, Section
 
 LIMITATIONS = (
     "**Equal steps are not equal accuracy.** Engines are compared at the error they reach, in the error-against-cost "

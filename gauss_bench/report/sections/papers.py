@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, count, error, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, number
-from gauss_bench.report.tables import Block, Cell, Section, Table, Text, columns, count, error, listed, text_cell
 
 WORDS = (
     "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "

@@ -1,7 +1,7 @@
 """The truth: what every error is measured against, how far it can be trusted, and below what no engine can be told apart."""
 
+from gauss_bench.report.content import Block, Bullets, Cell, Section, Table, Text, columns, error_cell, text_cell
 from gauss_bench.report.rows import Row, Run, known, number
-from gauss_bench.report.tables import Block, Bullets, Cell, Section, Table, Text, columns, error_cell, text_cell
 
 REFERENCES = (
     "An error bar is the largest disagreement of two integrations, made as the last column says, and the rounding of what is "

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from gauss_bench.report.content import Block, Bullets, Cell, Picture, Section, Table, Text, columns, error, listed, text_cell
 from gauss_bench.report.paper_figures import paper_figures
 from gauss_bench.report.rows import Row, Run, known, number
-from gauss_bench.report.tables import Block, Bullets, Cell, Picture, Section, Table, Text, columns, error, listed, text_cell
 
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6

@@ -1,7 +1,7 @@
 """Every engine's version and settings, in full."""
 
+from gauss_bench.report.content import Section, Table, Text, columns, text_cell
 from gauss_bench.report.rows import Run
-from gauss_bench.report.tables import Section, Table, Text, columns, text_cell
 
 
 def section(run: Run) -> Section:

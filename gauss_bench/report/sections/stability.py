@@ -1,8 +1,8 @@
 """What a run loses with time: constraints and energy."""
 
+from gauss_bench.report.content import Block, Picture, Section, Text
 from gauss_bench.report.figures import drift, energy
 from gauss_bench.report.rows import Run, grouped
-from gauss_bench.report.tables import Block, Picture, Section, Text
 
 WORDS = (
     "Drift is how far a run has left its constraints, computed in absolute coordinates for every engine; the energy error "

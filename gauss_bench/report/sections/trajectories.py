@@ -1,5 +1,19 @@
 """Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
 
+from gauss_bench.report.content import (
+    BELOW_LEGEND,
+    Block,
+    Cell,
+    Picture,
+    Section,
+    Table,
+    columns,
+    engine_cell,
+    error_cell,
+    status_cell,
+    step_cell,
+    text_cell,
+)
 from gauss_bench.report.figures import convergence, work_precision
 from gauss_bench.report.rows import (
     CRANK_ERRORS,
@@ -15,20 +29,6 @@ from gauss_bench.report.rows import (
     plain,
     ranked,
     run_time,
-)
-from gauss_bench.report.tables import (
-    BELOW_LEGEND,
-    Block,
-    Cell,
-    Picture,
-    Section,
-    Table,
-    columns,
-    engine_cell,
-    error_cell,
-    status_cell,
-    step_cell,
-    text_cell,
 )
 
 HEAD = (

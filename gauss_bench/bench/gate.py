@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.results import KEY, write_table
+from gauss_bench.tables import KEY, write_table
 
 COLUMNS = [*KEY, "metric", "value", "accepted"]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.kernel_steps import FORMULATIONS
-from gauss_bench.bench.kernel_targets import DRIFT, ORDER, ORDER_MARGIN
 from gauss_bench.bench.kernel_timing import Missing, Row, row
+from gauss_bench.bench.measurements.steps import FORMULATIONS
+from gauss_bench.bench.targets import DRIFT, ORDER, ORDER_MARGIN
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.mechanism.evaluate import Evaluator

@@ -14,10 +14,10 @@ import numpy as np
 from gauss_bench.mechanism.forces import axis_state, position
 from gauss_bench.mechanism.load import built_in
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.report.lettering import distance, lettering, obstacles
+from gauss_bench.report.drawings.lettering import distance, lettering, obstacles
+from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
-from gauss_bench.report.pose import posed
-from gauss_bench.results import write_text
+from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
 WIDTH, LONGEST, MARGIN = 640.0, 500.0, 52.0  # page width, largest drawing height and margin [px]

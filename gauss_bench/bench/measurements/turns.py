@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench import kernel_pylinkage
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_effort import Effort
-from gauss_bench.bench.kernel_targets import CLOSURE, KINEMATICS, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.measurements import pylinkage as kernel_pylinkage
+from gauss_bench.bench.targets import CLOSURE, KINEMATICS, at_least
 from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.timing import Block, interleaved, lasting
+from gauss_bench.bench.clock import Block, interleaved, lasting
 from gauss_bench.compiler.chains.kernel import large_kernel
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile as straight_line

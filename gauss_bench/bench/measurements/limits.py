@@ -17,10 +17,10 @@ from functools import partial
 
 import numpy as np
 
-from gauss_bench.bench.kernel_claim import BATCH
-from gauss_bench.bench.kernel_steps import QUANTITY
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.measurements.claim import BATCH
+from gauss_bench.bench.measurements.steps import QUANTITY
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.schedule import LATENCY, period

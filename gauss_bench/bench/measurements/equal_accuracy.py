@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.kernel_ladder import AT, TARGETS, Method, largest_step, smallest_error
+from gauss_bench.bench.clock import BLOCK, Block
 from gauss_bench.bench.kernel_timing import Measured, Race, Row, compared, row, spread
-from gauss_bench.bench.timing import BLOCK, Block
+from gauss_bench.bench.measurements.ladder import AT, TARGETS, Method, largest_step, smallest_error
 from gauss_bench.engines import get
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism

@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.mechanism.forces import position
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Revolute
-from gauss_bench.report.drawing import (
+from gauss_bench.report.drawings.drawing import (
     BEYOND,
     Canvas,
     block_shape,
@@ -40,7 +40,7 @@ from gauss_bench.report.drawing import (
     scale_line,
     slides,
 )
-from gauss_bench.report.lettering import LETTER, lettering, obstacles
+from gauss_bench.report.drawings.lettering import LETTER, lettering, obstacles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 

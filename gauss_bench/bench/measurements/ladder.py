@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench.clock import timed
 from gauss_bench.bench.kernel_timing import Row
-from gauss_bench.bench.timing import timed
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.mechanism.load import load

@@ -9,10 +9,10 @@ different stages are computed once: that is part of what compiling a loop gains.
 
 import numpy as np
 
-from gauss_bench.bench.kernel_steps import QUANTITY, H
-from gauss_bench.bench.kernel_targets import RIGHT_HAND_SIDE, RIGHT_HAND_SIDE_OF, at_least
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, compared, row
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.measurements.steps import QUANTITY, H
+from gauss_bench.bench.targets import RIGHT_HAND_SIDE, RIGHT_HAND_SIDE_OF, at_least
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice

@@ -6,9 +6,9 @@ what is timed, and so is the call from Python, a share of about three in a hundr
 
 import numpy as np
 
-from gauss_bench.bench.kernel_targets import PROJECTED, STEP, at_least
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.targets import PROJECTED, STEP, at_least
 from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice

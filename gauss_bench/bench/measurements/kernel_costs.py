@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from gauss_bench.bench import kernel_limits, kernel_rhs
 from gauss_bench.bench.kernel_chains import mechanism_named
-from gauss_bench.bench.kernel_claim import claim_row, enter_batch, enter_textbook
 from gauss_bench.bench.kernel_effort import Effort
-from gauss_bench.bench.kernel_steps import FORMULATIONS, RIVAL_SETTINGS, STABILIZATIONS, enter, enter_rival, step_rows
 from gauss_bench.bench.kernel_timing import Race
+from gauss_bench.bench.measurements import limits as kernel_limits
+from gauss_bench.bench.measurements import right_hand_sides as kernel_rhs
+from gauss_bench.bench.measurements.claim import claim_row, enter_batch, enter_textbook
+from gauss_bench.bench.measurements.steps import FORMULATIONS, RIVAL_SETTINGS, STABILIZATIONS, enter, enter_rival, step_rows
 
 
 def kernel_costs(linkage: str, scenario: str, effort: Effort) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.kernel_steps import FORMULATIONS
-from gauss_bench.bench.kernel_targets import AGREEMENT, at_most
 from gauss_bench.bench.kernel_timing import Missing, Row, row
+from gauss_bench.bench.measurements.steps import FORMULATIONS
+from gauss_bench.bench.targets import AGREEMENT, at_most
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile
 from gauss_bench.engines import get

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_effort import Effort
-from gauss_bench.bench.kernel_steps import STEPS, H
-from gauss_bench.bench.kernel_targets import BATCH, at_least
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.measurements.steps import STEPS, H
+from gauss_bench.bench.targets import BATCH, at_least
 from gauss_bench.compiler.kernel import Kernel, compile
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice

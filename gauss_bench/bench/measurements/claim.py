@@ -8,9 +8,9 @@ ratio's spread covers 1.
 
 import numpy as np
 
-from gauss_bench.bench.kernel_steps import FORMULATIONS, QUANTITY, STEPS, H
+from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, row
-from gauss_bench.bench.timing import Block, lasting
+from gauss_bench.bench.measurements.steps import FORMULATIONS, QUANTITY, STEPS, H
 from gauss_bench.compiler.elimination.program import costs
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.stepping.driver import known_program
