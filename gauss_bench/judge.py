@@ -5,7 +5,7 @@ accelerations are those of this linkage, and, where a truth is known, it is wher
 motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -21,6 +21,7 @@ OFF_DRIFT = 1e-2  # of the linkage's size, and never more than 1e-2 m or rad: a 
 OFF_ENERGY = 1e-2  # of the energy that moves: half a per cent of every speed, more than any integrator leaves that resolves them
 OFF_ACCELERATION = 1e-2  # of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # [rad], and of the linkage's size: a link turned by so much has its far end off by 5 % of its length
+HUGE = 1e100  # what is larger has no square, and counts as not finite
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
 
@@ -46,7 +47,7 @@ class Objection:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """What the judge says of a run that has ended."""
 
     objections: tuple[Objection, ...] = ()
@@ -82,14 +83,13 @@ class Evidence:
     energy_scale: float
     errors: metrics.Errors | None = None
     acceleration_error: float | None = None
-    angles: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def completeness(trajectory: object, times: Array, n: int) -> Verdict:
+def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     """Whether what an engine returned is a trajectory of n coordinates at exactly the times (k,) asked for, all of it finite."""
 
-    def refused(subject: Subject, value: float, limit: float, sentence: str) -> Verdict:
-        return Verdict((Objection(subject, value, limit, sentence),))
+    def refused(subject: Subject, value: float, limit: float, sentence: str) -> Judgement:
+        return Judgement((Objection(subject, value, limit, sentence),))
 
     if not isinstance(trajectory, Trajectory):
         return refused(Subject.COMPLETENESS, 0, len(times), f"the engine returned {type(trajectory).__name__}, not a trajectory")
@@ -108,11 +108,11 @@ def completeness(trajectory: object, times: Array, n: int) -> Verdict:
     if wrong:
         text = f"samples of shape {wrong[0]} where ({len(times)}, {n}) was asked for"
         return refused(Subject.COMPLETENESS, wrong[0][-1] if wrong[0] else 0, n, text)
-    lost = ~(np.isfinite(trajectory.q) & np.isfinite(trajectory.v) & np.isfinite(trajectory.a)).all(axis=1)
+    lost = ~np.all([(np.abs(np.asarray(x)) < HUGE).all(axis=1) for x in (trajectory.q, trajectory.v, trajectory.a)], axis=0)
     if lost.any():
         first = float(times[int(np.flatnonzero(lost)[0])])
         return refused(Subject.NUMBERS, first, float(times[-1]), f"not finite at t = {first:.6g} s; a smaller step may help")
-    return Verdict()
+    return Judgement()
 
 
 def examine(
@@ -128,7 +128,7 @@ def examine(
     return Evidence(size_of(mechanism), drift, energy, bar, scale, errors, acceleration_error)
 
 
-def judge(evidence: Evidence) -> Verdict:
+def judge(evidence: Evidence) -> Judgement:
     """Every objection to a complete run; a figure that is not finite is one."""
     x = evidence
     found: list[tuple[Subject, float, float, str]] = []
@@ -144,7 +144,7 @@ def judge(evidence: Evidence) -> Verdict:
         length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
         found.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
         found.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
-    return Verdict(tuple(Objection(*item) for item in found if not item[1] <= item[2]))
+    return Judgement(tuple(Objection(*item) for item in found if not item[1] <= item[2]))
 
 
 def size_of(mechanism: Mechanism) -> float:
