@@ -224,6 +224,15 @@ class ObserveTable(Table):
     links: list[Text] = []
 
 
+class MeasureTable(Table):
+    link: Text | None = None
+    joint: Text | None = None
+    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    point: Text | None = None
+    angle_deg: Number | None = None
+    angle: Number | None = None
+
+
 class ExpectTable(Table):
     dof: Annotated[int, Field(strict=True, ge=0)] | None = None
     redundant: Annotated[int, Field(strict=True, ge=0)] | None = None
@@ -244,6 +253,7 @@ class LinkageTable(Table):
     forces: dict[Name, ForceEntry] = {}
     assembly: AssemblyTable = AssemblyTable()
     observe: ObserveTable = ObserveTable()
+    measure: MeasureTable | None = None
     scenarios: Annotated[dict[Name, ScenarioTable], Field(min_length=1)]
 
 
