@@ -231,7 +231,7 @@ def check(options: argparse.Namespace) -> int:
     from functools import partial
 
     from gauss_bench.api import text
-    from gauss_bench.bench import check as gate
+    from gauss_bench.bench import gate
     from gauss_bench.bench.measure import unaltered
     from gauss_bench.bench.runner import measure_all
 
