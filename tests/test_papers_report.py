@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from gauss_bench.papers.crank_slider import linkage
+from gauss_bench.papers.forms.example import shown
 from gauss_bench.papers.reproduction import paper_motion
-from gauss_bench.reference.build import build_reference
 from gauss_bench.report.content import Section
 from gauss_bench.report.paper_figures import paper_figures
 from gauss_bench.report.paper_findings import paper_findings
@@ -27,7 +27,7 @@ class Told:
 
 @pytest.fixture(scope="module")
 def told() -> Told:
-    motion = paper_motion(linkage(), build_reference(linkage(), 0.1))
+    motion = paper_motion(linkage(), shown())
     return Told(audited(), reproduced(), tuple(motion["paper_motion"]))
 
 
