@@ -38,7 +38,7 @@ from gauss_bench.compiler.equations.loops import LoopExpressions
 from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node, Vector
-from gauss_bench.kinematics.loop_equations import REGULAR, Group, LoopEquations
+from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, LoopGroup
 from gauss_bench.mechanism.forces import axis_state, position
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
@@ -228,7 +228,7 @@ class Groups:
     `columns` are those of the unknowns, by loop.
     """
 
-    def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
+    def __init__(self, graph: Graph, groups: Sequence[LoopGroup], columns: Sequence[Columns]):
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()
