@@ -14,8 +14,8 @@ from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.loops import find_graph
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.errors import Fault, LinkageError
 from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import Mechanism, Point
