@@ -20,8 +20,9 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.exact import closed_form
+from tests.conftest import needs
 
-pytest.importorskip("llvmlite")
+needs("llvmlite")
 
 FORMULATIONS = ("gauss", "lagrange")
 EXACT = 1e-10  # relative: 1e-13 is usual; pivots as small as the guard's thousandth of their row may cost three digits more
