@@ -9,8 +9,8 @@ from gauss_bench import metrics
 from gauss_bench.engines import FOREIGN, get
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.terms import Array
