@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from gauss_bench.papers.crank_slider import linkage
-from gauss_bench.papers.motion_table import paper_motion
-from gauss_bench.reference.build import build_reference
+from gauss_bench.papers.forms.example import shown
+from gauss_bench.papers.reproduction import paper_motion
 from gauss_bench.report.content import Section
 from gauss_bench.report.paper_figures import paper_figures
 from gauss_bench.report.paper_findings import paper_findings
@@ -27,7 +27,7 @@ class Told:
 
 @pytest.fixture(scope="module")
 def told() -> Told:
-    motion = paper_motion(linkage(), build_reference(linkage(), 0.1))
+    motion = paper_motion(linkage(), shown())
     return Told(audited(), reproduced(), tuple(motion["paper_motion"]))
 
 
@@ -52,9 +52,34 @@ def changed(rows: Rows, key: str, name: str, **cells: Any) -> Rows:
 def test_every_statement_is_printed_once(told: Told) -> None:
     section = papers.section(told)
     tables = [block for block in section.blocks if block.kind == "table"]
-    assert sum(len(table.rows) for table in tables[:-1]) == len(told.audit)
-    assert {row["paper"] for row in told.audit} == {table.title.partition(":")[0] for table in tables[:-1]}
+    lines = [table for table in tables[:-1] if not table.title.endswith("causes")]
+    assert sum(len(table.rows) for table in lines) == len(told.audit)
+    assert {row["paper"] for row in told.audit} == {table.title.partition(":")[0] for table in lines}
     assert "contradict" not in words(section)
+
+
+def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines(told: Told) -> None:
+    causes = {(row["paper"], row["cause"]) for row in told.audit if row["cause"]}
+    tables = [block for block in papers.section(told).blocks if block.kind == "table" and block.title.endswith("causes")]
+    listed = [(table.title.partition(":")[0], row[0].text) for table in tables for row in table.rows]
+    assert sorted(listed) == sorted(causes)
+    assert sum(int(row[2].text) for table in tables for row in table.rows) == sum(row["verdict"] != "ok" for row in told.audit)
+    wrong = [row for row in told.audit if row["verdict"] == "wrong"]
+    (finding, *_) = paper_findings(told)
+    assert f"{len(wrong)} wrong (1 cause)" in finding.text
+    two = changed(told.audit, "name", "inverse of a projector", cause="another")
+    (finding, *_) = paper_findings(Told(two))
+    assert f"{len(wrong)} wrong (2 causes)" in finding.text
+
+
+def test_what_the_example_needs_and_the_paper_does_not_give_is_said_beside_its_numbers(told: Told) -> None:
+    taken = "the acceleration of gravity (9.81 m/s^2 is taken)"
+    assert taken in words(again.section(told))
+    assert taken in {finding.title: finding.text for finding in paper_findings(told)}["The paper's mechanism never stops"]
+    at_start = [row["example"] for row in told.audit if "crank acceleration" in row["example"]]
+    assert len(at_start) == 6
+    assert all("inertias and gravity as assumed here" in example for example in at_start)
+    assert "uniform bars and 9.81 m/s^2 are taken" in words(papers.section(told))
 
 
 def test_a_verdict_that_the_measurement_contradicts_stands_out(told: Told) -> None:

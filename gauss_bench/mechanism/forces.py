@@ -137,6 +137,7 @@ class JointFriction:
     """Dry friction in the joints of one mechanism; pairs (p) with mu = 0 are left out, so that nothing is done for them.
 
     Attributes:
+        acting: (p,) friction and pair.
         rows: (p,) first multiplier of each pair.
         pins: (p,) 1 where the second multiplier is a force too, 0 for a slide, where it is a moment.
     """
@@ -147,13 +148,13 @@ class JointFriction:
 
     def __init__(self, mechanism: Mechanism):
         at = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
-        acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
-        self.rows = np.array([at[pair.name] for _, pair in acting], dtype=int)
-        self.pins = np.array([not isinstance(pair, Prismatic) for _, pair in acting], dtype=float)
-        self.lever = np.array([f.mu * f.radius for f, _ in acting])
-        self.speed = np.array([f.speed for f, _ in acting])
+        self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
+        self.rows = np.array([at[pair.name] for _, pair in self.acting], dtype=int)
+        self.pins = np.array([not isinstance(pair, Prismatic) for _, pair in self.acting], dtype=float)
+        self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
+        self.speed = np.array([f.speed for f, _ in self.acting])
         self.stack = Stack(len(mechanism.links))
-        self.groups = groups(self.stack, [pair.motion for _, pair in acting])
+        self.groups = groups(self.stack, [pair.motion for _, pair in self.acting])
         self.stack.close()
 
     def __bool__(self) -> bool:

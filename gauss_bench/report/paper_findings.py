@@ -1,11 +1,11 @@
 """Sentences computed from the rows about the papers: each function looks for one thing and returns what it found, or nothing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from gauss_bench.report.content import Finding, count, error, listed
-from gauss_bench.report.rows import Run, grouped, number
+from gauss_bench.report.rows import Row, Run, grouped, number
 
-SAID = {"ok": "are right as printed", "misprint": "misprinted", "not given": "left out"}
+SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out", "unreadable": "unreadable in our text"}
 
 
 def paper_findings(run: Run) -> Iterator[Finding]:
@@ -15,19 +15,32 @@ def paper_findings(run: Run) -> Iterator[Finding]:
     yield from never_stops(run)
 
 
+def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
+    """(paper, cause) -> its lines; lines without a cause are left out."""
+    return grouped((row for row in rows if row.get("cause")), lambda row: (str(row["paper"]), str(row["cause"])))
+
+
+def verdicts(rows: Iterable[Row]) -> str:
+    """How many lines came out how, and for how many causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    parts = []
+    for verdict, group in grouped(rows, lambda row: str(row["verdict"])).items():
+        reasons = len(causes(group))
+        parts.append(f"{len(group)} {SAID.get(verdict, verdict)}" + (f" ({count(reasons, 'cause')})" if reasons else ""))
+    return listed(parts)
+
+
 def statements(run: Run) -> Iterator[Finding]:
-    """How many printed statements hold, and which are wrong."""
+    """How many printed lines hold, for how many causes the others do not, and which are wrong."""
     if not run.audit:
         return
-    verdicts = grouped(run.audit, lambda row: str(row["verdict"]))
     papers = {row["paper"] for row in run.audit}
-    counts = listed(f"{len(rows)} {SAID.get(verdict, verdict)}" for verdict, rows in verdicts.items())
-    wrong = grouped(verdicts.get("wrong", []), lambda row: f"{row['equation']} of {row['paper']}")
+    off = [row for row in run.audit if row["verdict"] != "ok"]
+    wrong = grouped((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
     fallen = [str(row["name"]) for row in run.audit if not row["stands"]]
-    text = f"Of {count(len(run.audit), 'statement')} of {count(len(papers), 'paper')} that were computed, {counts}."
+    text = f"Of {count(len(run.audit), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(run.audit)}."
     text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
     text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
-    yield Finding("What the papers print", text, "bad" if fallen else "warn" if set(verdicts) - {"ok"} else "good")
+    yield Finding("What the papers print", text, "bad" if fallen else "warn" if off else "good")
 
 
 def unseen(run: Run) -> Iterator[Finding]:
@@ -56,6 +69,13 @@ def never_stops(run: Run) -> Iterator[Finding]:
         "The paper's mechanism never stops",
         f'"{str(rows["stops"]["quantity"]).capitalize()}", says the first paper of its example. With the printed data it settles '
         f"into turning at {mean:.4g} rad/s on average; from the printed start it comes to rest only for torques between "
-        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed.",
+        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed. {assumed(rows)}",
         "warn",
     )
+
+
+def assumed(rows: Mapping[str, Row]) -> str:
+    """What the example's numbers need that the paper does not give, from the reproduction's rows by key."""
+    left_out = (rows[key] for key in ("inertias", "gravity") if key in rows)
+    taken = (f"the {row['quantity']} ({str(row['statement']).partition(';')[0]})" for row in left_out)
+    return f"The paper does not give {listed(taken)}."

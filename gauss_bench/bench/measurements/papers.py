@@ -5,9 +5,8 @@ from typing import Any
 
 from gauss_bench.mechanism.load import load
 from gauss_bench.papers.audit import audit
-from gauss_bench.papers.motion_table import SPAN, paper_motion
 from gauss_bench.papers.published import SQUEEZER, published
-from gauss_bench.papers.reproduction import reproduction
+from gauss_bench.papers.reproduction import SPAN, paper_motion, reproduction
 from gauss_bench.reference.store import certified_reference, stored_reference
 
 

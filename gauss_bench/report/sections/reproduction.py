@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from gauss_bench.report.content import Block, Bullets, Cell, Picture, Section, Table, Text, columns, error, listed, text_cell
 from gauss_bench.report.paper_figures import paper_figures
+from gauss_bench.report.paper_findings import assumed
 from gauss_bench.report.rows import Row, Run, known, number
 
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
@@ -56,7 +57,7 @@ def verdict(rows: Mapping[str, Row]) -> str:
     if rows["stops"]["verdict"] != "refuted":
         return f"The paper says that {rows['stops']['quantity']}: with the data of this run it does."
     return (
-        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** Under '
+        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** {assumed(rows)} Under '
         f"{value(rows, 'torque')} the crank, at rest at first, comes round after {value(rows, 'first_time')} with "
         f"{value(rows, 'first_speed')} and goes on. From {value(rows, 'steady_after')} on its turns are alike within 1 %: "
         f"{value(rows, 'mean')} on average, between {value(rows, 'slowest')} and {value(rows, 'fastest')}. Each turn takes "
