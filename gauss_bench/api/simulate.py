@@ -5,12 +5,6 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-<<<<<<< HEAD
-from gauss_bench.engines import FOREIGN, get
-from gauss_bench.engines.base import Choice, Engine
-from gauss_bench.integrate.fixed_step import step_counts
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
-=======
 from gauss_bench.api.results import Simulation
 from gauss_bench.bench.offers import ChoiceError, isolated, offer
 from gauss_bench.bench.one_run import Run, acceleration_error, one_run, sampling_through
@@ -18,7 +12,7 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, examine, judge
->>>>>>> main
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point

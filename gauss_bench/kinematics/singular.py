@@ -34,13 +34,8 @@ class ChangePoint(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-<<<<<<< HEAD
-class Coordinate:
-    """A coordinate that may drive the linkage."""
-=======
 class DrivingCoordinate:
-    """A coordinate that may drive the linkage: its value and gradient (n,) at q."""
->>>>>>> main
+    """A coordinate that may drive the linkage."""
 
     name: str
     scalar: Angle | Along
@@ -74,17 +69,10 @@ def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             if GROUND in (joint.guide.link, joint.block.link):
-<<<<<<< HEAD
-                found.append(Coordinate(joint.name, joint.motion))
+                found.append(DrivingCoordinate(joint.name, joint.motion))
         elif GROUND in (joint.a.link, joint.b.link):
             link = max(joint.a.link, joint.b.link)
-            found.append(Coordinate(mechanism.links[link].name, Angle(GROUND, link)))
-=======
-                found.append(DrivingCoordinate(joint.name, _slide(mechanism.n, joint)))
-        elif GROUND in (joint.a.link, joint.b.link):
-            link = max(joint.a.link, joint.b.link)
-            found.append(DrivingCoordinate(mechanism.links[link].name, _angle(mechanism.n, link)))
->>>>>>> main
+            found.append(DrivingCoordinate(mechanism.links[link].name, Angle(GROUND, link)))
     return found
 
 
