@@ -162,7 +162,7 @@ def test_public_functions_stand_beside_each_other() -> None:
 
 @pytest.mark.parametrize(("start", "law"), [(30.0, "constant"), (30.0, "poly345:travel_deg=20,time=1"), (30.0, "constant:speed=1")])
 def test_a_driver_starts_where_the_scenario_does(start: float, law: str, tmp_path: Path) -> None:
-    path = tmp_path / "turned.toml"
+    path = tmp_path / "four_bar.toml"
     content = built_in()["four_bar"].read_text(encoding="utf-8")
     own = 'law = "constant", start_deg = 0.0'
     assert own in content
