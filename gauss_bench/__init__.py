@@ -5,7 +5,7 @@
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
-    compile_kernel(mechanism, ...) -> Kernel: native code of a linkage
+    compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
 Each is loaded when first asked for, so that importing the package costs nothing.
 """
@@ -35,7 +35,7 @@ _HOMES = {
     "compare": "gauss_bench.api.compare:compare",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "certify": "gauss_bench.reference.certify:certify",
-    "compile_kernel": "gauss_bench.compiler.kernel:compile",
+    "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
     "Kernel": "gauss_bench.compiler.kernel:Kernel",
     "Simulation": "gauss_bench.api.results:Simulation",
     "Kinematics": "gauss_bench.api.results:Kinematics",
