@@ -22,7 +22,7 @@ from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import loop_rows
-from gauss_bench.reference.taylor.samples import States, sampled
+from gauss_bench.reference.taylor.samples import LoopStates, sampled
 from gauss_bench.reference.taylor.solve import columns, stacked
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import loop_coordinates
@@ -80,7 +80,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
     a = stacked([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
-    here = sampled(rows, States(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
+    here = sampled(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
     wanted = AbsoluteCoordinates(mechanism).acceleration(np.zeros(1), mechanism.q0[None], mechanism.v0[None])
     assert off(here.q, mechanism.q0) < 1e-14
     assert off(here.v, mechanism.v0) < 1e-13 * (1.0 + np.abs(mechanism.v0).max())

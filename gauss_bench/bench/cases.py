@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from gauss_bench.engines import COMPILED, OWN, get, names
+from gauss_bench.bench.offers import offer
+from gauss_bench.engines import COMPILED, OWN, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 
@@ -48,7 +49,9 @@ def variants(engine: str, integrators: int | None = None) -> list[tuple[str, str
     Every setting with every integrator (or the first few) without stabilisation, and every stabilisation at the defaults. Own
     formulations other than `gauss` and `gauss-native` differ in algebra alone, so their first integrator says all there is to say.
     """
-    adapter = get(engine)
+    adapter = offer(engine)
+    if not adapter.usable:
+        return [("default", "", "none")]  # one row, which says why
     first_setting, first_integrator = next(iter(adapter.settings)), adapter.integrators[0]
     if engine in (*OWN, *COMPILED) and engine not in ("gauss", COMPILED[0]):
         return [(first_setting, first_integrator, "none")]

@@ -12,17 +12,19 @@ import pandas as pd
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.clock import compare_costs, ratio
 from gauss_bench.bench.journal import Journal, fingerprint
-from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, Alteration, measure, mechanism_of, reference_of, unaltered
+from gauss_bench.bench.measure import Alteration, measure, mechanism_of, reference_of, unaltered
 from gauss_bench.bench.measurements.certificates import certificate_table, certificates_digest
 from gauss_bench.bench.measurements.driving import LINKAGES as driving_linkages
 from gauss_bench.bench.measurements.driving import driving
 from gauss_bench.bench.measurements.geometry import LINKAGES as geometry_linkages
 from gauss_bench.bench.measurements.geometry import geometry
 from gauss_bench.bench.measurements.papers import PAPER_TASKS, example_motion
+from gauss_bench.bench.offers import offers
 from gauss_bench.bench.tasks import Task, finish
-from gauss_bench.engines import get
+from gauss_bench.judge import LIMITS
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.tables import KEY, SIDE_TABLES, environment, table, write_table, write_text
+from gauss_bench.trajectory import Status
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the quick suite takes 10 s on a slow core
 COST_LIMIT = 600.0  # [s] for one linkage with all engines
@@ -49,7 +51,7 @@ def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool 
         if driven:
             found |= finish(driven_tasks(stamp, store), jobs, CASE_LIMIT, "driven", journal)
         if costs:
-            found |= finish(cost_tasks(cases, stamps), 1, COST_LIMIT, "costs", journal)
+            found |= finish(cost_tasks(fit(cases, found), stamps), 1, COST_LIMIT, "costs", journal)
     return _write(cases, found, folder, suite)
 
 
@@ -95,6 +97,12 @@ def cost_tasks(cases: list[Case], stamps: dict[Case, str]) -> list[Task]:
     engines = list(dict.fromkeys(c.engine for c in cases))
     wanted = sorted({(c.linkage, c.scenario): stamps[c] for c in cases}.items())
     return [Task(f"cost|{'|'.join(k)}|{','.join(engines)}", compare_costs, (*k, engines), stamp) for k, stamp in wanted]
+
+
+def fit(cases: list[Case], found: dict[str, dict[str, Any]]) -> list[Case]:
+    """The cases of engines that can share a process with others: they have neither crashed nor hung on that linkage."""
+    lost = {(c.linkage, c.engine) for c in cases if found[c.key()]["row"]["status"] in (Status.CRASHED, Status.TIMEOUT)}
+    return [c for c in cases if (c.linkage, c.engine) not in lost]
 
 
 def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dict[str, Any]:
@@ -166,7 +174,7 @@ def _write(cases: list[Case], found: dict[str, dict[str, Any]], folder: Path, su
     where = environment() | {
         "suite": suite,
         "baseline_engine": BASELINE,
-        "gates": {"acceleration": OFF_ACCELERATION, "drift": OFF_DRIFT},
+        "gates": LIMITS,
         "engines": described_engines(list(dict.fromkeys(c.engine for c in cases))),
         "costs_failed": failed,
     }
@@ -207,12 +215,4 @@ def with_all_digits(references: pd.DataFrame) -> pd.DataFrame:
 
 def described_engines(engines: list[str]) -> dict[str, Any]:
     """Version and every setting of the engines, as the report prints them."""
-    described = {}
-    for name in engines:
-        adapter = get(name)
-        try:
-            version = adapter.version()
-        except ImportError:
-            version = "not installed"
-        described[name] = {"version": version, "settings": {k: dict(v) for k, v in adapter.settings.items()}}
-    return described
+    return {x.name: {"version": x.version, "settings": x.settings} for x in offers(engines)}

@@ -49,7 +49,7 @@ class Equation:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class PointGroup:
     """Points that only their equations together determine (an Assur group): its name, rows and columns of the Jacobian.
 
     The sign of its determinant tells assemblies apart: that of a dyad is the side on which its middle point lies. It can change
@@ -202,7 +202,7 @@ class PointModel:
         return np.array(found, dtype=int)
 
 
-def groups(model: PointModel) -> tuple[Group, ...]:
+def groups(model: PointModel) -> tuple[PointGroup, ...]:
     """The groups that have more than one assembly, in an order in which they can be solved.
 
     Equations and unknowns are matched; an equation points from its unknown to the others in it, and unknowns that reach each
@@ -228,5 +228,5 @@ def groups(model: PointModel) -> tuple[Group, ...]:
         rows = sorted(row_of[k] for k in columns)
         if curved[rows].any() and not part & spoiled:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
-            found.append(Group(name, np.array(rows), np.array(columns)))
+            found.append(PointGroup(name, np.array(rows), np.array(columns)))
     return tuple(found)

@@ -271,20 +271,20 @@ def not_valid(run: Run) -> Iterator[Finding]:
         found = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",
-            f"{count(len(rows), 'case')} ended ok and did not pass the validity gate: {found}. They stay in the tables, marked, "
+            f"{count(len(rows), 'case')} ended and may not be used: {found}. They stay in the tables, marked, "
             "and are in no figure of error against cost and in no ranking.",
             "warn",
         )
 
 
 def _why(group: list[Row]) -> str:
-    """The gate's words for these rows, numbers taken out, in order of how often they were said."""
+    """The judge's words for these rows, numbers taken out, in order of how often they were said."""
     words = [re.sub(r" by \S+", "", str(row.get("flag") or "no reason given")) for row in group]
     return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))
 
 
 def failed(run: Run) -> Iterator[Finding]:
-    rows = [row for row in run.results if row["status"] not in ("ok", "skip")]
+    rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
     if rows:
         groups = grouped(rows, lambda r: (r["engine"], r["status"])).items()
         found = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)

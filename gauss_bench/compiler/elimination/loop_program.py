@@ -39,7 +39,7 @@ from gauss_bench.compiler.equations.sampling import typical_length
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.compiler.expressions.planar import Vector
-from gauss_bench.kinematics.loop_equations import REGULAR, Group, LoopEquations
+from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, LoopGroup
 from gauss_bench.mechanism.model import Point
 from gauss_bench.terms import Array
 
@@ -227,7 +227,7 @@ class Groups:
     `columns` are those of the unknowns, by loop.
     """
 
-    def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
+    def __init__(self, graph: Graph, groups: Sequence[LoopGroup], columns: Sequence[Columns]):
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()

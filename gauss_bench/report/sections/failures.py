@@ -14,14 +14,14 @@ def section(run: Run) -> Section:
     invalid = [row | {"message": row.get("flag", "")} for row in map(dict, run.results) if ok(row) and not row["valid"]]
     lost = run.environment.get("costs_failed", [])
     if not failed and not invalid and not lost:
-        return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended ok and is valid."),))
+        return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended and is valid."),))
     blocks: list[Block] = [Text("Cases that ended for the same reason share a line; none of them is in a figure or a ranking.")]
     for skipped, title in ((False, "Failed"), (True, "Skipped: not modelled, with the adapter's reason")):
         rows = [row for row in failed if (row["status"] == "skip") == skipped]
         if rows:
             blocks.append(reasons(title, rows))
     if invalid:
-        blocks.append(reasons("Ended, but not valid: the gate's reason", invalid, "not valid"))
+        blocks.append(reasons("Ended, but not valid: the judge's reason", invalid, "not valid"))
     if lost:
         blocks.append(costs(lost))
     return Section("Skipped and failed cases", "failures", tuple(blocks))

@@ -77,9 +77,9 @@ def section(run: Run, name: str) -> Section | None:
 
 def left_out(rows: list[Row], costs: bool = False) -> str:
     """How many rows no figure draws, in a sentence."""
-    failed = sum(row["status"] not in ("ok", "skip") for row in rows)
+    failed = sum(row["status"] not in ("ok", "invalid", "skip") for row in rows)
     skipped = sum(row["status"] == "skip" for row in rows)
-    invalid = sum(row["status"] == "ok" and not ranked(row) for row in rows)
+    invalid = sum(row["status"] in ("ok", "invalid") and not ranked(row) for row in rows)
     reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
     if costs:
         reasons.append((sum(ranked(row) and plain(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
