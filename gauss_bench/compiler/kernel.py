@@ -60,7 +60,7 @@ def compile(
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite")
+        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
     width = native_code.best_lanes() if lanes is None else lanes
     plain = stabilization == "none" and not open_parameters and independent is None and chosen == "llvm"

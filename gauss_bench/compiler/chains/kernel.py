@@ -47,7 +47,7 @@ def large_kernel(mechanism: Mechanism, formulation: str = "gauss", lanes: int = 
     if mechanism.has_friction:
         raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
     if not native_code.available():
-        raise KernelError("the kernel of a large linkage needs the package llvmlite")
+        raise KernelError("the kernel of a large linkage needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     return LargeKernel(mechanism, formulation, lanes, cache)
 
 
