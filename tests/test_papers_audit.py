@@ -15,6 +15,7 @@ from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.loops import turnings
 from gauss_bench.papers.line import Cause, Line, Verdict, discrepancy, judge
 from gauss_bench.papers.line import row as measured_row
+from tests.conftest import needs
 from tests.papers_mutations import MUTATIONS
 from tests.papers_tables import audited
 
@@ -252,7 +253,7 @@ def test_a_computer_inverts_the_singular_projector_to_noise() -> None:
 
 @pytest.mark.slow
 def test_the_misprints_by_symbols() -> None:
-    sp = pytest.importorskip("sympy")
+    sp = needs("sympy")
     t, l1, l2, e = sp.symbols("t l1 l2 e")
     a1, x2, y2, a2, x3, phi, s = (sp.Function(name)(t) for name in ("a1", "x2", "y2", "a2", "x3", "phi", "s"))
     rod = y2 + l2 / 2 * sp.sin(a2)

@@ -79,11 +79,11 @@ class _Writer:
         return Equation("length", self.name(A, B), bar, bar, -L / 2 * self.one)
 
     def vanishing(self, kinds: tuple[str, str], about: str, row: Vectors) -> list[Equation]:
-        """Both components of a vector that is linear in z."""
+        """Two equations: both components of a vector that is linear in z are zero."""
         return [Equation(kind, about, self.none, self.none, c) for kind, c in zip(kinds, (row, -1j * row), strict=True)]
 
     def link(self, link: int) -> Iterator[Equation]:
-        """What keeps the points of one link together."""
+        """The equations that hold the points of one link at their places in it."""
         p = self.points
         root, anchor = p.frames[link][0], p.anchor[link]
         owner, A, B = p.base.get(root, (None, -1, -1))
@@ -118,7 +118,7 @@ class _Writer:
         return Equation("driven length", name, gap, gap, -p.unit(p.stretched[name]) / size**2)
 
     def line_kind(self, slide: Prismatic) -> str:
-        """What the line is to the link that carries it, or to the world's axes."""
+        """Name of a slide's equation, by how its line lies in the link that carries it or to the world's axes."""
         p, link = self.points, slide.guide.link
         u = exp(1j * (slide.angle + (p.frames[link][1] if p.frames[link][0] == GROUND else 0.0)))
         if p.frames[link][0] == GROUND:

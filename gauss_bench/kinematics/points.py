@@ -46,7 +46,7 @@ def place(point: Point) -> complex:
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Link -> (root, phase) with theta = theta_root + phase: partners in a slide keep their angles alike. GROUND is a root."""
+    """Link -> (root, phase) with theta = theta_root + phase: links joined by a slide turn by the same angle. GROUND is a root."""
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
     found: dict[int, tuple[int, float]] = {}
     for root in range(GROUND, len(mechanism.links)):
@@ -201,7 +201,7 @@ class Points:
                 self.placed_by[entry] = link
 
     def _place(self) -> None:
-        """Place points until nothing more follows from pivots and inputs."""
+        """Find every point whose place follows from pivots and inputs alone, one after the other."""
         self._carry(GROUND)
         posed, count = {GROUND}, -1
         while count != len(posed) + len(self.placements):

@@ -202,7 +202,7 @@ def _closed(q: Array, start: Array, step: float) -> bool:
 
 
 def _distinct(found: list[Singular]) -> list[Singular]:
-    """Each position once: a start at a dead centre is met again when the curve closes."""
+    """Without repeated positions: a start at a dead centre is found a second time when the curve closes."""
     kept: list[Singular] = []
     for one in found:
         if not any(k.coordinate == one.coordinate and _closed(one.q.copy(), k.q, 1e-6) for k in kept):

@@ -16,7 +16,7 @@ from gauss_bench.bench.kernel_timing import Missing, Row, row
 from gauss_bench.bench.measurements.steps import FORMULATIONS
 from gauss_bench.bench.targets import AGREEMENT, at_most
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import compile
+from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -81,7 +81,7 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
         Missing: one of them has no answer.
     """
     try:
-        kernel = compile(mechanism, formulation)
+        kernel = compile_kernel(mechanism, formulation)
         true, other = (_accelerations(mechanism, name, q, v) for name in judges(mechanism, formulation))
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error

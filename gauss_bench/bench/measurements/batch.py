@@ -14,7 +14,7 @@ from gauss_bench.bench.kernel_effort import Effort
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
 from gauss_bench.bench.measurements.steps import STEPS, H
 from gauss_bench.bench.targets import BATCH, at_least
-from gauss_bench.compiler.kernel import Kernel, compile
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
@@ -36,7 +36,7 @@ def batch(linkage: str, scenario: str, effort: Effort) -> dict[str, Any]:
     q, v = shuffled(states.q, states.v)
 
     def own() -> Block:
-        kernels.append(compile(mechanism, "gauss", backend="llvm"))
+        kernels.append(compile_kernel(mechanism, "gauss", backend="llvm"))
         return lasting(None, lambda: kernels[0].rollout(q, v, H, STEPS), STEPS * len(q))
 
     def rival() -> Block:

@@ -11,9 +11,8 @@ import numpy as np
 from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, row
 from gauss_bench.bench.measurements.steps import FORMULATIONS, QUANTITY, STEPS, H
-from gauss_bench.compiler.elimination.program import costs
+from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.kernel import Kernel
-from gauss_bench.compiler.stepping.driver import known_program
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism

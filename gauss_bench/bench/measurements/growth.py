@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, interleaved, lasting
-from gauss_bench.compiler.chains.kernel import large_kernel
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import compile as straight_line
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
@@ -124,19 +123,9 @@ def _time(rows: list[Row], blocks: list[Block]) -> None:
         rows[k] |= dict(zip(("seconds", "low", "high"), map(float, np.quantile(x, (0.25, 0.05, 0.95))), strict=True))
 
 
-def _straight_line(wanted: Task) -> Contender:
-    start = time.perf_counter()
-    kernel = straight_line(wanted.mechanism, "gauss", cache=False)
-    found = _own(kernel, wanted)
-    compiling = kernel.compile_seconds
-    return Contender(
-        found, wanted.error(kernel.acceleration(wanted.q, wanted.v)), time.perf_counter() - start - compiling, compiling
-    )
-
-
-def _loops(formulation: str) -> Callable[[Task], Contender]:
+def _compiled(form: str, formulation: str) -> Callable[[Task], Contender]:
     def build(wanted: Task) -> Contender:
-        kernel = large_kernel(wanted.mechanism, formulation, cache=False)
+        kernel = compile_kernel(wanted.mechanism, formulation, cache=False, form=form)
         blocks = _own(kernel, wanted)
         error = wanted.error(kernel.acceleration(wanted.q, wanted.v))
         return Contender(blocks, error, kernel.generate_seconds, kernel.compile_seconds)
@@ -144,7 +133,7 @@ def _loops(formulation: str) -> Callable[[Task], Contender]:
     return build
 
 
-def _own(kernel: Any, wanted: Task) -> dict[str, Block]:
+def _own(kernel: Kernel, wanted: Task) -> dict[str, Block]:
     steps = lasting(None, lambda: kernel.rollout(wanted.q, wanted.v, STEP, LOOPED), 4 * LOOPED)
     return {"in its own loop": steps, "called from Python": lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))}
 
@@ -200,9 +189,9 @@ def _exudyn(wanted: Task) -> Contender:
 
 
 CONTENDERS: dict[str, Callable[[Task], Contender]] = {
-    "loops, gauss": _loops("gauss"),
-    "loops, lagrange": _loops("lagrange"),
-    "straight line, gauss": _straight_line,
+    "loops, gauss": _compiled("looped", "gauss"),
+    "loops, lagrange": _compiled("looped", "lagrange"),
+    "straight line, gauss": _compiled("straight line", "gauss"),
     "pinocchio, constraintDynamics": _pinocchio("constraintDynamics"),
     "pinocchio, lcaba": _pinocchio("lcaba"),
     "mujoco, sparse": _mujoco("sparse"),

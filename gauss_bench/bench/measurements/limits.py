@@ -21,13 +21,14 @@ from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
 from gauss_bench.bench.measurements.claim import BATCH
 from gauss_bench.bench.measurements.steps import QUANTITY
+from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.schedule import LATENCY, period
+from gauss_bench.compiler.machine.code import read_code
+from gauss_bench.compiler.machine.graph import LATENCY, constant_values, leaves, period
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping.driver import known_program
-from gauss_bench.compiler.stepping.rollout import WrittenOut, constant_values, leaves
-from gauss_bench.compiler.stepping.steps import REACHES, read_code
+from gauss_bench.compiler.stepping.rollout import WrittenOut
+from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.mechanism.model import Mechanism
 
 CYCLES = LATENCY["fma"]

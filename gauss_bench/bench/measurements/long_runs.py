@@ -14,7 +14,7 @@ from gauss_bench.bench.kernel_timing import Missing, Row, row
 from gauss_bench.bench.measurements.steps import FORMULATIONS
 from gauss_bench.bench.targets import DRIFT, ORDER, ORDER_MARGIN
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel, compile
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -51,7 +51,7 @@ def measured(mechanism: Mechanism, formulation: str, step: float, duration: floa
         Missing: the mechanism has no kernel, or the run did not end.
     """
     try:
-        trajectory = run(compile(mechanism, formulation, "projection"), step, duration)
+        trajectory = run(compile_kernel(mechanism, formulation, "projection"), step, duration)
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error
     if not np.isfinite(trajectory.q).all():

@@ -9,7 +9,7 @@ import numpy as np
 from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
 from gauss_bench.bench.targets import PROJECTED, STEP, at_least
-from gauss_bench.compiler.kernel import Kernel, compile
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
@@ -28,7 +28,7 @@ def enter(race: Race, mechanism: Mechanism, formulation: str, stabilization: str
     kept: list[Kernel] = []
 
     def make() -> Block:
-        kernel = compile(mechanism, formulation, stabilization, backend="llvm")
+        kernel = compile_kernel(mechanism, formulation, stabilization, backend="llvm")
         kept.append(kernel)
         return lasting(None, lambda: kernel.rollout(mechanism.q0, mechanism.v0, H, STEPS), STEPS)
 

@@ -48,7 +48,10 @@ class Series(Protocol):
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart: where it ended, samples on the way, and whether a pivot is worn or all is over."""
+    """A part of the motion within one chart, up to t.
+
+    `worn` tells that a pivot became too small there, and `stopped` why the motion cannot go on at all, or is empty.
+    """
 
     t: Any
     state: Long
