@@ -41,11 +41,12 @@ def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
     from gauss_bench.bench.offers import ChoiceError
+    from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
-    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, Busy, OSError))
+    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, MissingExtra, Busy, OSError))
 
 
 def print_json(item: Any) -> None:
@@ -211,8 +212,10 @@ def run(options: argparse.Namespace) -> int:
 def run_kernel(options: argparse.Namespace) -> int:
     """The suite of the compiled formulations: no cases, but tables of its own."""
     from gauss_bench.bench.kernel_suite import LINKAGES, run_kernels, summary
+    from gauss_bench.engines.extras import require
     from gauss_bench.mechanism.load import load
 
+    require("llvmlite")
     chosen = {x: load(x, options.scenario or LINKAGES.get(x)).scenario for x in options.linkages} or None
     tables = run_kernels(chosen, options.out, options.jobs)
     if options.json:

@@ -13,6 +13,7 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -76,7 +77,7 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     try:
         engine = get(case.engine)
     except ImportError as error:
-        return {"row": row | {"status": str(Status.SKIP), "message": f"not installed: {error}"}, "series": []}
+        return {"row": row | {"status": str(Status.SKIP), "message": not_installed(error)}, "series": []}
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
     run = one_run(engine, alter(mechanism), case.choice, wanted, inspect)
     if run.trajectory is None:
