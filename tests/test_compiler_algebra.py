@@ -14,7 +14,7 @@ from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, generate, partitions
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
@@ -335,9 +335,9 @@ def test_what_cannot_be_a_kernel_is_refused() -> None:
         generate(linkage("crank_slider", "paper"), "gauss", independent=(8,))  # the slider's angle never changes
 
 
-def graph_of(count: int) -> tuple[Graph, list[Node]]:
+def graph_of(count: int) -> tuple[ExpressionGraph, list[Node]]:
     rng = np.random.default_rng(3)
-    graph = Graph(4)
+    graph = ExpressionGraph(4)
     return graph, [graph.input("x", k, rng.normal(size=4), 1.0) for k in range(count)]
 
 
@@ -358,7 +358,7 @@ def test_equal_expressions_are_one_node_whatever_their_form() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_factors_solve_a_system_and_its_transpose(seed: int, crossing: float) -> None:
     rng, n, samples = np.random.default_rng(seed), 7, 5
-    graph = Graph(samples)
+    graph = ExpressionGraph(samples)
     full = [(r, c) for r in range(n) for c in range(n) if r == c or rng.random() < 0.35]
     A = {(r, c): graph.input("A", n * r + c, rng.uniform(1.0, 2.0, samples) + 4.0 * (r == c), 1.0) for r, c in full}
     A[3, 3] = graph.constant(4.0)
