@@ -10,6 +10,7 @@ FOREIGN = {
     "pinocchio": "gauss_bench.engines.pinocchio.adapter:Pinocchio",
     "exudyn": "gauss_bench.engines.exudyn.adapter:Exudyn",
     "mujoco": "gauss_bench.engines.mujoco.adapter:Mujoco",
+    "casadi": "gauss_bench.engines.casadi.adapter:Casadi",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")

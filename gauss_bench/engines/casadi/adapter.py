@@ -1,0 +1,189 @@
+"""CasADi's integrators on a linkage in absolute coordinates: IDAS for its differential-algebraic equations, CVODES without them.
+
+    idas          q' = v,  v' = a        with a, lambda from   M a + J^T lambda = Q,  J a = gamma             (index 1: it drifts)
+    idas_ggl      q' = v - H^T mu,  v' = a,                    M a + J^T lambda = Q,  c = 0,  phi = 0         (stabilised index 2)
+    cvodes_bdf    q' = v,  v' = a(t, q, v) in closed form, by BDF and Newton's method
+    cvodes_adams  the same by Adams' method and functional iteration
+
+with H the holonomic rows of J. All choose steps and orders for themselves: `step` is only where samples are taken, unless the
+state is projected there, which starts the method again, at order 1 and with a small step; that shows in the steps and evaluations.
+The projection is the suite's. Multipliers and accelerations are left out of the error test, as the documentation of IDAS advises
+for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with
+constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.casadi.functions import unfit
+from gauss_bench.engines.shared import finite_acceleration, require_finite
+from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+COMMON: Mapping[str, object] = {
+    "idas.suppress_algebraic": True,
+    "idas.linear_solver": "csparse",
+    "baumgarte_alpha_beta_per_s": BAUMGARTE_RATE,
+}
+SETTINGS: Mapping[str, Mapping[str, object]] = {
+    "default": {"reltol": 1e-6, "abstol": 1e-8, **COMMON},  # CasADi's own tolerances
+    "tight": {"reltol": 1e-10, "abstol": 1e-12, **COMMON},  # those that the suite gives to DOP853
+}
+# Absolute tolerance by which algebraic variables are as good as left out of Newton's convergence test: in index 2 they converge
+# like 1/h only, and where IDAS is to find them at a state that was just projected, they are exact already and its search fails.
+LOOSE = 1e9
+REASONS = {
+    "TOO_MUCH_WORK": "too many steps between two samples",
+    "CONV_FAIL": "Newton's iteration does not converge, as where constraint rows lose their rank",
+    "CONV_FAILURE": "the iteration does not converge, as where constraint rows lose their rank",
+    "ERR_FAIL": "the error test fails however small the step",
+    "ERR_FAILURE": "the error test fails however small the step",
+    "LSETUP_FAIL": "the matrix of Newton's iteration is singular",
+    "LSOLVE_FAIL": "the matrix of Newton's iteration is singular",
+    "TOO_MUCH_ACC": "the tolerances ask for more digits than doubles have",
+}
+
+
+class Casadi:
+    """The engine."""
+
+    name = "casadi"
+    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
+    stabilizations = STABILIZATIONS
+    settings = SETTINGS
+    native_loop = True
+    python_loop = False
+
+    def version(self) -> str:
+        import casadi
+
+        return f"CasADi {casadi.CasadiMeta.version()} with SUNDIALS"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if choice.integrator == "idas_ggl" and choice.stabilization != "none":
+            return "the stabilised index 2 form keeps the constraints by itself"
+        return unfit(mechanism)
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel":
+        return CasadiModel(mechanism, choice)
+
+
+class CasadiModel:
+    """A mechanism as a differential-algebraic system of CasADi."""
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import casadi
+
+        from gauss_bench.engines.casadi.equations import equations, solution
+
+        self.ca: Any = casadi
+        self.mechanism, self.choice = mechanism, choice
+        self.evaluator = Evaluator(mechanism)
+        e = equations(mechanism)
+        self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])
+        self.system = self._system(e, solution)
+
+    def _system(self, e: Any, solution: Any) -> dict[str, Any]:
+        """The system with its start time as parameter: one integrator then serves every interval of a length."""
+        ca, n = self.ca, self.mechanism.n
+        if self.choice.stabilization == "baumgarte":
+            held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
+            e = replace(e, gamma=e.gamma - 2 * BAUMGARTE_RATE * e.c - BAUMGARTE_RATE**2 * held)
+        if self.choice.integrator.startswith("cvodes"):
+            system = {"ode": ca.vertcat(e.v, solution(e)[0])}
+        else:
+            a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
+            motion = e.mass * a + e.J.T @ multipliers - e.Q
+            system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
+            if self.choice.integrator == "idas_ggl":
+                mu = ca.SX.sym("mu", e.phi.shape[0])
+                system["z"] = ca.vertcat(system["z"], mu)
+                system["ode"] = ca.vertcat(e.v - ca.jacobian(e.phi, e.q).T @ mu, a)
+                system["alg"] = ca.vertcat(motion, e.c, e.phi)
+        begin = ca.SX.sym("begin")
+        moved = {key: ca.substitute(x, e.t, begin + e.t) for key, x in system.items()}
+        return moved | {"t": e.t, "x": ca.vertcat(e.q, e.v), "p": begin}
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        """There are only the integrators' own steps, whatever `native` says."""
+        self.times, self.steps, self.evaluations = times, 0, 0
+        self.x = np.tile(np.concatenate([self.mechanism.q0, self.mechanism.v0]), (len(times), 1))
+        spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
+        self.spans = [float(f"{x:.12g}") for x in spans]
+        grids = {x: [x] for x in self.spans} if self.spans else {0.0: list(times[1:] - times[0])}
+        self.integrators = {x: self._integrator(grid) for x, grid in grids.items()} if len(times) > 1 else {}
+
+    def _integrator(self, grid: list[float]) -> Any:
+        chosen = SETTINGS[self.choice.settings]
+        options: dict[str, Any] = {k: chosen[k] for k in ("reltol", "abstol")}
+        kind, _, method = self.choice.integrator.partition("_")
+        if kind == "idas":
+            options |= {k.removeprefix("idas."): x for k, x in chosen.items() if k.startswith("idas.")}
+        if method == "adams":
+            options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
+        if method == "ggl":  # what IDAS offers to make a start consistent is for index 1, and this one is consistent
+            start = self._start(float(self.times[0]), self.x[0])
+            options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *start[: self.mechanism.n]]}
+        if method == "ggl" or (kind == "idas" and self.spans):
+            options["abstolv"] = [options["abstol"]] * (2 * self.mechanism.n) + [LOOSE] * self.system["z"].shape[0]
+        return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
+
+    def _start(self, t: float, x: Array) -> Array:
+        """Algebraic variables at a state: accelerations, multipliers, and no velocity correction."""
+        n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
+        found = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
+        return np.concatenate([found, np.zeros(size)])[:size]
+
+    def run(self) -> None:
+        if self.spans:
+            self._projected()
+        elif self.integrators:
+            self.x[1:] = self._integrated(0.0, float(self.times[0]), self.x[0])
+
+    def _projected(self) -> None:
+        n = self.mechanism.n
+        for k, span in enumerate(self.spans):
+            x = self._integrated(span, float(self.times[k]), self.x[k])[-1]
+            require_finite(self.times[k + 1 : k + 2], x[None])
+            self.x[k + 1] = np.concatenate(self.evaluator.project(float(self.times[k + 1]), x[:n], x[n:]))
+
+    def _integrated(self, span: float, t: float, x: Array) -> Array:
+        """States (k, 2n) at the ends of one integrator's grid, from t and x.
+
+        Raises:
+            RunFailure: SUNDIALS gave up.
+        """
+        integrator = self.integrators[span]
+        try:
+            found = integrator(x0=x, z0=self._start(t, x), p=t)["xf"]
+        except RuntimeError as error:
+            raise RunFailure(Status.NOT_CONVERGED, why(str(error), self.choice.integrator)) from error
+        counted = integrator.stats()
+        self.steps, self.evaluations = self.steps + counted["nsteps"], self.evaluations + counted["nfevals"]
+        return np.array(found).T
+
+    def read(self) -> Trajectory:
+        n = self.mechanism.n
+        require_finite(self.times, self.x)
+        q, v = self.x[:, :n], self.x[:, n:]
+        a = np.array(self.solve.map(len(self.times))(self.times, q.T, v.T)[0]).T
+        require_finite(self.times, a)
+        return Trajectory(self.times, q, v, a, self.steps, self.evaluations, "steps and orders are the integrator's own choice")
+
+
+def why(text: str, integrator: str) -> str:
+    """A sentence on what CasADi's exception says."""
+    code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
+    said = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
+    return f"{integrator} gave up: {said}"

@@ -1,0 +1,247 @@
+"""The equations of motion of a linkage from its positions and energies alone, in CasADi's symbols; the rest is differentiation.
+
+    phi(t, q) = 0        pins, slides, drivers
+    c(t, q, v) = 0       d phi/dt, and below it the knife edges, which have no position level
+    J = dc/dv,           gamma = -(dc/dt + dc/dq v),         so that dc/dt = J a - gamma along a motion
+    Q = -dV/dq - dR/dv + f,    V potential energy, R half the power lost in dampers, f what has neither
+
+Nothing of `mechanism/constraints.py`, `mechanism/forces.py` and the rates in `mechanism/motion_laws.py` is used, on purpose: the
+tests hold those against this, and what both would share no test could find wrong.
+"""
+
+from dataclasses import dataclass
+from typing import Any, assert_never
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gauss_bench.mechanism.model import (
+    GROUND,
+    AngleDriver,
+    AxisSpringDamper,
+    Driver,
+    Force,
+    Joint,
+    JointDamping,
+    KnifeEdge,
+    LengthDriver,
+    Mechanism,
+    Point,
+    PointForce,
+    Prismatic,
+    Revolute,
+    RotationalSpringDamper,
+    SlideDriver,
+    SpringDamper,
+    Torque,
+)
+from gauss_bench.mechanism.motion_laws import MotionLaw
+
+Symbol = Any  # casadi.SX, which has no types
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Expressions in the symbols t (1), q (n,) and v (n,): M a + J^T lambda = Q subject to J a = gamma.
+
+    Attributes:
+        phi: (h,) residual of the holonomic rows [m, rad]: joints two each, then drivers.
+        c: (m,) d phi/dt, then one row for every knife edge [m/s, rad/s].
+        mass: (n,) diagonal of M [kg, kg m^2].
+        J: (m, n); gamma: (m,).
+        Q: (n,) [N, N m].
+        potential: V [J].
+        power: of what has no potential [W].
+    """
+
+    t: Symbol
+    q: Symbol
+    v: Symbol
+    phi: Symbol
+    c: Symbol
+    mass: Symbol
+    J: Symbol
+    gamma: Symbol
+    Q: Symbol
+    potential: Symbol
+    power: Symbol
+
+
+def equations(mechanism: Mechanism) -> Equations:
+    """The equations of a mechanism, whose numbers may be symbols too; dry friction is not among them."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", mechanism.n), ca.SX.sym("v", mechanism.n)
+    rows = [row for joint in mechanism.joints for row in joint_rows(joint, q)]
+    phi = stacked([*rows, *(driven(driver, q) - value(driver.law, t) for driver in mechanism.drivers)])
+    c = ca.vertcat(rate(phi, q, v) + ca.jacobian(phi, t), *(sideways(edge, q, v) for edge in mechanism.knife_edges))
+    gravity = ca.vertcat(*mechanism.gravity)
+    V = -sum((link.mass * ca.dot(gravity, q[3 * i : 3 * i + 2]) for i, link in enumerate(mechanism.links)), ca.SX(0))
+    V += sum((potential(f, q) for f in mechanism.forces), ca.SX(0))
+    R = sum((dissipation(f, q, v) for f in mechanism.forces), ca.SX(0))
+    neither = sum((without_potential(f, q) for f in mechanism.forces), ca.SX(mechanism.n, 1))
+    return Equations(
+        t,
+        q,
+        v,
+        phi,
+        c,
+        ca.vertcat(*(x for link in mechanism.links for x in (link.mass, link.mass, link.inertia))),
+        ca.jacobian(c, v),
+        -(rate(c, q, v) + ca.jacobian(c, t)),
+        -ca.gradient(V, q) - ca.gradient(R, v) + neither,
+        V,
+        ca.dot(neither, v) - 2 * R,
+    )
+
+
+def solution(e: Equations) -> tuple[Symbol, Symbol]:
+    """Accelerations (n,) and multipliers (m,) in closed form: J M^-1 J^T lambda = J M^-1 Q - gamma, by a sparse L D L^T."""
+    weighted = e.J / ca.repmat(e.mass.T, e.J.shape[0], 1)
+    D, L, order = ca.ldl(weighted @ e.J.T)
+    multipliers = ca.ldl_solve(weighted @ e.Q - e.gamma, D, L, order)
+    return (e.Q - e.J.T @ multipliers) / e.mass, multipliers
+
+
+def stacked(rows: list[Symbol]) -> Symbol:
+    return ca.vertcat(ca.SX(0, 1), *rows)
+
+
+def rate(x: Symbol, q: Symbol, v: Symbol) -> Symbol:
+    """(dx/dq) v."""
+    return ca.jtimes(x, q, v)
+
+
+def rotated(x: Any, theta: Symbol) -> Symbol:
+    return ca.vertcat(ca.cos(theta) * x[0] - ca.sin(theta) * x[1], ca.sin(theta) * x[0] + ca.cos(theta) * x[1])
+
+
+def angle(q: Symbol, link: int) -> Symbol:
+    return ca.SX(0) if link == GROUND else q[3 * link + 2]
+
+
+def position(q: Symbol, point: Point) -> Symbol:
+    """(2,) [m]."""
+    if point.link == GROUND:
+        return ca.SX(ca.DM(point.local))
+    return q[3 * point.link : 3 * point.link + 2] + rotated(point.local, angle(q, point.link))
+
+
+def turned(q: Symbol, a: int, b: int) -> Symbol:
+    """Angle of link b relative to link a."""
+    return angle(q, b) - angle(q, a)
+
+
+def along(q: Symbol, point: Point, origin: Point, direction: float) -> Symbol:
+    """Coordinate of a point on the axis through `origin` that turns with its link."""
+    axis = rotated((1.0, 0.0), angle(q, origin.link) + direction)
+    return ca.dot(axis, position(q, point) - position(q, origin))
+
+
+def distance(q: Symbol, a: Point, b: Point) -> Symbol:
+    return ca.sqrt(ca.sumsqr(position(q, b) - position(q, a)))
+
+
+def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
+    """Both residuals of a joint."""
+    match joint:
+        case Revolute():
+            gap = position(q, joint.b) - position(q, joint.a)
+            return gap[0], gap[1]
+        case Prismatic():
+            left = along(q, joint.block, joint.guide, joint.angle + np.pi / 2)
+            return left - joint.offset, turned(q, joint.guide.link, joint.block.link) - joint.turn
+    assert_never(joint)
+
+
+def joint_coordinate(joint: Joint, q: Symbol) -> Symbol:
+    """What a joint leaves free: the angle of a pin, the way along a slide."""
+    match joint:
+        case Revolute():
+            return turned(q, joint.a.link, joint.b.link)
+        case Prismatic():
+            return along(q, joint.block, joint.guide, joint.angle)
+    assert_never(joint)
+
+
+def driven(driver: Driver, q: Symbol) -> Symbol:
+    """The coordinate a driver prescribes."""
+    match driver:
+        case AngleDriver():
+            return angle(q, driver.link)
+        case SlideDriver():
+            return joint_coordinate(driver.joint, q)
+        case LengthDriver():
+            return distance(q, driver.a, driver.b)
+    assert_never(driver)
+
+
+def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
+    """Velocity of a knife edge across its direction."""
+    across = rotated((0.0, 1.0), angle(q, edge.point.link) + edge.angle)
+    return ca.dot(across, rate(position(q, edge.point), q, v))
+
+
+def sprung(f: Force, q: Symbol) -> list[tuple[Symbol, Any, Any, Any]]:
+    """The scalar coordinates x of springs and dampers, with k, c and rest: V = k (x - rest)^2 / 2, R = c x'^2 / 2."""
+    match f:
+        case SpringDamper():
+            return [(distance(q, f.a, f.b), f.k, f.c, f.rest)]
+        case AxisSpringDamper():
+            return [(along(q, f.point, f.origin, f.angle), f.k, f.c, f.rest)]
+        case RotationalSpringDamper():
+            return [(turned(q, f.a, f.b), f.k, f.c, f.rest)]
+        case JointDamping():
+            return [(joint_coordinate(pair, q), 0.0, f.c, 0.0) for pair in f.pairs]
+        case Torque() | PointForce():
+            return []
+    assert_never(f)
+
+
+def potential(f: Force, q: Symbol) -> Symbol:
+    """Potential energy of one force [J]."""
+    match f:
+        case Torque():
+            return -f.value * turned(q, f.reaction, f.link)
+        case PointForce() if f.frame == GROUND:
+            return -ca.dot(ca.vertcat(*f.value), position(q, f.point))
+    return sum((k * (x - rest) ** 2 / 2 for x, k, _, rest in sprung(f, q)), ca.SX(0))
+
+
+def dissipation(f: Force, q: Symbol, v: Symbol) -> Symbol:
+    """Rayleigh's function of one force [W]."""
+    return sum((c * rate(x, q, v) ** 2 / 2 for x, _, c, _ in sprung(f, q)), ca.SX(0))
+
+
+def without_potential(f: Force, q: Symbol) -> Symbol:
+    """Generalised force (n,) of a force that turns with a link."""
+    if isinstance(f, PointForce) and f.frame != GROUND:
+        return ca.jacobian(position(q, f.point), q).T @ rotated(f.value, angle(q, f.frame))
+    return ca.SX(*q.shape)
+
+
+def value(law: MotionLaw, t: Symbol) -> Symbol:
+    """A motion law's value at t; its rates are left to differentiation. The ends of a law belong to its motion."""
+    made = law.numbers
+    if law.name == "constant":
+        return made["start"] + made["speed"] * t
+    if law.name == "table":
+        return made["start"] + splined(made["times"], made["angles"], t)
+    s = t / made["time"]
+    risen = {
+        "sine": s - ca.sin(2 * np.pi * s) / (2 * np.pi),
+        "cosine": (1 - ca.cos(np.pi * s)) / 2,
+        "poly345": 10 * s**3 - 15 * s**4 + 6 * s**5,
+    }[law.name]
+    return made["start"] + made["travel"] * ca.if_else(s < 0, 0, ca.if_else(s > 1, 1, risen))
+
+
+def splined(times: Any, values: Any, t: Symbol) -> Symbol:
+    """Cubic spline at rest at both ends and outside."""
+    spline = CubicSpline(times, values, bc_type="clamped")
+    inner = spline.x[1:-1]
+    first, *others = (ca.pw_const(t, inner, ca.DM(c)) if len(inner) else ca.SX(c[0]) for c in (*spline.c, spline.x[:-1]))
+    *others, knot = others
+    inside = first
+    for coefficient in others:
+        inside = inside * (t - knot) + coefficient
+    return ca.if_else(t < times[0], values[0], ca.if_else(t > times[-1], values[-1], inside))
