@@ -181,6 +181,7 @@ TABLES: dict[str, Table] = {
             *WHERE,
             *METHOD,
             text("quantity", "what was timed"),
+            number("step", "of the steps that were timed", "s"),
             number("round", "of the race"),
             number("seconds", "processor time of one repetition", "s"),
         ),

@@ -1,7 +1,6 @@
 """One case becomes one row: build, run, read, and judge by metrics alone."""
 
 import json
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
+from gauss_bench.bench.context import Alteration, unaltered
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
@@ -21,16 +21,11 @@ from gauss_bench.reference.store import stored_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
 
-Alteration = Callable[[Mechanism], Mechanism]
 SERIES = 100  # points per curve in the report
 SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
 OFF_ACCELERATION = 1e-2  # an engine that is 1 % off at the same state solves another problem, whatever its trajectory
 OFF_DRIFT = 1e-2  # [m, rad] a loop that opens by a centimetre is not this linkage
 OFF_MOTION = 1.0  # [m, rad] a link that is a radian away is somewhere else, however well the loops are closed
-
-
-def unaltered(mechanism: Mechanism) -> Mechanism:
-    return mechanism
 
 
 @lru_cache(maxsize=8)

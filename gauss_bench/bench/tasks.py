@@ -1,9 +1,12 @@
-"""Tasks answered in worker processes: named, resumable, and never lost with the worker."""
+"""Tasks answered in worker processes: named, resumable, and never lost with the worker.
+
+A task answers with rows of tables. One that is lost answers too: with a row of the table it was to fill, and the reason.
+"""
 
 import queue
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -11,22 +14,38 @@ from tqdm import tqdm
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.worker import Worker, WorkerFailure
 
+Rows = list[dict[str, Any]]
+Tables = dict[str, Rows]
+
 
 class Task(NamedTuple):
-    """What a worker is asked: function(*arguments), known by `key`; `stamp` says what the answer depends on."""
+    """What a worker is asked.
+
+    Attributes:
+        key: names the task and nothing else.
+        function, arguments: function(*arguments) gives the rows of tables, by table.
+        stamp: what the answer depends on besides.
+        table, start: where a failure is told, and the names that its row begins with.
+    """
 
     key: str
-    function: Callable[..., dict[str, Any]]
+    function: Callable[..., Tables]
     arguments: tuple[Any, ...]
     stamp: str
+    table: str
+    start: Mapping[str, Any] = {}
+
+    def lost(self, failure: WorkerFailure) -> Tables:
+        """The answer of a task whose worker was lost."""
+        return {self.table: [{**self.start, "status": str(failure.status), "message": str(failure)}]}
 
 
-def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, dict[str, Any]]:
-    """Answers of all tasks by key: from the journal where they stand there, else from workers."""
+def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, Tables]:
+    """Answers of all tasks by key, in their order: from the journal where they stand there, else from workers."""
     done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-    answers: queue.SimpleQueue[tuple[str, dict[str, Any]] | BaseException] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[tuple[str, Tables] | BaseException] = queue.SimpleQueue()
     workers = min(jobs, len(waiting))
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
@@ -36,11 +55,20 @@ def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Jour
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        key, content = answer
+        key, tables = answer
         if journal:
-            journal.add(key, waiting[key].stamp, content)
-        done[key] = content
-    return done
+            journal.add(key, waiting[key].stamp, tables)
+        done[key] = tables
+    return {task.key: done[task.key] for task in tasks}
+
+
+def gathered(answers: Iterable[Tables]) -> Tables:
+    """All rows by table, in the order of the answers."""
+    tables: Tables = {}
+    for answer in answers:
+        for name, rows in answer.items():
+            tables.setdefault(name, []).extend(rows)
+    return tables
 
 
 def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]", limit: float) -> None:
@@ -51,6 +79,6 @@ def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[A
                 try:
                     answers.put((task.key, worker.call(task.function, task.arguments, limit)))
                 except WorkerFailure as failure:
-                    answers.put((task.key, {"row": {"status": str(failure.status), "message": str(failure)}}))
+                    answers.put((task.key, task.lost(failure)))
     except BaseException as error:
         answers.put(error)
