@@ -1,10 +1,12 @@
 """The three papers, statement by statement: what is printed, what is right, and how far off each is when computed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, count, error, listed, text_cell
+from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
+PLACE = 70
+TABLES = ("audit",)
 WORDS = (
     "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "
     "fails, as it should read, both against a truth that knows neither. The verdict follows from the two discrepancies. The papers "
@@ -18,17 +20,17 @@ TONES = {"ok": "good", "wrong": "bad", "misprint": "warn", "loose": "warn"}
 
 
 def section(run: Run) -> Section:
-    if not run.audit:
+    if not run.table("audit"):
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
-    blocks: list[Block] = [Text(WORDS), Text(summary(run.audit))]
-    for paper, rows in grouped(run.audit, lambda row: str(row["paper"])).items():
+    blocks: list[Block] = [Text(WORDS), Text(summary(run.table("audit")))]
+    for paper, rows in grouped(run.table("audit"), lambda row: str(row["paper"])).items():
         off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
         sound = [row for row in rows if row not in off]
         if off:
             blocks.append(faulty(f"{paper}: what is not right as printed", off))
         if sound:
             blocks.append(right(f"{paper}: what is right as printed", sound))
-    numbers = [row for row in run.audit if row["example"]]
+    numbers = [row for row in run.table("audit") if row["example"]]
     if numbers:
         blocks += [Text(BY_HAND), by_hand(numbers)]
     return Section("The papers, audited", "papers", tuple(blocks))
@@ -98,3 +100,39 @@ def by_hand(rows: Sequence[Row]) -> Table:
 
 def value_cell(x: float) -> Cell:
     return Cell(f"{x:.7g}", x) if known(x) else Cell("-")
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """How many statements hold, and the fault that no residual gives away."""
+    yield from statements(run)
+    yield from unseen(run)
+
+
+def statements(run: Run) -> Iterator[Finding]:
+    """How many printed statements hold, and which are wrong."""
+    if not run.table("audit"):
+        return
+    verdicts = grouped(run.table("audit"), lambda row: str(row["verdict"]))
+    papers = {row["paper"] for row in run.table("audit")}
+    counts = listed(f"{len(rows)} {'are ' if verdict == 'ok' else ''}{SAID.get(verdict, verdict)}" for verdict, rows in verdicts.items())
+    wrong = grouped(verdicts.get("wrong", []), lambda row: f"{row['equation']} of {row['paper']}")
+    fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
+    text = f"Of {count(len(run.table('audit')), 'statement')} of {count(len(papers), 'paper')} that were computed, {counts}."
+    text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
+    text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
+    yield Finding("What the papers print", text, "bad" if fallen else "warn" if set(verdicts) - {"ok"} else "good")
+
+
+def unseen(run: Run) -> Iterator[Finding]:
+    """The printed formula that meets the constraints and is wrong."""
+    rows = {str(row["name"]): row for row in run.table("audit")}
+    meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
+    if meets is None or off is None or not (meets["stands"] and off["stands"]):
+        return
+    printed, true = (number(off, f"example_{key}") for key in ("printed", "true"))
+    yield Finding(
+        "A printed formula that no residual gives away",
+        f"Eq. {off['equation']} of {off['paper']}, read with Moore-Penrose inverses, meets every constraint to "
+        f"{error(number(meets, 'printed_off'))} and gives {printed:.4g} for the {off['example']}, where the truth is {true:.4g}.",
+        "warn",
+    )
