@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.papers import crank_slider
-from gauss_bench.papers import example_forms as ex
-from gauss_bench.papers import link_unit_lines as lu
-from gauss_bench.papers import loop_forms as lo
-from gauss_bench.papers import method_forms as me
-from gauss_bench.papers import omission_lines as om
-from gauss_bench.papers import point_forms as po
-from gauss_bench.papers import projector_lines as pr
-from gauss_bench.papers.crank_slider import L1, L2
-from gauss_bench.papers.six_bar import six_bar_blocks
+from gauss_bench.papers.crank_slider import I1, I2, L1, L2
+from gauss_bench.papers.forms import example as ex
+from gauss_bench.papers.forms import least_squares as me
+from gauss_bench.papers.forms import link_units as lu
+from gauss_bench.papers.forms import loops as lo
+from gauss_bench.papers.forms import points as po
+from gauss_bench.papers.forms import projector as pr
+from gauss_bench.papers.forms.loops import six_bar_blocks
 
 Wrong = dict[str, Callable[..., Any]]
 pinv, power, N = me.pinv, me.power, me.projector
@@ -246,14 +245,14 @@ EXAMPLE: dict[str, Wrong] = {
         "3 to 6": lambda: range(3, 7),
     },
     "inertias of crank and rod": {
-        "about the end": lambda: (4 * om.I1, 4 * om.I2),
-        "exchanged": lambda: (om.I2, om.I1),
-        "crank only": lambda: (om.I1, 0.0),
+        "about the end": lambda: (4 * I1, 4 * I2),
+        "exchanged": lambda: (I2, I1),
+        "crank only": lambda: (I1, 0.0),
     },
-    "gravity": {"9.8": lambda: 9.8, "upwards": lambda: -9.81},
+    "gravity": {"9.8": lambda: 9.8, "upwards": lambda: -9.81, "in feet": lambda: 32.2},
     "integrator, step and time span": {
-        "long steps": lambda motion: float(motion.run(om.SHOWN, rtol=1e-3).theta[-1]),
-        "other start": lambda motion: float(motion.run(om.SHOWN, (1e-6, 0.0)).theta[-1]),
+        "long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1]),
+        "other start": lambda motion: float(motion.run(ex.SHOWN, (1e-6, 0.0)).theta[-1]),
     },
 }
 
@@ -397,22 +396,26 @@ LOOPS: dict[str, Wrong] = {
         "other order": lambda: lo.printed_loops() | {"six_bar": ("a-c-b-d", "d-e-f-g")},
     },
     "motion laws": {
-        "sign of the sine": lambda: lo_laws() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
-        "whole wave of cosine": lambda: lo_laws() | {"cosine": lambda u: (1 - np.cos(2 * np.pi * u)) / 2},
-        "names exchanged": lambda: lo_laws() | {"sine": lo_laws()["cosine"], "cosine": lo_laws()["sine"]},
-        "third order": lambda: lo_laws() | {"poly345": lambda u: 3 * u**2 - 2 * u**3},
+        "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
+        "whole wave of cosine": lambda: lo.textbook() | {"cosine": lambda u: (1 - np.cos(2 * np.pi * u)) / 2},
+        "names exchanged": lambda: lo.textbook() | {"sine": lo.textbook()["cosine"], "cosine": lo.textbook()["sine"]},
+        "third order": lambda: lo.textbook() | {"poly345": lambda u: 3 * u**2 - 2 * u**3},
     },
 }
 
 
-def lo_laws() -> dict[str, Callable[..., Any]]:
-    from gauss_bench.papers.loop_lines import textbook
-
-    return textbook()
-
-
 def upside_down(O1: complex, A: complex, B: complex) -> float:
     return (A.imag - B.imag) / (A.real - B.real) - (O1.imag - B.imag) / (O1.real - B.real)
+
+
+def size_of_the_shaper() -> float:
+    return abs(po.shapers()[0].C - po.shapers()[0].O1)
+
+
+def farthest_move(positions: int) -> float:
+    """The farthest that B or C moves in so many positions of the turn."""
+    before = [*po.shapers()[positions:], *po.shapers()[:positions]]
+    return max(max(abs(x.B - y.B), abs(x.C - y.C)) for x, y in zip(po.shapers(), before, strict=True))
 
 
 LINE: Wrong = {
@@ -444,10 +447,11 @@ POINTS: dict[str, Wrong] = {
     },
     "line as a quotient": LINE,
     "line as a quotient in a search": LINE,
-    "number of assemblies": {"three": lambda: 3, "all four": lambda: 4, "none": lambda: 0},
     "insensitive to the start of the search": {
-        "half the size": lambda: po.from_anywhere() / 2,
-        "twice the size": lambda: 2 * po.from_anywhere(),
+        "from anywhere in the size of the linkage": size_of_the_shaper,
+        "half the size": lambda: size_of_the_shaper() / 2,
+        "twice the size": lambda: 2 * size_of_the_shaper(),
+        "a quarter of a turn before": lambda: farthest_move(po.POSITIONS // 4),
     },
 }
 MUTATIONS: dict[str, Wrong] = METHOD | PROJECTOR | EXAMPLE | LINK_UNITS | LOOPS | POINTS

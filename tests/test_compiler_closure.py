@@ -10,7 +10,7 @@ import pytest
 
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
-from gauss_bench.compiler.equations.parameters import parameter_values
+from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.turns.judge import with_numbers

@@ -334,7 +334,7 @@ def test_speeding_up_goes_through_all_reaches() -> None:
     np.testing.assert_allclose(np.concatenate(together, axis=1), np.tile(expected, (9, 1)), rtol=1e-8)
 
 
-@pytest.mark.parametrize("backend", ["llvm", "numpy", "casadi"])
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_what_cannot_go_on_is_not_a_number(backend: str) -> None:
     m = mechanism("crank_slider")
     code = kernel("crank_slider", backend=backend)
@@ -348,13 +348,12 @@ def test_what_cannot_go_on_is_not_a_number(backend: str) -> None:
 @pytest.mark.parametrize("name", ["crank_slider", "six_bar", "excavator", "four_bar/cycloid", "sleigh"])
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
-def test_the_ways_without_a_compiler_agree(name: str, stabilization: str, integrator: str) -> None:
+def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integrator: str) -> None:
     m = mechanism(name)
     native = kernel(name, stabilization)
     expected = np.concatenate(native.rollout(m.q0, m.v0, H, 300, every=70, integrator=integrator), axis=1)
-    for backend in ("numpy", "casadi"):
-        other = kernel(name, stabilization, backend).rollout(m.q0, m.v0, H, 300, every=70, integrator=integrator)
-        np.testing.assert_allclose(np.concatenate(other, axis=1), expected, rtol=1e-11, atol=1e-11)  # rounding of 300 steps
+    other = kernel(name, stabilization, "numpy").rollout(m.q0, m.v0, H, 300, every=70, integrator=integrator)
+    np.testing.assert_allclose(np.concatenate(other, axis=1), expected, rtol=1e-11, atol=1e-11)  # rounding of 300 steps
 
 
 @pytest.mark.parametrize("stabilization", ["none", "projection"])

@@ -12,8 +12,8 @@ from gauss_bench.bench.measurements.growth import growth, scaling
 from gauss_bench.compiler.chains.kernel import LargeKernel, large_kernel
 from gauss_bench.compiler.chains.program import generate_large
 from gauss_bench.compiler.elimination.check import acceleration_error
+from gauss_bench.compiler.elimination.formulations import Plan
 from gauss_bench.compiler.elimination.partition import study
-from gauss_bench.compiler.elimination.workspace import Plan
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.evaluate import Evaluator

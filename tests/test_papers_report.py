@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from gauss_bench.papers.crank_slider import linkage
-from gauss_bench.papers.motion_table import paper_motion
+from gauss_bench.papers.reproduction import paper_motion
 from gauss_bench.reference.build import build_reference
 from gauss_bench.report.content import Section
 from gauss_bench.report.paper_figures import paper_figures

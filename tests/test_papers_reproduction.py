@@ -14,14 +14,12 @@ from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Torque
-from gauss_bench.papers import method_forms, problems
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import linkage, states
-from gauss_bench.papers.motion_table import paper_motion
-from gauss_bench.papers.reproduction import claims, heavier
+from gauss_bench.papers.forms import least_squares, problems
+from gauss_bench.papers.reproduction import claims, heavier, paper_motion
+from gauss_bench.papers.rest import bound, equilibria, settles, torque_range
 from gauss_bench.papers.running import first_turn, regime, turn
-from gauss_bench.papers.settling import bound, settles
-from gauss_bench.papers.statics import equilibria, torque_range
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.trajectory import Reference
@@ -68,7 +66,7 @@ def comes_round(mechanism: Mechanism) -> bool:
 
 def test_the_closed_form_is_the_linkage_file(motion: CrankMotion) -> None:
     for state in states():
-        q, d, e = motion.positions(state.q[2])
+        q, d, e = map(np.array, motion.positions(state.q[2]))
         w, found = state.v[2], motion.acceleration(state.q[2], state.v[2])
         assert found == pytest.approx(state.a[2], rel=ROUNDING)
         assert np.abs(q - state.q).max() < ROUNDING
@@ -80,7 +78,7 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankM
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
         for formula, full in (
             (EQ_16, yuan_ge_eq16(problem.terms).a),
-            (EQS_10_11, method_forms.acceleration(problem, method_forms.pair_as_printed(problem))),
+            (EQS_10_11, least_squares.acceleration(problem, least_squares.pair_as_printed(problem))),
         ):
             found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3

@@ -13,6 +13,8 @@ from types import TracebackType
 from typing import Any
 
 from gauss_bench.bench.provenance import package_versions
+from gauss_bench.mechanism.digest import source_digest
+
 
 
 class Busy(RuntimeError):
@@ -20,16 +22,10 @@ class Busy(RuntimeError):
 
 
 def fingerprint() -> str:
-    """Digest of the package's source and of the versions of what computes."""
-    digest = hashlib.sha256(json.dumps(package_versions(), sort_keys=True).encode())
-    root = Path(__file__).parents[1]
-    for source in sorted(
-        p
-        for p in (*root.rglob("*.py"), *root.glob("papers/**/*.toml"))
-        if "report" not in p.relative_to(root).parts and p.name != "cli.py"
-    ):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
+    """Digest of the package's sources and data, and of the versions of what computes."""
+    versions = json.dumps(package_versions(), sort_keys=True)
+    sources = source_digest("", without=("report", "cli.py", "_mechanisms"))  # linkages are known by digests of their own
+    return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
 class Journal:

@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.loop_program import closure_program
+from gauss_bench.compiler.equations.links import open_parameters as named_parameters
 from gauss_bench.compiler.equations.loops import loop_values
-from gauss_bench.compiler.equations.parameters import open_parameters as named_parameters
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.assembly import deformed_starts
 from gauss_bench.compiler.turns.judge import Judge, Lost
-from gauss_bench.compiler.turns.motions import Loss, Motion, Start, Status
 from gauss_bench.compiler.turns.runners import ArrayFollower, NativeFollower, Runner
-from gauss_bench.compiler.turns.tracker import Tracker
+from gauss_bench.compiler.turns.tracker import Loss, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Mechanism, Point

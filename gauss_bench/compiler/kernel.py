@@ -14,7 +14,6 @@ import numpy as np
 from gauss_bench.compiler.chains.kernel import large_kernel
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.tape import read
 from gauss_bench.compiler.stepping.arrays import on_arrays
 from gauss_bench.compiler.stepping.driver import Driver, Options
 from gauss_bench.compiler.stepping.runners import Batch, Flags, NativeEvaluator, NativeRunner, Outcome
@@ -25,7 +24,7 @@ from gauss_bench.terms import Array
 CELLS = 130  # links: some 10,000 operations, from where straight-line code takes tens of seconds to generate and compile
 STEADY = 100.0  # thresholds: any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do
 STABILIZATIONS = ("none", "baumgarte", "projection")
-BACKENDS = ("llvm", "numpy", "casadi")
+BACKENDS = ("llvm", "numpy")
 BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
 
 
@@ -48,7 +47,7 @@ def compile(
         open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
         lanes: trajectories in one vector; chosen for the host where None.
         cache: whether object code is kept in the user's cache folder.
-        backend: "llvm", or without a compiler "numpy" (many states) or "casadi" (one); None for the first that is installed.
+        backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         independent: coordinates of the first partition; chosen where None.
         baumgarte: alpha, beta [1/s].
 
@@ -76,7 +75,7 @@ class Kernel:
 
     Attributes:
         mechanism: what was compiled. formulation: "gauss" or "lagrange", as chosen. parameters: names of the open numbers, in the
-        order of every `parameters` argument. backend: "llvm", "numpy" or "casadi". lanes: trajectories in one vector. operations,
+        order of every `parameters` argument. backend: "llvm" or "numpy". lanes: trajectories in one vector. operations,
         divisions: of one acceleration with its guards. dropped: names of redundant rows that were left out. switches: changes of
         partition in the last rollout; fallbacks: steps that no partition could do; lost: trajectories without an
             end, which are not a number from there on.
@@ -89,8 +88,7 @@ class Kernel:
         program = code.program
         self.formulation, self.parameters, self.dropped = program.formulation, program.parameters, program.dropped
         self.backend, self.lanes = options.backend, options.lanes
-        tape = read(program.acceleration)
-        self.operations, self.divisions = tape.operations, tape.divisions
+        self.operations, self.divisions = program.acceleration.operations, program.acceleration.divisions
         self._values, self._n = program.values, program.n
         self.switches = self.fallbacks = self.lost = 0
         first = self._driver.runner(0, "rk4", 0)
@@ -211,7 +209,7 @@ class Kernel:
 
     @cached_property
     def _energy(self) -> Callable[..., list[Array]]:
-        return on_arrays(read(self._driver.choices.codes[0].program.energy))
+        return on_arrays(self._driver.choices.codes[0].program.energy)
 
     @cached_property
     def _native(self) -> NativeEvaluator:
@@ -227,7 +225,7 @@ class Kernel:
     def _multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         choices = self._driver.choices
         if k not in self._forces:
-            self._forces[k] = on_arrays(read(choices.codes[k].program.multipliers))
+            self._forces[k] = on_arrays(choices.codes[k].program.multipliers)
         return self._forces[k](t[:, None], q, v, p)[0], choices.accelerations(k, t, q, v, p)[1] >= 1.0
 
     @cached_property

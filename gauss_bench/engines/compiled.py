@@ -39,7 +39,7 @@ class Compiled:
         from gauss_bench import __version__
 
         try:
-            return f"gauss-bench {__version__}, casadi {version('casadi')}, llvmlite {version('llvmlite')}"
+            return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
         except PackageNotFoundError as error:
             raise ImportError(f"the extra 'kernel' is not installed: {error}") from error
 

@@ -12,9 +12,12 @@ from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import Fault
 from gauss_bench.mechanism.model import (
     GROUND,
+    Along,
+    Angle,
     AngleDriver,
     AxisSpringDamper,
     CoulombFriction,
+    Distance,
     Driver,
     Force,
     Joint,
@@ -22,6 +25,7 @@ from gauss_bench.mechanism.model import (
     KnifeEdge,
     LengthDriver,
     Link,
+    Measured,
     Mechanism,
     Point,
     PointForce,
@@ -104,6 +108,11 @@ class Resolver:
         self.index = {link.name: i for i, link in enumerate(self.links)} | {"ground": GROUND}
         self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
 
+    @property
+    def world(self) -> Point:
+        """The origin of the world."""
+        return Point(GROUND, pair(self.number, (0, 0)), "ground.")
+
     def point(self, reference: str) -> Point:
         owner, name = reference.split(".")
         i = self.index[owner]
@@ -134,8 +143,7 @@ class Resolver:
                 a, b = (self.point(x) for x in table["between"])
                 return SpringDamper(name, a, b, k, c, rest)
             case "axis_spring_damper":
-                world = Point(GROUND, pair(self.number, (0, 0)), "ground.")
-                origin = self.point(table["origin"]) if "origin" in table else world
+                origin = self.point(table["origin"]) if "origin" in table else self.world
                 return AxisSpringDamper(name, self.point(table["point"]), origin, angle_of(table, "angle", self.number), k, c, rest)
             case "rotational_spring_damper":
                 first, second = (self.index[x] for x in table["links"])
@@ -156,6 +164,39 @@ class Resolver:
             a, b = (self.point(x) for x in table["between"])
             return LengthDriver(f"{a.name}-{b.name}", law, a, b)
         return AngleDriver(table["link"], law, self.index[table["link"]])
+
+    def measured(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Measured:
+        """The coordinate that the table `measure` names."""
+        if "joint" in table:
+            return measured_slide(next(j for j in joints if isinstance(j, Prismatic) and j.name == table["joint"]))
+        if "between" in table:
+            a, b = (self.point(x) for x in table["between"])
+            return Measured(f"distance {a.name}-{b.name}", Distance(a, b))
+        if "point" in table:
+            angle = angle_of(table, "angle", self.number)
+            degrees = float(np.degrees(float(angle)))
+            axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
+            return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
+        return measured_angle(self.links, self.index[table["link"]])
+
+    def usually_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
+        """What is measured where the file does not say; without driver and crank the first link, until the linkage is assembled."""
+        match drivers:
+            case (SlideDriver() as first, *_):
+                return measured_slide(first.joint)
+            case (LengthDriver() as first, *_):
+                return Measured(f"distance {first.name}", first.coordinate)
+            case (AngleDriver() as first, *_):
+                return measured_angle(self.links, first.link)
+        return measured_angle(self.links, 0 if crank is None else self.index[crank])
+
+
+def measured_angle(links: tuple[Link, ...], index: int) -> Measured:
+    return Measured(f"angle of {links[index].name}", Angle(GROUND, index))
+
+
+def measured_slide(joint: Prismatic) -> Measured:
+    return Measured(f"slide {joint.name}", joint.sliding)
 
 
 def motion_law(table: dict[str, Any], number: Number = float) -> MotionLaw:
@@ -187,6 +228,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
     observe = document.get("observe", {})
     crank = document.get("crank")
     driven = [chosen["driver"]] if "driver" in chosen else chosen.get("drivers", [])
+    drivers = tuple(names.driver(x, joints) for x in driven)
     return Mechanism(
         name=document["name"],
         title=document.get("title", ""),
@@ -201,10 +243,11 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         joints=joints,
         knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), angle_of(x, "angle", number)) for k, x in knives),
         forces=tuple(names.force(f, x, joints) for f, x in acting if x["type"] != "coulomb_friction"),
-        drivers=tuple(names.driver(x, joints) for x in driven),
+        drivers=drivers,
         gravity=pair(number, document.get("gravity", (0.0, -9.81))),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
+        measured=names.measured(document["measure"], joints) if "measure" in document else names.usually_measured(drivers, crank),
         frictions=tuple(names.friction(f, x, joints) for f, x in acting if x["type"] == "coulomb_friction"),
     )

@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import angle_of
+from gauss_bench.mechanism.build import angle_of, measured_angle, measured_slide
 from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.errors import AssemblyError
 from gauss_bench.mechanism.forces import add_axis_force, add_force, axis_state, position
 from gauss_bench.mechanism.model import (
     AngleDriver,
     Driver,
     LengthDriver,
+    Measured,
     Mechanism,
     Point,
     Prismatic,
@@ -29,6 +31,7 @@ from gauss_bench.mechanism.sketch import sketch
 from gauss_bench.terms import Array
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
+MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
 
@@ -58,9 +61,21 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     v = start_velocity(mechanism, held, q)
     rank = int(np.linalg.matrix_rank(joints(0.0, q, v).J, rtol=RANK_TOLERANCE)) if joints.m else 0
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
+    if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
+        closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
     return closed
+
+
+def first_moving(mechanism: Mechanism, J: Array) -> Measured:
+    """The first angle of a link, or else the first slide, that joint rows J (m, n) let move; if nothing moves, the first link's."""
+    angles = [measured_angle(mechanism.links, i) for i in range(len(mechanism.links))]
+    slides = [measured_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic)]
+    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in (*angles, *slides)])
+    held = np.linalg.lstsq(J.T, rows.T, rcond=RANK_TOLERANCE)[0]
+    free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
+    return [*angles, *slides][int(free.argmax())]
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:

@@ -1,28 +1,56 @@
-"""What a motion depends on, as one digest: a comment or a title may change, a mass or a start may not."""
+"""What a result depends on, as digests: the physics of a linkage, and the sources that computed.
+
+A comment, a title or what is observed may change, a mass or a start may not. Which is which stands with every key in `schema.py`.
+"""
 
 import hashlib
 import json
+from collections.abc import Collection
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
-PHYSICS = ("gravity", "ground", "links", "joints", "constraints", "crank", "assembly")
-SCENARIO = ("start", "driver", "drivers", "forces")
+from gauss_bench.mechanism.schema import LinkageTable, Table
+
+PACKAGE = Path(__file__).parents[1]
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
     """SHA-256 of everything in a document, its scenario's override already merged, that the motion of the scenario follows from."""
-    chosen = {k: v for k, v in document["scenarios"][scenario].items() if k in SCENARIO}
-    acting = {name: document["forces"][name] for name in chosen.get("forces", [])}
-    physics = {k: v for k, v in document.items() if k in PHYSICS} | {"forces": acting, "scenario": chosen}
-    return hashlib.sha256(json.dumps(_canonical(physics), sort_keys=True).encode()).hexdigest()
+    physics = _physics(LinkageTable.model_validate(document))
+    chosen = physics.pop("scenarios")[scenario]
+    acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
+    physics |= {"forces": acting, "scenario": chosen}
+    return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
 
 
-def _canonical(item: Any) -> Any:
-    """Numbers as one decimal text, however they are written."""
+def _physics(item: Any) -> Any:
+    """What is given of a table's physics, at every depth; numbers as one decimal text, however they are written."""
+    if isinstance(item, Table):
+        given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
+        return {key: _physics(value) for key, value in given.items() if key in item.physics}
     if isinstance(item, dict):
-        return {str(k): _canonical(v) for k, v in item.items()}
-    if isinstance(item, (list, tuple)):
-        return [_canonical(v) for v in item]
-    if isinstance(item, (int, float, Decimal)) and not isinstance(item, bool):
-        return str(Decimal(repr(float(item))).normalize() + 0)
+        return {key: _physics(value) for key, value in item.items()}
+    if isinstance(item, list):
+        return [_physics(value) for value in item]
+    if isinstance(item, float):
+        return str(Decimal(repr(item)).normalize() + 0)
     return item
+
+
+def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
+    """SHA-256 of the names and contents of all files of the package's rooms, at every depth; "" is the whole package.
+
+    Raises:
+        FileNotFoundError: a room has no files, so that nothing would tell its versions apart.
+    """
+    digest = hashlib.sha256()
+    for room in rooms:
+        files = [PACKAGE / room] if (PACKAGE / room).is_file() else sorted(x for x in (PACKAGE / room).rglob("*") if x.is_file())
+        names = [x.relative_to(PACKAGE) for x in files]
+        used = [x for x in names if "__pycache__" not in x.parts and not {*without} & {x.parts[0], x.name}]
+        if not used:
+            raise FileNotFoundError(f"{PACKAGE / room}: no sources there to tell one version from another")
+        for name in used:
+            digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
+    return digest.hexdigest()

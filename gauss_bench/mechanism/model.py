@@ -5,6 +5,7 @@ Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, link
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -27,6 +28,49 @@ class Point:
     link: int
     local: Array
     name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Angle:
+    """Scalar coordinate theta_b - theta_a of two links (indices; the ground's angle is 0) [rad]; unwrapped."""
+
+    a: int
+    b: int
+    unit: ClassVar[Literal["rad"]] = "rad"
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Scalar coordinate [m] of `point` along an axis from `origin`, at `angle` [rad] in the frame of the origin's link."""
+
+    origin: Point
+    point: Point
+    angle: float
+    unit: ClassVar[Literal["m"]] = "m"
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """Scalar coordinate [m]: the distance of two points."""
+
+    a: Point
+    b: Point
+    unit: ClassVar[Literal["m"]] = "m"
+
+
+Coordinate = Angle | Along | Distance
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The coordinate by which motions of a linkage are compared: `name` says in words which it is."""
+
+    name: str
+    coordinate: Coordinate
+
+    @property
+    def unit(self) -> Literal["rad", "m"]:
+        return self.coordinate.unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +122,11 @@ class Prismatic:
     @property
     def joint(self) -> str:
         return self.name
+
+    @property
+    def sliding(self) -> Along:
+        """The coordinate of the block point along the line, from the guide point."""
+        return Along(self.guide, self.block, self.angle)
 
 
 Joint = Revolute | Prismatic
@@ -186,6 +235,10 @@ class AngleDriver:
     law: MotionLaw
     link: int
 
+    @property
+    def coordinate(self) -> Angle:
+        return Angle(GROUND, self.link)
+
 
 @dataclass(frozen=True, eq=False)
 class SlideDriver:
@@ -194,6 +247,10 @@ class SlideDriver:
     name: str
     law: MotionLaw
     joint: Prismatic
+
+    @property
+    def coordinate(self) -> Along:
+        return self.joint.sliding
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +261,10 @@ class LengthDriver:
     law: MotionLaw
     a: Point
     b: Point
+
+    @property
+    def coordinate(self) -> Distance:
+        return Distance(self.a, self.b)
 
 
 Driver = AngleDriver | SlideDriver | LengthDriver
@@ -219,6 +280,9 @@ class Mechanism:
         digest: of what the motion follows from, whatever its comments, titles and other scenarios say.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
+        observed_points, observed_links: what the file asks to report: points, and links by their angles (indices).
+        measured: the coordinate by which motions are compared: what the file names, else the first driver's, else the crank's
+            angle, else the first angle of a link or slide that can move, in the file's order.
         q0, v0: (n,) consistent start.
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
@@ -242,6 +306,7 @@ class Mechanism:
     crank: int | None
     observed_points: tuple[Point, ...]
     observed_links: tuple[int, ...]
+    measured: Measured
     q0: Array = field(default_factory=lambda: np.zeros(0))
     v0: Array = field(default_factory=lambda: np.zeros(0))
     frictions: tuple[CoulombFriction, ...] = ()

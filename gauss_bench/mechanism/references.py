@@ -86,6 +86,8 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         names.point(f"observe.points[{i}]", point)
     for i, link in enumerate(sequence(observe, "links")):
         names.link(f"observe.links[{i}]", link, ground=False)
+    if "measure" in document:
+        _check_measure(names, table(document, "measure"))
     for key, entry in items(document, "scenarios"):
         _check_scenario(names, f"scenarios.{key}", entry)
     for path, entry in _angle_tables(document):
@@ -96,6 +98,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
+    yield "measure", table(document, "measure")
     for group in ("joints", "constraints", "forces"):
         yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
     for key, entry in items(document, "scenarios"):
@@ -252,13 +255,20 @@ def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
     _check_start(names, f"{path}.start", table(scenario, "start"))
 
 
-def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    link, joint, between = driver.get("link"), driver.get("joint"), sequence(driver, "between")
-    if len({"link", "joint", "between"} & driver.keys()) != 1:
-        names.fault(path, "give exactly one of link, joint and between")
-    names.link(f"{path}.link", link, ground=False)
-    if isinstance(link, str) and link in names.links and not _turns_on_ground(names, link):
-        names.fault(f"{path}.link", f"link {link!r} has no revolute joint on the ground")
+def _check_measure(names: Names, measure: dict[str, Any]) -> None:
+    _check_coordinate(names, "measure", measure, ("link", "joint", "between", "point"))
+    names.point("measure.point", measure.get("point"), ground=False)
+    for key in {"angle", "angle_deg"} & measure.keys():
+        if "point" not in measure:
+            names.fault(f"measure.{key}", "given without point")
+
+
+def _check_coordinate(names: Names, path: str, owner: dict[str, Any], keys: tuple[str, ...]) -> None:
+    """The one coordinate that a driver or `measure` names by one of these keys."""
+    if len(owner.keys() & set(keys)) != 1:
+        names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
+    joint, between = owner.get("joint"), sequence(owner, "between")
+    names.link(f"{path}.link", owner.get("link"), ground=False)
     if isinstance(joint, str) and joint not in names.joints:
         names.fault(f"{path}.joint", f"unknown joint {joint!r}")
     elif isinstance(joint, str) and table(names.joints, joint).get("type") != "prismatic":
@@ -266,6 +276,13 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     for i, reference in enumerate(between):
         names.point(f"{path}.between[{i}]", reference)
     names.different_links(f"{path}.between", between)
+
+
+def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
+    link, between = driver.get("link"), sequence(driver, "between")
+    _check_coordinate(names, path, driver, ("link", "joint", "between"))
+    if isinstance(link, str) and link in names.links and not _turns_on_ground(names, link):
+        names.fault(f"{path}.link", f"link {link!r} has no revolute joint on the ground")
     if "link" not in driver:
         for key in ("start_deg", "travel_deg"):
             if key in driver:

@@ -3,7 +3,7 @@
 Names that refer to each other, and everything geometric, are checked in `references.py` and `closure.py`.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
 
@@ -20,7 +20,27 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
+    """A table, whose class says of every key whether a motion follows from it (`physics`) or not (`other`): see `digest.py`.
+
+    Raises:
+        TypeError: a class that says nothing of a key, or names one that it does not have.
+    """
+
     model_config = ConfigDict(extra="forbid", frozen=True)
+    physics: ClassVar[frozenset[str]] = frozenset()
+    other: ClassVar[frozenset[str]] = frozenset()
+
+    def __init_subclass__(cls, physics: str = "", other: str = "", **more: Any) -> None:
+        super().__init_subclass__(**more)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", **more: Any) -> None:
+        super().__pydantic_init_subclass__(**more)
+        cls.physics, cls.other = cls.physics | {*physics.split()}, cls.other | {*other.split()}
+        keys = {field.alias or name for name, field in cls.model_fields.items()}
+        wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
+        if wrong:
+            raise TypeError(f"{cls.__name__}: each key is declared physics or other, once: {', '.join(sorted(wrong))}")
 
 
 def kind_of(key: str) -> Any:
@@ -28,7 +48,7 @@ def kind_of(key: str) -> Any:
     return Discriminator(lambda value: f"<{value.get(key)}>" if isinstance(value, dict) else "<not a table>")
 
 
-class PointTable(Table):
+class PointTable(Table, physics="r deg xy from"):
     r: NotNegative | None = None
     deg: Number | None = None
     xy: Pair | None = None
@@ -42,11 +62,11 @@ PointValue = Annotated[
 Points = dict[Name, PointValue]
 
 
-class GroundTable(Table):
+class GroundTable(Table, physics="points"):
     points: Points = {}
 
 
-class LinkTable(Table):
+class LinkTable(Table, physics="points bars kg_per_m mass com inertia"):
     points: Annotated[Points, Field(min_length=1)]
     bars: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = []
     kg_per_m: Positive | None = None
@@ -55,12 +75,12 @@ class LinkTable(Table):
     inertia: Positive | None = None
 
 
-class RevoluteTable(Table):
+class RevoluteTable(Table, physics="type at"):
     type: Literal["revolute"]
     at: Annotated[list[Text], Field(min_length=2)]
 
 
-class PrismaticTable(Table):
+class PrismaticTable(Table, physics="type guide block angle_deg angle block_angle_deg block_angle offset"):
     type: Literal["prismatic"]
     guide: Text
     block: Text
@@ -71,28 +91,28 @@ class PrismaticTable(Table):
     offset: Number = 0.0
 
 
-class KnifeEdgeTable(Table):
+class KnifeEdgeTable(Table, physics="type point angle_deg angle"):
     type: Literal["knife_edge"]
     point: Text
     angle_deg: Number | None = None
     angle: Number | None = None
 
 
-class TorqueTable(Table):
+class TorqueTable(Table, physics="type link reaction value"):
     type: Literal["torque"]
     link: Text
     reaction: Text = "ground"
     value: Number
 
 
-class ForceTable(Table):
+class ForceTable(Table, physics="type point value frame"):
     type: Literal["force"]
     point: Text
     value: Pair
     frame: Text = "ground"
 
 
-class SpringDamperTable(Table):
+class SpringDamperTable(Table, physics="type between k c rest"):
     type: Literal["spring_damper"]
     between: Annotated[list[Text], Field(min_length=2, max_length=2)]
     k: Number = 0.0
@@ -100,7 +120,7 @@ class SpringDamperTable(Table):
     rest: Number = 0.0
 
 
-class AxisSpringDamperTable(Table):
+class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k c rest"):
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
@@ -111,7 +131,7 @@ class AxisSpringDamperTable(Table):
     rest: Number = 0.0
 
 
-class RotationalSpringDamperTable(Table):
+class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
     type: Literal["rotational_spring_damper"]
     links: Annotated[list[Text], Field(min_length=2, max_length=2)]
     k: Number = 0.0
@@ -120,13 +140,13 @@ class RotationalSpringDamperTable(Table):
     rest: Number | None = None
 
 
-class JointDampingTable(Table):
+class JointDampingTable(Table, physics="type joint c"):
     type: Literal["joint_damping"]
     joint: Text
     c: NotNegative
 
 
-class CoulombFrictionTable(Table):
+class CoulombFrictionTable(Table, physics="type joint mu radius speed"):
     type: Literal["coulomb_friction"]
     joint: Text
     mu: NotNegative
@@ -134,7 +154,7 @@ class CoulombFrictionTable(Table):
     speed: Positive
 
 
-class DrivenTable(Table):
+class DrivenTable(Table, physics="link joint between start_deg start"):
     link: Text | None = None
     joint: Text | None = None
     between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
@@ -142,24 +162,24 @@ class DrivenTable(Table):
     start: Number | None = None
 
 
-class ConstantLaw(DrivenTable):
+class ConstantLaw(DrivenTable, physics="law speed"):
     law: Literal["constant"]
     speed: Number
 
 
-class RiseLaw(DrivenTable):
+class RiseLaw(DrivenTable, physics="law travel_deg travel time"):
     law: Literal["sine", "cosine", "poly345"]
     travel_deg: Number | None = None
     travel: Number | None = None
     time: Positive
 
 
-class TableLaw(DrivenTable):
+class TableLaw(DrivenTable, physics="law rows"):
     law: Literal["table"]
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class StartTable(Table):
+class StartTable(Table, physics="crank_deg crank speed angles_deg angles slides points speeds slide_speeds point_velocities"):
     crank_deg: Number | None = None
     crank: Number | None = None
     speed: Number = 0.0
@@ -204,7 +224,7 @@ DriverTable = Annotated[
 ]
 
 
-class ScenarioTable(Table):
+class ScenarioTable(Table, physics="forces driver drivers start", other="duration override"):
     duration: NotNegative
     forces: list[Text] = []
     override: dict[str, Any] = {}
@@ -213,24 +233,37 @@ class ScenarioTable(Table):
     start: StartTable | None = None
 
 
-class AssemblyTable(Table):
+class AssemblyTable(Table, physics="sketch angles_deg angles"):
     sketch: dict[Text, Pair] = {}
     angles_deg: dict[Text, Number] = {}
     angles: dict[Text, Number] = {}
 
 
-class ObserveTable(Table):
+class ObserveTable(Table, other="points links"):
     points: list[Text] = []
     links: list[Text] = []
 
 
-class ExpectTable(Table):
+class MeasureTable(Table, other="link joint between point angle_deg angle"):
+    link: Text | None = None
+    joint: Text | None = None
+    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    point: Text | None = None
+    angle_deg: Number | None = None
+    angle: Number | None = None
+
+
+class ExpectTable(Table, other="dof redundant loops"):
     dof: Annotated[int, Field(strict=True, ge=0)] | None = None
     redundant: Annotated[int, Field(strict=True, ge=0)] | None = None
     loops: Annotated[int, Field(strict=True, ge=0)] | None = None
 
 
-class LinkageTable(Table):
+class LinkageTable(
+    Table,
+    physics="crank gravity ground links joints constraints forces assembly scenarios",
+    other="format name title expect observe measure",
+):
     format: Literal["planar-linkage/1"]
     name: Name
     title: Text = ""
@@ -244,6 +277,7 @@ class LinkageTable(Table):
     forces: dict[Name, ForceEntry] = {}
     assembly: AssemblyTable = AssemblyTable()
     observe: ObserveTable = ObserveTable()
+    measure: MeasureTable | None = None
     scenarios: Annotated[dict[Name, ScenarioTable], Field(min_length=1)]
 
 

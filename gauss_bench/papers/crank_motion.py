@@ -11,8 +11,10 @@ over the same set, because they too satisfy J a = g:
     (10), (11) as printed     W = M^-1,   R = M^-1 Q      nearest to Q in the metric of M^-1
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -24,16 +26,17 @@ from gauss_bench.terms import Array
 RTOL, ATOL = 1e-10, 1e-12
 TRUE, EQ_16, EQS_10_11 = "true", "(16) with Moore-Penrose inverses", "(10), (11) as printed"
 
+Seven = tuple[Any, ...]  # one entry for each of the paper's coordinates
 Event = Callable[[float, Array], float]
 
 
 @dataclass(frozen=True, eq=False)
 class CrankMotion:
-    """The linkage in the paper's coordinates: lengths [m], mass (7,), torque [N m], spring and damper of the slider, gravity."""
+    """The linkage in the paper's coordinates: lengths [m], masses, torque [N m], the slider's spring and damper, gravity."""
 
     l1: float
     l2: float
-    mass: Array
+    mass: Seven
     torque: float
     k: float
     c: float
@@ -41,62 +44,65 @@ class CrankMotion:
     gravity: float
     formula: str = TRUE
 
-    def positions(self, theta: Array | float) -> tuple[Array, Array, Array]:
-        """q, dq/dtheta, d2q/dtheta2 (7, ...) at crank angles (...)."""
-        l1, l2, one = self.l1, self.l2, np.ones_like(theta)
-        s1, c1 = np.sin(theta), np.cos(theta)
+    def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
+        """q, dq/dtheta, d2q/dtheta2 at crank angles of any shape: seven entries each, of that shape.
+
+        At a single float, by the functions for floats, which an integrator calls a million times.
+        """
+        own = math if isinstance(theta, float) else np
+        l1, l2, one = self.l1, self.l2, 0 * theta + 1.0
+        s1, c1 = own.sin(theta), own.cos(theta)
         s2 = -l1 / l2 * s1
-        c2 = np.sqrt(1 - s2 * s2)
+        c2 = own.sqrt(1 - s2 * s2)
         p = -l1 * c1 / (l2 * c2)
         pp = (l1 * s1 / l2 + s2 * p * p) / c2
         x, y = l1 * c1, l1 * s1
         X, dX, ddX = l2 * c2, -l2 * s2 * p, -l2 * (c2 * p * p + s2 * pp)
-        q = np.array([x / 2, y / 2, theta, x + X / 2, y / 2, np.arcsin(s2), x + X])
-        d = np.array([-y / 2, x / 2, one, -y + dX / 2, x / 2, p, -y + dX])
-        e = np.array([-x / 2, -y / 2, 0 * one, -x + ddX / 2, -y / 2, pp, -x + ddX])
+        angle = own.asin(s2)
+        q = (x / 2, y / 2, theta, x + X / 2, y / 2, angle, x + X)
+        d = (-y / 2, x / 2, one, -y + dX / 2, x / 2, p, -y + dX)
+        e = (-x / 2, -y / 2, 0 * one, -x + ddX / 2, -y / 2, pp, -x + ddX)
         return q, d, e
 
-    def forces(self, q: Array, v: Array) -> Array:
-        """Eq. (19): (7, ...)."""
-        push = self.k * (self.rest - q[6]) - self.c * v[6]
-        one = np.ones_like(push)
-        m = self.mass
-        return np.array(
-            [0 * one, -m[1] * self.gravity * one, self.torque * one, 0 * one, -m[4] * self.gravity * one, 0 * one, push]
-        )
+    def forces(self, x3: Any, x3_rate: Any) -> Seven:
+        """Eq. (19) at places and speeds of the slider."""
+        m1, m2 = self.mass[1], self.mass[4]
+        push = self.k * (self.rest - x3) - self.c * x3_rate
+        return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
-    def acceleration(self, theta: Array | float, w: Array | float) -> Array:
-        """Crank acceleration (...) [rad/s^2] by the formula."""
+    def acceleration(self, theta: Any, w: Any) -> Any:
+        """Crank acceleration [rad/s^2] by the formula, of the shape of theta and w."""
         q, d, e = self.positions(theta)
-        mass = self.mass.reshape(-1, *[1] * np.ndim(theta))
-        Q = self.forces(q, d * w)
-        weighted = Q if self.formula == TRUE else Q / mass
-        weight = mass if self.formula == TRUE else 1 / mass if self.formula == EQS_10_11 else np.ones_like(mass)
-        return np.asarray((d * (weighted - weight * e * w * w)).sum(0) / (weight * d * d).sum(0))
+        force = inertia = 0.0
+        for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
+            R = Q if self.formula == TRUE else Q / m
+            W = m if self.formula == TRUE else 1 / m if self.formula == EQS_10_11 else 1.0
+            force = force + di * (R - W * ei * w * w)
+            inertia = inertia + W * di * di
+        return force / inertia
 
-    def static_torque(self, theta: Array | float) -> Array:
-        """Generalised force (...) [N m] of gravity, spring and torque at rest."""
+    def static_torque(self, theta: Any) -> Any:
+        """Generalised force [N m] of gravity, spring and torque at rest, of the shape of theta."""
         q, d, _ = self.positions(theta)
-        return np.asarray((d * self.forces(q, 0 * d)).sum(0))
+        return sum(di * Q for di, Q in zip(d, self.forces(q[6], 0.0), strict=True))
 
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
-    ) -> "Course":
+    ) -> "CrankRun":
         """The motion from rest, or from an angle and a speed; stops at the event."""
 
         def rate(t: float, y: Array) -> list[float]:
-            return [y[1], float(self.acceleration(y[0], y[1]))]
+            theta, w = float(y[0]), float(y[1])
+            return [w, self.acceleration(theta, w)]
 
-        found = solve_ivp(rate, (0.0, t_end), start, method="DOP853", rtol=rtol, atol=rtol * ATOL / RTOL, events=event)
-        if not found.success and found.status != 1:
-            raise ArithmeticError(
-                f"the motion of the crank-slider cannot be integrated beyond {found.t[-1]:.6g} s: {found.message}"
-            )
-        return Course(found.t, found.y[0], found.y[1], found.status == 1)
+        run = solve_ivp(rate, (0.0, t_end), start, method="DOP853", rtol=rtol, atol=rtol * ATOL / RTOL, events=event)
+        if not run.success and run.status != 1:
+            raise ArithmeticError(f"the motion of the crank-slider cannot be integrated beyond {run.t[-1]:.6g} s: {run.message}")
+        return CrankRun(run.t, run.y[0], run.y[1], run.status == 1)
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CrankRun:
     """Times (k,) [s], crank angles [rad] and speeds [rad/s] of a run, and whether the event ended it."""
 
     t: Array
@@ -118,5 +124,5 @@ def motion_of(mechanism: Mechanism) -> CrankMotion:
     crank, rod, _ = mechanism.links
     l1, l2 = (float(np.linalg.norm(link.points[b] - link.points[a])) for link, (a, b) in ((crank, "OA"), (rod, "AB")))
     (spring,) = springs
-    mass, gravity = mechanism.mass[list(KEPT)], -float(mechanism.gravity[1])
+    mass, gravity = tuple(mechanism.mass[list(KEPT)].tolist()), -float(mechanism.gravity[1])
     return CrankMotion(l1, l2, mass, sum(torques), spring.k, spring.c, spring.rest, gravity)

@@ -55,8 +55,8 @@ def states(count: int = 24) -> tuple[State, ...]:
     """The paper's start and seeded random states at crank speeds up to 30 rad/s, with their true accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
-    found = random_states(mechanism, count)
-    rows = [start_state(mechanism), *zip(found.q, found.v, found.a, strict=True)]
+    random = random_states(mechanism, count)
+    rows = [start_state(mechanism), *zip(random.q, random.v, random.a, strict=True)]
     return tuple(State(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 

@@ -3,23 +3,20 @@
 A line holds both forms as functions of the same signature and one `measure`, which compares any such function with a truth that
 knows neither. So a verdict cannot be set by hand: `judge` finds fault with a line whose printed form is right though it is called
 a misprint, whose printed form is wrong though it is called ok, or whose correction is itself wrong.
+
+Lines that fail for one and the same reason share a `Cause`, and are one mistake however many they are.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-YUAN_GE = "Yuan & Ge 2016"
-WANG = "Wang et al. 2010"
-MEN = "Men et al. 2009"
-
 APART = 1e3  # a printed form is called off only where it is this many tolerances off: no verdict within sight of rounding
-ROUNDING = 1e-13  # relative: sums of some ten products of numbers of order one leave 1e-15; two decades of room
-SOLVED = 1e-10  # relative: rounding times the condition of the systems solved, up to 1e4, leaves 1e-12; two decades of room
 SAME_TEXT = ""
 
 Form = Callable[..., Any]
@@ -33,6 +30,24 @@ class Verdict(StrEnum):
     WRONG = "wrong"  # the statement itself fails
     LOOSE = "loose"  # right with a condition that is not stated
     NOT_GIVEN = "not given"  # left out; `intended` is what is assumed here, the printed form leaves it out
+    UNREADABLE = "unreadable"  # fails as our extract has it, by a mark that the extract is likely to have lost or added
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why lines fail.
+
+    Attributes:
+        name: unique within its paper.
+        kind: the verdict on every line that fails for it.
+        text: the mistake, the condition or the omission in a sentence.
+        doubt: why it may be the text extract's and not the paper's; empty where nothing suggests that.
+    """
+
+    name: str
+    kind: Verdict
+    text: str
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,7 @@ class Line:
     Attributes:
         paper, equation, name: what is audited; `name` is unique in the audit.
         printed, intended: what stands there and what is right, in words or letters; `intended` is empty where that is the same.
+        verdict: what is to be said of it, which `judge` holds against the measurement: ok without a cause, else the cause's kind.
         printed_form, intended_form: both as functions that `measure` takes.
         measure: discrepancy of a form from the truth, >= 0, in the unit that `measured` says.
         tolerance: largest discrepancy of a right form, with its reason.
@@ -70,6 +86,7 @@ class Line:
     tolerance: float
     reason: str
     sentence: str
+    cause: Cause | None = None
     example: Example | None = None
 
 
@@ -82,26 +99,15 @@ class Judgement:
     faults: tuple[str, ...]
 
 
-def right(
-    paper: str,
-    equation: str,
-    name: str,
-    printed: str,
-    form: Form,
-    measure: Callable[[Form], float],
-    measured: str,
-    tolerance: float,
-    reason: str,
-    sentence: str,
-) -> Line:
-    """A line of something that is right as printed."""
-    return Line(paper, equation, name, printed, SAME_TEXT, Verdict.OK, form, form, measure, measured, tolerance, reason, sentence)
-
-
 def discrepancy(line: Line, form: Form) -> float:
     """The measured discrepancy of a form; infinite where the form cannot even be evaluated, such as by its shape."""
+    return measured(line.measure, form)
+
+
+@cache
+def measured(measure: Callable[[Form], float], form: Form) -> float:
     try:
-        return float(line.measure(form))
+        return float(measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
         return math.inf
 
@@ -123,16 +129,24 @@ def judge(line: Line) -> Judgement:
 
 
 def row(line: Line) -> dict[str, Any]:
-    """The line measured, as a flat row of texts and numbers; `stands` tells whether the verdict agrees with the measurement."""
+    """The line measured, as a flat row of texts and numbers.
+
+    `verdict` is what the measurement says: ok where the printed form is right, else the kind of the cause, or wrong where no cause
+    is known. `stands` tells whether the line itself says the same.
+    """
     judged = judge(line)
     words = ("paper", "equation", "name", "printed", "intended", "measured", "reason", "sentence")
+    off = Verdict.WRONG if line.cause is None else line.cause.kind
     example: dict[str, Any] = {"example": "", "example_printed": None, "example_intended": None, "example_true": None}
     if line.example is not None:
         values = (line.example.of(line.printed_form), line.example.of(line.intended_form), line.example.true())
         example = dict(zip(example, (line.example.name, *map(float, values)), strict=True))
     return {
         **{key: getattr(line, key) for key in words},
-        "verdict": str(line.verdict),
+        "verdict": str(Verdict.OK if judged.printed <= line.tolerance else off),
+        "cause": line.cause.name if line.cause else "",
+        "cause_text": line.cause.text if line.cause else "",
+        "doubt": line.cause.doubt if line.cause else "",
         "printed_off": judged.printed,
         "intended_off": judged.intended,
         "tolerance": line.tolerance,

@@ -1,21 +1,24 @@
 """The example of Yuan & Ge (2016), section 4, run again: whether the crank-slider "finally stops in an equilibrium".
 
 Everything is computed from the linkage file and the closed form of `crank_motion`; no number is kept here but the torques that are
-asked about. The bounds of settling are those of `settling`, the running regime that of `running`.
+asked about. Where it can rest, and with which data it comes to rest, is computed in `rest`, the steady turning in `running`. The
+paper's figures are computed from a reference. Inertias and gravity, which the paper does not give, are assumed throughout.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BPoly
 
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, motion_of
-from gauss_bench.papers.crank_slider import GRAVITY, linkage
-from gauss_bench.papers.quantity import Quantity
+from gauss_bench.papers.crank_slider import GRAVITY, KEPT, linkage
+from gauss_bench.papers.rest import Bound, bound, equilibria, settles, torque_range
 from gauss_bench.papers.running import balance_speed, regime, swept
-from gauss_bench.papers.settling import Bound, bound, settles
-from gauss_bench.papers.statics import equilibria, torque_range
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
 
 COARSE = 1e2  # of the tolerance: what a run with it differs by is more than what the finer one is off
 ASKED = (-0.2, 0.2, 0.5)  # [N m] torques that let it settle; the last is the printed one the other way round
@@ -24,6 +27,33 @@ INERTIAS = (0.0, 1.0, 2.0, 3.0)  # of a uniform bar's, centre of mass in the mid
 CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # of crank and rod
 SAME = 1e-6  # relative: far above rounding, far below any difference of formulas
 WATCHED = 2.0  # [s] as long as the linkage file's scenario
+ROWS = 601  # of the table of the paper's figures
+SPAN = 4.0  # [s] drawn at most: on a longer axis the turns would run together
+COLUMNS = {"x1": 0, "y1": 1, "theta1": 2, "x3": 6}  # of the paper's seven coordinates
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One row of the reproduction: a number with its unit and uncertainty, or a claim with its verdict, and a sentence.
+
+    Attributes:
+        group: chapter of the table; key: short name by which the report finds the row, unique.
+        quantity: in words; value: None for a claim or an omission; unit.
+        bracket: what the value is uncertain by, None where it is exact to rounding.
+        verdict: of a claim: "refuted", "holds" or "not shown".
+    """
+
+    group: str
+    key: str
+    quantity: str
+    value: float | None = None
+    unit: str = ""
+    bracket: float | None = None
+    verdict: str = ""
+    statement: str = ""
+
+    def row(self) -> dict[str, Any]:
+        return asdict(self)
 
 
 def reproduction() -> dict[str, Any]:
@@ -56,20 +86,20 @@ def running(motion: CrankMotion) -> list[Quantity]:
         "taken": ("energy from the torque in a turn", "J"),
         "lost": ("energy lost in the damper in a turn, steady", "J"),
     }
-    found = []
+    quantities = []
     for key, (quantity, unit) in named.items():
         value = float(getattr(fine, key))
         bracket = abs(value - getattr(coarse, key)) if key != "taken" else None
-        found.append(Quantity("running", key, quantity, value, unit, bracket))
+        quantities.append(Quantity("running", key, quantity, value, unit, bracket))
     area = Quantity("running", "swept", "integral of (dx3/dtheta)^2 over a turn", swept(motion), "m^2")
     balance = Quantity("running", "balance", "constant speed at which the damper would take it all", balance_speed(motion), "rad/s")
-    return [*found, area, balance]
+    return [*quantities, area, balance]
 
 
 def statics(motion: CrankMotion) -> list[Quantity]:
     """Torque of weight and spring, and where the crank can rest."""
     low, high = torque_range(motion)
-    found = [
+    quantities = [
         Quantity("static", "force_least", "least static torque of weight and spring", low.torque, "N m"),
         Quantity("static", "force_least_at", "its crank angle", low.theta, "rad", 1e-8),
         Quantity("static", "force_most", "largest static torque of weight and spring", high.torque, "N m"),
@@ -80,8 +110,8 @@ def statics(motion: CrankMotion) -> list[Quantity]:
         for place in equilibria(replace(motion, torque=torque)):
             kind = "stable" if place.stable else "unstable"
             words = f"{kind} equilibrium at {torque:g} N m"
-            found.append(Quantity("equilibria", f"{kind}_{tag}", words, place.theta, "rad"))
-    return found
+            quantities.append(Quantity("equilibria", f"{kind}_{tag}", words, place.theta, "rad"))
+    return quantities
 
 
 def settling(motion: CrankMotion) -> list[Quantity]:
@@ -97,7 +127,7 @@ def settling(motion: CrankMotion) -> list[Quantity]:
     lower = bound(twisted, 0.0, 2 * -high.torque)
     upper = bound(twisted, 0.0, 2 * -low.torque, STATIC_WIDTH)
     least = bound(damped, 32.0, motion.c)
-    found = [
+    quantities = [
         bounded("settles_above", "settles from rest at theta = 0 for torques above", lower, "N m"),
         bounded("settles_below", "settles from rest at theta = 0 for torques below", upper, "N m"),
         bounded("damping", f"settles at {motion.torque:g} N m for dampers above", least, "N s/m"),
@@ -105,22 +135,22 @@ def settling(motion: CrankMotion) -> list[Quantity]:
     others = [bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque) for corner in CORNERS]
     for word, chosen in (("lowest", min), ("highest", max)):
         words = f"the {word} of these bounds with the least or the most inertia of crank and rod"
-        found.append(bounded(f"settles_above_{word}", words, chosen(others, key=lambda x: x.value), "N m"))
-    return [*found, *(resting(twisted(torque)) for torque in ASKED)]
+        quantities.append(bounded(f"settles_above_{word}", words, chosen(others, key=lambda x: x.value), "N m"))
+    return [*quantities, *(resting(twisted(torque)) for torque in ASKED)]
 
 
-def bounded(key: str, quantity: str, found: Bound, unit: str) -> Quantity:
-    return Quantity("settling", key, quantity, found.value, unit, found.bracket)
+def bounded(key: str, quantity: str, at: Bound, unit: str) -> Quantity:
+    return Quantity("settling", key, quantity, at.value, unit, at.bracket)
 
 
 def heavier(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
     """Crank and rod with these multiples of a uniform bar's inertia, and another torque."""
-    factor = np.array([1.0, 1.0, crank, 1.0, 1.0, rod, 1.0])
-    return replace(motion, mass=motion.mass * factor, torque=torque)
+    factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
+    return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
 
 def resting(motion: CrankMotion) -> Quantity:
-    """The crank angle at which it comes to rest: the stable equilibrium it is caught around.
+    """The crank angle at which it comes to rest: the only stable equilibrium.
 
     Raises:
         ArithmeticError: it does not come to rest there, or there are several to choose from.
@@ -133,17 +163,17 @@ def resting(motion: CrankMotion) -> Quantity:
 
 def formulas(motion: CrankMotion) -> list[Quantity]:
     """What the wrong formulas would make of the example."""
-    found = []
+    quantities = []
     for key, formula in (("true", TRUE), ("eq16", EQ_16), ("eqs10_11", EQS_10_11)):
         other = replace(motion, formula=formula)
         ends = [other.run(WATCHED, rtol=rtol) for rtol in (RTOL, COARSE * RTOL)]
         start = float(other.acceleration(0.0, 0.0))
         w, bracket = float(ends[0].w[-1]), abs(float(ends[0].w[-1] - ends[1].w[-1]))
-        found += [
+        quantities += [
             Quantity("formulas", f"start_{key}", f"crank acceleration at the start, {formula}", start, "rad/s^2"),
             Quantity("formulas", f"speed_{key}", f"crank speed after {WATCHED:g} s, {formula}", w, "rad/s", bracket),
         ]
-    return found
+    return quantities
 
 
 def claims(motion: CrankMotion) -> list[Quantity]:
@@ -216,3 +246,30 @@ LEFT_OUT = {
 def left_out() -> list[Quantity]:
     """What the paper does not say, and what is taken here."""
     return [Quantity("left out", key, words, statement=taken) for key, (words, taken) in LEFT_OUT.items()]
+
+
+def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
+    """The paper's figures 2 to 9, positions and speeds of crank and slider, from a reference: {"paper_motion": rows}.
+
+    Columns t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad].
+
+    Between samples the motion is the polynomial that has their positions, velocities and accelerations at both ends.
+
+    Raises:
+        ValueError: the mechanism is not the crank-slider, or the reference not of this mechanism.
+    """
+    if mechanism.name != "crank_slider" or reference.q.shape[1] != mechanism.n:
+        raise ValueError(f"{mechanism.name}: not the crank-slider with its reference")
+    t = np.linspace(0.0, min(SPAN, float(reference.t[-1])), ROWS)
+    kept = np.array(KEPT)[list(COLUMNS.values())]
+    levels = np.stack([reference.q[:, kept], reference.v[:, kept], reference.a[:, kept]], axis=1)
+    curve = BPoly.from_derivatives(reference.t, levels)
+    return {"paper_motion": [motion_row(*x) for x in zip(t, curve(t), curve.derivative()(t), strict=True)]}
+
+
+def motion_row(t: float, place: Array, rate: Array) -> dict[str, float]:
+    """One row."""
+    row = {"t": float(t)}
+    for name, x, x_rate in zip(COLUMNS, place, rate, strict=True):
+        row |= {name: float(x), f"{name}_rate": float(x_rate)}
+    return row

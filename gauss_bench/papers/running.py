@@ -50,7 +50,8 @@ class Regime:
 def swept(motion: CrankMotion) -> float:
     """Integral of (dx3/dtheta)^2 over a turn [m^2]."""
     theta = np.arange(POINTS) * TURN / POINTS
-    return float((motion.positions(theta)[1][6] ** 2).mean() * TURN)
+    slope = motion.positions(theta)[1][6]
+    return float((slope**2).mean() * TURN)
 
 
 def balance_speed(motion: CrankMotion) -> float:
@@ -77,18 +78,18 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
 
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
     """|w|, time and lost energy (3, samples) along a turn that starts at theta = 0 with speed w."""
-    direction = np.sign(w)
+    direction = float(np.sign(w))
 
     def rate(s: float, y: Array) -> list[float]:
-        theta, speed = direction * s, direction * y[0]
-        slope = float(motion.positions(theta)[1][6])
-        return [direction * float(motion.acceleration(theta, speed)) / y[0], 1 / y[0], motion.c * slope**2 * y[0]]
+        theta, u = float(direction * s), float(y[0])
+        slope = motion.positions(theta)[1][6]
+        return [direction * motion.acceleration(theta, direction * u) / u, 1 / u, motion.c * slope**2 * u]
 
     start, places = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
-    found = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=places)
-    if not found.success:
+    run = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=places)
+    if not run.success:
         raise ArithmeticError(f"the crank does not complete the turn it starts with {w:.6g} rad/s")
-    return np.asarray(found.y)
+    return np.asarray(run.y)
 
 
 def regime(motion: CrankMotion, rtol: float = RTOL) -> Regime:

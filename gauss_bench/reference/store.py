@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gauss_bench.mechanism.digest import source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
@@ -17,11 +18,9 @@ FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor
 
 def reference_key(mechanism: Mechanism, t_end: float) -> str:
     """Name, scenario and digest of everything a built reference depends on."""
-    digest = hashlib.sha256(f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__}".encode())
-    for room in ("reference", "mechanism"):
-        for source in sorted((Path(__file__).parents[1] / room).glob("*.py")):
-            digest.update(source.read_bytes())
-    return f"{mechanism.name}.{mechanism.scenario}.{digest.hexdigest()[:16]}"
+    sources = source_digest("reference", "mechanism", "terms.py")
+    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
+    return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
 
 
 def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:

@@ -20,8 +20,8 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.schedule import period
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping.bodies import WrittenOut, constant_values, leaves
 from gauss_bench.compiler.stepping.driver import known_program
+from gauss_bench.compiler.stepping.rollout import WrittenOut, constant_values, leaves
 from gauss_bench.compiler.stepping.steps import REACHES, read_code
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.schema import Suite

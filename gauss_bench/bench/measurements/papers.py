@@ -6,9 +6,8 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.mechanism.load import load
 from gauss_bench.papers.audit import audit
-from gauss_bench.papers.motion_table import SPAN, paper_motion
 from gauss_bench.papers.published import SQUEEZER, published
-from gauss_bench.papers.reproduction import reproduction
+from gauss_bench.papers.reproduction import SPAN, paper_motion, reproduction
 from gauss_bench.reference.store import certified_reference, stored_reference
 from gauss_bench.suites.schema import Suite
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from gauss_bench.compiler.chains.program import LargeProgram, generate_large
 from gauss_bench.compiler.elimination.check import worst_error
+from gauss_bench.compiler.elimination.formulations import Plan
 from gauss_bench.compiler.elimination.partition import covering, study
 from gauss_bench.compiler.elimination.program import CHECKED, FORMULATIONS
-from gauss_bench.compiler.elimination.workspace import Plan
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code

@@ -8,13 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from gauss_bench.compiler.chains.steps import Sizes, module
+from gauss_bench.compiler.elimination.formulations import Plan
 from gauss_bench.compiler.elimination.partition import Study
-from gauss_bench.compiler.elimination.side_by_side import equations
-from gauss_bench.compiler.elimination.workspace import Plan, workspace
-from gauss_bench.compiler.equations.parameters import open_parameters
+from gauss_bench.compiler.elimination.rounds import generate_in_rounds
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.groups import Groups, grouped
-from gauss_bench.compiler.machine.loops import WIDEST, Loop, Memory, loops, memory
+from gauss_bench.compiler.machine.loops import WIDEST, Groups, Loop, Memory, grouped, loops, memory
 from gauss_bench.compiler.stepping.runners import Flags, address, in_lanes, out_of_lanes
 from gauss_bench.terms import Array
 
@@ -123,7 +121,7 @@ def generate_large(found: Study, plan: Plan, cache: bool = True) -> LargeProgram
     Raises:
         KernelError: no pivots are usable.
     """
-    made = equations(workspace(found, open_parameters(found.mechanism, ()), plan))
+    made = generate_in_rounds(found, plan)
     groups = grouped(made)
     order = loops(groups)
     return LargeProgram(plan, groups, order, memory(made, groups, order), made.guards, found.dropped, cache, {})

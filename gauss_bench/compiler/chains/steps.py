@@ -19,9 +19,8 @@ A trajectory stops before the first step in which a guard fails at any stage. Wi
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.groups import Groups
 from gauss_bench.compiler.machine.loop_text import LoopWriter, Text, declarations
-from gauss_bench.compiler.machine.loops import Loop, Memory
+from gauss_bench.compiler.machine.loops import Groups, Loop, Memory
 
 # c, w, and time since the step began; what the last stage leaves at q_s, v_s is not used
 STAGES = (("%half", 1.0, "%none"), ("%half", 2.0, "%half"), ("%h", 2.0, "%half"), ("%none", 1.0, "%h"))

@@ -7,36 +7,288 @@ x are the unknown loop variables, u the known ones with rates w and second rates
     several        J x' = -B w,  J x'' = -B b - bias(x', w);     the next guess likewise, with g for w and 0 for b
 
 Inputs of the expressions: "x", "u", "w", "b", "g", and "p" for open parameters.
+
+J z = b of a linkage's loops in expressions, group by group (Assur groups: loops that only together determine their unknowns).
+
+A loop has two rows, so pivots are taken two by two. With the columns c1, c2 of a loop and b on its right, Cramer's rule
+
+    c1 z1 + c2 z2 = b,    z1 = (b x c2)/D,   z2 = (c1 x b)/D,   D = c1 x c2
+
+divides by what vanishes where the dyad is stretched, and nowhere else: the code needs no other pivot and no second choice. In a
+group of more loops the further columns of the pivot's loop are expressed by its two, c = alpha c1 + beta c2, and eliminated from
+the other loops; which loop and columns go first is chosen so that D keeps its sign and stays large at the samples. The sign of D
+names the assembly, and the product of a group's D is the determinant of its J.
+
+A group with more equations than unknowns (a redundant loop) is solved by its normal equations C^T C z = C^T b: what is left over of
+b vanishes where the loops close. Their condition is that of J squared, which costs rates digits but positions none.
+Source: Golub and Van Loan, Matrix Computations (4th ed., 2013), sections 3.2 and 4.1 (block elimination, L D L^T) and 5.3 (normal
+equations).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.loop_groups import Groups, Guard
+from gauss_bench.compiler.elimination.function import Function, function
+from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.equations.loops import LoopExpressions
-from gauss_bench.compiler.equations.parameters import Parameters
 from gauss_bench.compiler.equations.sampling import typical_length
+from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.compiler.expressions.planar import Vector
-from gauss_bench.kinematics.loop_equations import LoopEquations
+from gauss_bench.kinematics.loop_equations import REGULAR, Group, LoopEquations
 from gauss_bench.mechanism.model import Point
 from gauss_bench.terms import Array
+
+GOOD = 0.1  # sine of the angle between a pivot's columns at the worst sample: among such, the fewest operations decide
+
+Columns = dict[int, Vector]  # of one loop, by unknown
+Guard = tuple[Node, Node]  # D, and what D^2 must not fall below
+LoopsAndUnknowns = tuple[list[int], list[int]]
+
+
+class Solver(Protocol):
+    """One factorised group."""
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        """z by unknown for b by loop; loops without b have none."""
+        ...
+
+    @property
+    def guards(self) -> list[Guard]:
+        """What is divided by, and how large its square must be for rates to be exact to eight digits and more."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Pivot:
+    """A loop, its two unknowns, their columns, D and 1/D, and the loop's other columns as (alpha, beta)."""
+
+    loop: int
+    unknowns: tuple[int, int]
+    columns: tuple[Vector, Vector]
+    D: Node
+    inverse: Node
+    others: dict[int, tuple[Node, Node]]
+
+    def split(self, b: Vector) -> tuple[Node, Node]:
+        """The parts of b along both columns."""
+        c1, c2 = self.columns
+        return b.cross(c2) * self.inverse, c1.cross(b) * self.inverse
+
+
+def _pivot(loop: int, columns: Columns, unknowns: tuple[int, int]) -> Pivot:
+    c1, c2 = (columns[k] for k in unknowns)
+    D = c1.cross(c2)
+    bare = Pivot(loop, unknowns, (c1, c2), D, D.graph.inverse(D), {})
+    others = {k: bare.split(c) for k, c in columns.items() if k not in unknowns}
+    return Pivot(loop, unknowns, (c1, c2), D, bare.inverse, others)
+
+
+class Dyads:
+    """A group with as many equations as unknowns: block elimination with pivots of two rows and columns."""
+
+    def __init__(self, columns: dict[int, Columns]):
+        self.columns = columns
+        self.pivots: list[Pivot] = []
+        self.eliminated: list[dict[int, tuple[Vector, Vector]]] = []
+        left = dict(columns)
+        while left:
+            loop, unknowns = _best(left)
+            pivot = _pivot(loop, left.pop(loop), unknowns)
+            self.pivots.append(pivot)
+            self.eliminated.append({m: _taken(left[m], pivot) for m in left if set(unknowns) & left[m].keys()})
+            left |= {m: _reduced(left[m], pivot, pair) for m, pair in self.eliminated[-1].items()}
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        b = dict(b)
+        parts: list[tuple[Node, Node] | None] = []
+        for pivot, eliminated in zip(self.pivots, self.eliminated, strict=True):
+            if pivot.loop not in b:
+                parts.append(None)
+                continue
+            p1, p2 = pivot.split(b[pivot.loop])
+            parts.append((p1, p2))
+            for m, (e1, e2) in eliminated.items():
+                change = e1 * p1 + e2 * p2
+                b[m] = b[m] - change if m in b else -change
+        z: dict[int, Node] = {}
+        for pivot, part in zip(reversed(self.pivots), reversed(parts), strict=True):
+            known = [(pivot.others[k], z[k]) for k in pivot.others if k in z]
+            for i, unknown in enumerate(pivot.unknowns):
+                terms = [] if part is None else [part[i]]
+                z[unknown] = pivot.D.graph.total([*terms, *(-(other[i] * x) for other, x in known)])
+        return z
+
+    @property
+    def guards(self) -> list[Guard]:
+        found = []
+        for p in self.pivots:
+            c1, c2 = (self.columns[p.loop].get(k, c) for k, c in zip(p.unknowns, p.columns, strict=True))
+            found.append((p.D, c1.dot(c1) * c2.dot(c2) * REGULAR**2))
+        return found
+
+
+def _taken(columns: Columns, pivot: Pivot) -> tuple[Vector, Vector]:
+    """The columns of another loop in a pivot's unknowns."""
+    zero = pivot.D.graph.constant(0.0)
+    first, second = (columns.get(k, Vector(zero, zero)) for k in pivot.unknowns)
+    return first, second
+
+
+def _reduced(columns: Columns, pivot: Pivot, pair: tuple[Vector, Vector]) -> Columns:
+    """Another loop's columns without the pivot's unknowns."""
+    found = {k: c for k, c in columns.items() if k not in pivot.unknowns}
+    for k, (alpha, beta) in pivot.others.items():
+        change = pair[0] * alpha + pair[1] * beta
+        found[k] = found[k] - change if k in found else -change
+    return {k: c for k, c in found.items() if not (c.x.zero and c.y.zero)}
+
+
+def _best(left: dict[int, Columns]) -> tuple[int, tuple[int, int]]:
+    """Loop and unknowns of the next pivot: steady in sign, then not small, then few other columns."""
+    offers = []
+    for loop, columns in left.items():
+        for one, two in combinations(sorted(columns), 2):
+            sine = _sines(columns[one], columns[two])
+            worst = float(np.abs(sine).min())
+            steady = bool((sine > 0).all() or (sine < 0).all())
+            offers.append(((not steady, worst < GOOD, len(columns), -worst), loop, (one, two)))
+    if not offers:
+        raise KernelError("loops have fewer unknowns than equations in part, and more elsewhere")
+    return min(offers)[1:]
+
+
+def _values(c: Vector) -> Array:
+    """Values (2, k) at the samples."""
+    return np.array([c.x.at, c.y.at])[:, : c.x.graph.samples]
+
+
+def _sizes(c: Vector) -> Array:
+    return np.asarray(np.hypot(*_values(c)))
+
+
+def _sines(a: Vector, b: Vector) -> Array:
+    (ax, ay), (bx, by) = _values(a), _values(b)
+    return np.asarray((ax * by - ay * bx) / np.maximum(_sizes(a) * _sizes(b), np.finfo(float).tiny))
+
+
+class Redundant:
+    """Groups with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at regular positions."""
+
+    def __init__(self, graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]):
+        self.graph, self.columns = graph, columns
+        A = {(i, j): self._product(i, j) for i in unknowns for j in unknowns if i >= j}
+        self.order: list[int] = []
+        self.lower: dict[int, list[tuple[int, Node]]] = {}
+        self.D: list[Node] = []
+        left = list(unknowns)
+        while left:
+            k = min(left, key=lambda i: sum(not A[max(i, j), min(i, j)].zero for j in left))
+            left.remove(k)
+            below = {i: x for i in left if not (x := A[max(i, k), min(i, k)]).zero}
+            inverse = graph.inverse(A[k, k])
+            self.order.append(k)
+            self.D.append(A[k, k])
+            self.lower[k] = [(i, x * inverse) for i, x in below.items()]
+            for i, factor in self.lower[k]:
+                for j, x in below.items():
+                    if i >= j:
+                        A[i, j] = A[i, j] - factor * x
+
+    def _product(self, i: int, j: int) -> Node:
+        found = [columns[i].dot(columns[j]) for columns in self.columns.values() if i in columns and j in columns]
+        return self.graph.total(x for x in found if not x.zero)
+
+    def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
+        y = {i: [c[i].dot(b[l]) for l, c in self.columns.items() if i in c and l in b] for i in self.order}
+        z: dict[int, Node] = {}
+        for k in self.order:
+            z[k] = self.graph.total(y[k])
+            for i, factor in self.lower[k]:
+                y[i].append(-(factor * z[k]))
+        for k, D in zip(reversed(self.order), reversed(self.D), strict=True):
+            known = [-(factor * z[i]) for i, factor in self.lower[k]]
+            z[k] = self.graph.total([z[k] * self.graph.inverse(D), *known])
+        return z
+
+    @property
+    def guards(self) -> list[Guard]:
+        whole = {k: self._product(k, k) for k in self.order}
+        return [(D, whole[k] * whole[k] * REGULAR**4) for k, D in zip(self.order, self.D, strict=True) if D.number is None]
+
+
+class Groups:
+    """All groups, each solved with what those before it left.
+
+    `columns` are those of the unknowns, by loop.
+    """
+
+    def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
+        self.graph, self.columns = graph, columns
+        self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
+        solved: set[int] = set()
+        for loops, unknowns in _merged([(sorted({row // 2 for row in g.rows}), sorted(g.columns)) for g in groups], columns):
+            own = {l: {k: c for k, c in columns[l].items() if k not in solved} for l in loops}
+            self.groups.append((tuple(loops), _solver(graph, own, unknowns)))
+            solved |= set(unknowns)
+
+    def solve(self, b: Sequence[Vector]) -> dict[int, Node]:
+        """z by unknown for b by loop."""
+        z: dict[int, Node] = {}
+        for loops, solver in self.groups:
+            if solver is not None:
+                z |= solver.solve({l: self._left(b[l], self.columns[l], z) for l in loops})
+        return z
+
+    def _left(self, b: Vector, columns: Columns, z: dict[int, Node]) -> Vector:
+        """b without the unknowns that are known by now."""
+        known = [-(c * z[k]) for k, c in columns.items() if k in z]
+        return Vector(self.graph.total([b.x, *(w.x for w in known)]), self.graph.total([b.y, *(w.y for w in known)]))
+
+    @property
+    def guards(self) -> list[Guard]:
+        return [guard for _, solver in self.groups if solver is not None for guard in solver.guards]
+
+
+def _merged(groups: list[LoopsAndUnknowns], columns: Sequence[Columns]) -> list[LoopsAndUnknowns]:
+    """Groups with a redundant loop joined with all that it leans on: where one of its dyads is stretched, the others hold it."""
+    joined: set[int] = set()
+    for k, (loops, unknowns) in reversed(list(enumerate(groups))):
+        if k in joined or len(unknowns) < 2 * len(loops):
+            needed = {i for l in loops for i in columns[l]}
+            joined |= {k} | {i for i, (_, own) in enumerate(groups[:k]) if needed & set(own)}
+    if not joined:
+        return groups
+    loops = sorted(l for k in joined for l in groups[k][0])
+    unknowns = sorted(i for k in joined for i in groups[k][1])
+    return [(loops, unknowns), *(group for k, group in enumerate(groups) if k not in joined)]
+
+
+def _solver(graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]) -> Solver | None:
+    """The solver of a group, or None where nothing is left to solve."""
+    if len(unknowns) > 2 * len(columns):
+        raise KernelError("loops leave an unknown undetermined, and others determined twice")
+    if not unknowns:
+        return None
+    return Dyads(columns) if len(unknowns) == 2 * len(columns) else Redundant(graph, columns, unknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class ClosureProgram:
-    """The nodes of one linkage.
+    """Everything one linkage is closed with.
 
     Attributes:
         angles: which unknowns are angles; known_angles: which inputs are.
         lengths: what a change of each unknown is measured by.
-        residual: A by row; square: [m^2] sum of the squared lengths of all vectors in it.
-        correction: z by unknown.
-        guards: what must not change its sign, and what its square must not fall below.
-        advance: by unknown, from this sample to the guess at the next.
-        outputs: q, v, a of all links, then x, y and rates and second rates of each point.
+        states: (x, u, w, b, g, p) -> A by row; (1,) sum of the squared lengths of all vectors in it [m^2]; z by unknown; guards,
+        which
+            must not change their signs; what their squares must not fall below; by unknown, the way from this sample to the guess
+            at the next; q, v, a of all links, then x, y and rates and second rates of each point.
+        path: the same without the last.
         n, points, parameters: coordinates of the linkage, points, open numbers.
     """
 
@@ -48,21 +300,21 @@ class ClosureProgram:
     angles: tuple[bool, ...]
     known_angles: tuple[bool, ...]
     lengths: tuple[float, ...]
-    residual: list[Node]
-    square: Node
-    correction: list[Node]
-    guards: list[Guard]
-    advance: list[Node]
-    outputs: list[Node]
+    states: Function
+    path: Function
 
     @property
     def unknowns(self) -> int:
         return len(self.angles)
 
     @property
+    def guards(self) -> int:
+        return len(self.states.outputs[3])
+
+    @property
     def width(self) -> int:
         """Numbers stored at each sample."""
-        return len(self.outputs)
+        return len(self.states.outputs[-1])
 
 
 def closure_program(equations: LoopEquations, parameters: Parameters, points: Sequence[Point], samples: Array) -> ClosureProgram:
@@ -80,6 +332,14 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
     v, a = rates.both(w, b)
     correction = rates.groups.solve([-loop.residual() for loop in loops.loops])
     unknown = len(equations.unknown)
+    residual = [x for loop in loops.loops for x in (loop.residual().x, loop.residual().y)]
+    square = graph.total(loop.square for loop in loops.loops)
+    z = [correction.get(k, graph.constant(0.0)) for k in range(unknown)]
+    guards = rates.groups.guards
+    stored = _outputs(loops, v, a, points)
+    sizes = (unknown, *([len(equations.known)] * 4), len(parameters.names))
+    inputs = list(zip("xuwbgp", sizes, strict=True))
+    results = [residual, [square], z, [x for x, _ in guards], [least for _, least in guards], advance]
     return ClosureProgram(
         name=equations.mechanism.name,
         n=equations.mechanism.n,
@@ -89,12 +349,8 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
         angles=tuple(map(bool, equations.is_angle[:unknown])),
         known_angles=tuple(map(bool, equations.is_angle[unknown:])),
         lengths=tuple(np.where(equations.is_angle[:unknown], 1.0, length).tolist()),
-        residual=[x for loop in loops.loops for x in (loop.residual().x, loop.residual().y)],
-        square=graph.total(loop.square for loop in loops.loops),
-        correction=[correction.get(k, graph.constant(0.0)) for k in range(unknown)],
-        guards=rates.groups.guards,
-        advance=advance,
-        outputs=_outputs(loops, v, a, points),
+        states=function(inputs, [*results, stored], None),
+        path=function(inputs, [*results, []], None),
     )
 
 

@@ -1,25 +1,24 @@
-"""A linkage as straight-line symbolic functions, ready to be compiled.
+"""The program of a linkage: straight-line functions, ready for any machine.
 
-    linkage -> rows and forces (symbols, symbol_forces) -> factors (elimination) -> accelerations (algebra) -> functions (export)
+    linkage -> rows and forces (equations) -> factors (lu) -> accelerations (formulations) -> functions (function)
 
 The functions share their expressions: where several are evaluated at the same state, sines, Jacobian and factors are the same.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from gauss_bench.compiler.elimination.check import off_constraints_error, worst_error
+from gauss_bench.compiler.elimination.formulations import Workspace, moved_links, plain_links, vector
+from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, function, uses
 from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.search import Best, cheapest
-from gauss_bench.compiler.elimination.workspace import Workspace, moved_links, plain_links, vector
 from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy as energy_of
-from gauss_bench.compiler.equations.parameters import open_parameters as named_parameters
+from gauss_bench.compiler.equations.links import open_parameters as named_parameters
 from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.export import Costs, Exporter, Inputs, function_costs, uses
 from gauss_bench.compiler.expressions.node import Node
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -31,21 +30,18 @@ AIMS = ("single", "batch")
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
 CHECKED = 1e-9  # relative; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
 
-SymbolicFunction = Any  # casadi.Function, which is imported only where it is made
-
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Straight-line functions of one mechanism under one formulation and one partition, as CasADi SX functions.
+    """Straight-line functions of one mechanism under one formulation and one partition.
 
     Attributes:
         name: of the mechanism.
         formulation: "gauss" or "lagrange".
         n, m: coordinates, and constraint rows that are kept.
-        n_parameters: length of the input p.
         independent: coordinates of the partition; () for lagrange.
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p.
-        values: (n_parameters,) their values in the linkage file.
+        values: (n_p,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
@@ -61,19 +57,23 @@ class Program:
     formulation: str
     n: int
     m: int
-    n_parameters: int
     independent: tuple[int, ...]
     parameters: tuple[str, ...]
     values: Array
     dropped: tuple[str, ...]
     thresholds: Array
-    acceleration: SymbolicFunction
-    position_correction: SymbolicFunction
-    velocity_correction: SymbolicFunction
-    multipliers: SymbolicFunction
-    energy: SymbolicFunction
-    residual: SymbolicFunction
-    stabilized: SymbolicFunction | None
+    acceleration: Function
+    position_correction: Function
+    velocity_correction: Function
+    multipliers: Function
+    energy: Function
+    residual: Function
+    stabilized: Function | None
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of the input p."""
+        return len(self.parameters)
 
 
 def generate(
@@ -118,7 +118,7 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 def costs(program: Program) -> Costs:
     """Operations, divisions and critical path of an acceleration with its guards."""
-    return function_costs(program.acceleration)
+    return program.acceleration.costs
 
 
 def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
@@ -135,29 +135,28 @@ def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     plain = plain_links(work)
     rows = rows_of(plain)
     phi = [row.phi for row in rows if row.phi is not None]
-    exporter = Exporter(uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized]))
+    shared = uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized])
     size = len(links.parameters.names)
-    at: Inputs = (("t", "t", 1), ("q", "q", n), ("v", "v", n), ("p", "p", size))
-    moved: Inputs = (("t_at", "t", 1), ("q_at", "q", n), ("t", "t_new", 1), ("q", "q_new", n), ("p", "p", size))
-    guarded = ("guard", [x for x, _ in guards])
+    at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
+    moved: Inputs = (("t", 1), ("q", n), ("t_new", 1), ("q_new", n), ("p", size))
+    pivots = [x for x, _ in guards]
     return Program(
         name=mechanism.name,
         formulation=work.plan.formulation,
         n=n,
         m=len(work.kept),
-        n_parameters=size,
         independent=work.plan.independent,
         parameters=links.parameters.names,
         values=links.parameters.values,
         dropped=found.dropped,
         thresholds=np.array([x for _, x in guards]),
-        acceleration=exporter.function("acceleration", at, [("a", a), guarded]),
-        position_correction=exporter.function("position_correction", moved, [("dq", dq)]),
-        velocity_correction=exporter.function("velocity_correction", at, [("dv", dv)]),
-        multipliers=exporter.function("multipliers", at, [("multipliers", vector(graph, multipliers, len(rows)))]),
-        energy=exporter.function("energy", at[1:], [("energy", [energy_of(plain)])]),
-        residual=exporter.function("residual", at, [("phi", phi), ("phi_dot", [rate_of(plain, row) for row in rows])]),
-        stabilized=exporter.function("stabilized", at, [("a", stabilized), guarded]) if baumgarte else None,
+        acceleration=function(at, [a, pivots], shared),
+        position_correction=function(moved, [dq], shared),
+        velocity_correction=function(at, [dv], shared),
+        multipliers=function(at, [vector(graph, multipliers, len(rows))], shared),
+        energy=function(at[1:], [[energy_of(plain)]], shared),
+        residual=function(at, [phi, [rate_of(plain, row) for row in rows]], shared),
+        stabilized=function(at, [stabilized, pivots], shared) if baumgarte else None,
     )
 
 
@@ -193,7 +192,7 @@ def check(program: Program, mechanism: Mechanism) -> None:
     states = manifold_states(mechanism, 9 if mechanism.n <= DENSE else 2, seed=1)
     found = []
     for t, q, v in zip(states.t, states.q, states.v, strict=True):
-        a, guard = _values(program.acceleration, t, q, v, program.values)
+        a, guard = program.acceleration([t], q, v, program.values)
         if (np.abs(guard) >= program.thresholds).all():
             found.append((float(t), q, v, a))
     if not found:
@@ -201,14 +200,8 @@ def check(program: Program, mechanism: Mechanism) -> None:
     error = worst_error(mechanism, found)
     t, q, v, _ = found[-1]
     q = q + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=len(q))
-    phi, phi_dot = _values(program.residual, t, q, v, program.values)
-    energy = float(_values(program.energy, q, v, program.values)[0][0])
+    phi, phi_dot = program.residual([t], q, v, program.values)
+    energy = float(program.energy(q, v, program.values)[0][0])
     error = max(error, off_constraints_error(mechanism, t, q, v, phi, phi_dot, energy))
     if not error <= CHECKED:
         raise KernelError(f"{program.name}: the {program.formulation} kernel is off by {error:.1e}, which its condition explains")
-
-
-def _values(function: SymbolicFunction, *arguments: Any) -> list[Array]:
-    """The results of a CasADi function as flat arrays."""
-    results = function(*arguments)
-    return [np.array(x, dtype=float).ravel() for x in (results if isinstance(results, tuple) else (results,))]

@@ -12,12 +12,12 @@ from itertools import product
 
 import numpy as np
 
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, workspace
+from gauss_bench.compiler.elimination.function import Costs, costs_of
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering
-from gauss_bench.compiler.elimination.workspace import Plan, Workspace, workspace
-from gauss_bench.compiler.equations.parameters import Parameters
+from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.export import Costs, costs_of
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
 ATTEMPTS = 144

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gauss_bench.compiler.equations.parameters import Parameters
+from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.equations.sampling import typical_length
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.compiler.expressions.planar import Vector

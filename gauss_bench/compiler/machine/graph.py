@@ -8,7 +8,7 @@ Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Expe
 
 from collections.abc import Callable, Sequence
 
-from gauss_bench.compiler.machine.tape import Tape
+from gauss_bench.compiler.elimination.function import Function
 
 Pair = tuple[int, int]
 Payload = float | int | str | None
@@ -128,53 +128,47 @@ class Graph:
         return self.total([self.mul(x, x) for x in values])
 
 
-def inline(g: Graph, tape: Tape, arguments: Sequence[Sequence[int]], sincos: Callable[[int], Pair]) -> list[list[int]]:
-    """Write a tape into a graph; `sincos` supplies sine and cosine of a value. Returns its results."""
+def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sincos: Callable[[int], Pair]) -> list[list[int]]:
+    """Write a function into a graph; `sincos` supplies sine and cosine of a value. Returns its results."""
     values: list[int] = []
-    for instruction in tape.instructions:
-        x = instruction.operands
-        match instruction.operation:
+    for operation, operands, number in function.instructions:
+        match operation:
             case "INPUT":
-                values.append(arguments[x[0]][x[1]])
+                values.append(arguments[operands[0]][operands[1]])
             case "CONST":
-                values.append(g.const(instruction.value))
-            case "SIN" | "COS" as which:
-                values.append(sincos(values[x[0]])[which == "COS"])
-            case operation:
-                values.append(_apply(g, operation, [values[k] for k in x]))
-    return [[g.const(0.0) if k is None else values[k] for k in output] for output in tape.outputs]
+                values.append(g.const(number))
+            case _:
+                values.append(apply(g, operation, [values[k] for k in operands], sincos))
+    return [[values[k] for k in output] for output in function.outputs]
 
 
-def _apply(g: Graph, operation: str, x: list[int]) -> int:
+def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pair]) -> int:
+    """An operation of a function in machine arithmetic."""
     match operation:
-        case "ADD" | "SUB" | "MUL" | "DIV":
-            found: int = getattr(g, operation.lower())(*x)
-            return found
-        case "NEG":
-            return g.neg(x[0])
-        case "SQ":
-            return g.mul(x[0], x[0])
-        case "TWICE":
-            return g.mul(g.const(2.0), x[0])
+        case "ADD":
+            return g.add(*x)
+        case "SUB":
+            return g.sub(*x)
+        case "MUL":
+            return g.mul(*x)
+        case "DIV":
+            return g.div(*x)
         case "INV":
             return g.div(g.const(1.0), x[0])
+        case "NEG":
+            return g.neg(x[0])
         case "SQRT":
             return g.make("sqrt", x[0])
-        case "FABS":
-            return g.abs(x[0])
+        case "SIN" | "COS":
+            return sincos(x[0])[operation == "COS"]
         case "FMIN":
             return g.make("select", g.make("lt", x[0], x[1]), x[0], x[1])
         case "FMAX":
             return g.make("select", g.make("lt", x[1], x[0]), x[0], x[1])
-        case "LT" | "LE":
-            return g.make("select", g.make(operation.lower(), *x), g.const(1.0), g.const(0.0))
-        case "IF_ELSE_ZERO":
-            return g.make("select", _truth(g, x[0]), x[1], g.const(0.0))
-    raise ValueError(f"no graph operation for {operation}")
-
-
-def _truth(g: Graph, a: int) -> int:
-    """The mask where a number that stands for a truth is not zero."""
-    if g.operation[a] == "select" and [g.number(k) for k in g.operands[a][1:]] == [1.0, 0.0]:
-        return g.operands[a][0]
-    return g.make("lt", g.const(0.0), g.abs(a))
+        case "LE":
+            return g.make("select", g.make("le", x[0], x[1]), g.const(1.0), g.const(0.0))
+        case "SUM":
+            return g.total(x)
+        case "IS" | "OUT":
+            return x[0]
+    raise ValueError(f"no machine arithmetic for {operation}")

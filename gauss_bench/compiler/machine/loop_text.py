@@ -10,11 +10,9 @@ different operations; how many lanes they have changes its tables alone.
 from dataclasses import dataclass
 
 from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.groups import Group, Groups
 from gauss_bench.compiler.machine.llvm import Writer, hexadecimal
-from gauss_bench.compiler.machine.loops import Loop, Memory, needed_outside
-from gauss_bench.compiler.machine.rewrite import rewrite
-from gauss_bench.compiler.machine.schedule import live, order
+from gauss_bench.compiler.machine.loops import Group, Groups, Loop, Memory, needed_outside
+from gauss_bench.compiler.machine.schedule import live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
 
 

@@ -5,15 +5,14 @@ the order of the operations are those of the native code, so that results agree 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.machine.graph import Graph, inline
 from gauss_bench.compiler.machine.schedule import live
-from gauss_bench.compiler.machine.tape import Tape
 from gauss_bench.compiler.stepping.runners import Batch, Outcome
 from gauss_bench.compiler.stepping.steps import REACHES, STEPS, Code, Step
 from gauss_bench.terms import Array
@@ -67,19 +66,19 @@ def function(g: Graph, roots: list[int], arguments: Sequence[str], inputs: Mappi
     return found
 
 
-def on_arrays(tape: Tape) -> Callable[..., list[Array]]:
-    """A tape as a function of arrays (k, size), one for each argument; its results are arrays (k, size)."""
+def on_arrays(given: Function) -> Callable[..., list[Array]]:
+    """A function as one of arrays (k, size), one for each argument; its results are arrays (k, size)."""
     g = Graph()
-    leaves = [[g.leaf(f"%{a}_{i}") for i in range(size)] for a, size in enumerate(tape.sizes)]
-    results = inline(g, tape, leaves, lambda x: (g.make("sin", x), g.make("cos", x)))
-    inputs = {f"%{a}_{i}": f"x{a}[{i}]" for a, size in enumerate(tape.sizes) for i in range(size)}
-    arguments = [f"x{a}" for a in range(len(tape.sizes))]
+    leaves = [[g.leaf(f"%{a}_{i}") for i in range(size)] for a, size in enumerate(given.sizes)]
+    results = inline(g, given, leaves, lambda x: (g.make("sin", x), g.make("cos", x)))
+    inputs = {f"%{a}_{i}": f"x{a}[{i}]" for a, size in enumerate(given.sizes) for i in range(size)}
+    arguments = [f"x{a}" for a in range(len(given.sizes))]
     evaluate = function(g, [x for result in results for x in result], arguments, inputs)
 
-    def call(*given: Array) -> list[Array]:
+    def call(*arrays: Array) -> list[Array]:
         with np.errstate(all="ignore"):
-            found = evaluate(*(x.T for x in given))
-        shape = given[0].shape[:1]
+            found = evaluate(*(x.T for x in arrays))
+        shape = arrays[0].shape[:1]
         columns = [np.broadcast_to(x, shape) for x in found]
         cuts = np.cumsum([0, *(len(result) for result in results)]).tolist()
         return [np.array(columns[a:b]).reshape(b - a, *shape).T for a, b in pairwise(cuts)]
@@ -135,71 +134,3 @@ class NumpyRunner:
                 y = np.where(alive, np.array([np.broadcast_to(x, count) for x in found[:size]]), y)
                 done += alive
         return Outcome(y.T.copy(), np.ascontiguousarray(samples.transpose(2, 0, 1)), done, complete, far & ~complete)
-
-
-class CasadiRunner:
-    """Steps by CasADi's virtual machine, one trajectory after the other."""
-
-    def __init__(self, code: Code, integrator: str):
-        self.code, self.n = code, code.program.n
-        self.step = plain_step(code, integrator)
-
-    @cached_property
-    def functions(self) -> tuple[Any, Any, Any]:
-        """One step, FOLDED steps, and what is to be stored; of one vector (q, v, steps done, alive, far, t0, h, p)."""
-        import casadi as ca
-
-        n, step = self.n, self.step
-        state = ca.SX.sym("state", 2 * n + 5 + self.code.program.n_parameters)
-        i, alive, far, t0, h = (state[2 * n + k] for k in range(5))
-        given = {f"%{a}{k}": state[offset + k] for a, offset in (("q", 0), ("v", n)) for k in range(n)}
-        given |= {f"%p{k}": state[2 * n + 5 + k] for k in range(self.code.program.n_parameters)} | {"%t": t0 + i * h, "%h": h}
-        values = symbols(step.graph, step.roots(), given)
-        regular, regular_out, within = (ca.SX(1) if m is None else values[m] for m in (step.regular, step.regular_out, step.within))
-        on = alive * regular * within
-        moved = [values[step.carried[f"%{a}{k}"]] for a in "qv" for k in range(n)]
-        kept = [ca.if_else(on, new, state[k]) for k, new in enumerate(moved)]
-        stopped = ca.if_else(alive * regular * (1 - within), 1, far)
-        one = ca.Function("step", [state], [ca.vertcat(*kept, i + on, on, stopped, state[2 * n + 3 :])])
-        out = ca.Function("out", [state], [ca.vertcat(*(values[x] for x in step.out), alive * regular_out)])
-        return one, one.fold(FOLDED), out
-
-    def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        found = [self._one(batch, k) for k in range(len(batch.states))]
-        return Outcome(*(np.array(x) for x in zip(*found, strict=True)))
-
-    def _one(self, batch: Batch, k: int) -> tuple[Array, Array, int, bool, bool]:
-        one, folded, out = self.functions
-        n, size = batch.n, 2 * self.n
-        x: Any = np.concatenate([batch.states[k], [0.0, 1.0, 0.0, batch.t0, batch.h], batch.parameters[k]])
-        samples, at = np.full((batch.slots, size), np.nan), 0
-        for slot in range(batch.slots):
-            goal = min((slot + 1) * batch.every, n)
-            while at < goal:
-                x, at = (folded(x), at + FOLDED) if goal - at >= FOLDED else (one(x), at + 1)
-            stored = np.array(out(x)).ravel()
-            samples[slot] = stored[:-1]
-        x = np.array(x).ravel()
-        complete = bool(stored[-1])
-        return samples[-1] if complete else x[:size], samples, int(x[size]), complete, bool(x[size + 2])
-
-
-def symbols(g: Graph, roots: list[int], given: Mapping[str, Any]) -> dict[int, Any]:
-    """The values of a graph as expressions of CasADi."""
-    import casadi as ca
-
-    calls: dict[str, Callable[..., Any]] = {
-        "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
-        "lt": lambda a, b: a < b, "le": lambda a, b: a <= b, "both": lambda a, b: a * b, "neg": lambda a: -a,
-        "abs": ca.fabs, "sqrt": ca.sqrt, "sin": ca.sin, "cos": ca.cos, "select": ca.if_else,
-    }  # fmt: skip
-    found: dict[int, Any] = {}
-    for x in live(g, roots):
-        number = g.number(x)
-        if number is not None:
-            found[x] = ca.SX(number)
-        elif g.operation[x] == "leaf":
-            found[x] = given[str(g.payload[x])]
-        else:
-            found[x] = calls[g.operation[x]](*(found[k] for k in g.operands[x]))
-    return found

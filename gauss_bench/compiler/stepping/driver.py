@@ -13,8 +13,7 @@ import numpy as np
 
 from gauss_bench.compiler.elimination.program import Program, generate, partitions
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.machine.tape import read
-from gauss_bench.compiler.stepping.arrays import CasadiRunner, NumpyRunner, on_arrays
+from gauss_bench.compiler.stepping.arrays import NumpyRunner, on_arrays
 from gauss_bench.compiler.stepping.library import Library
 from gauss_bench.compiler.stepping.runners import Batch, NativeRunner, Outcome, Runner
 from gauss_bench.compiler.stepping.steps import REACHES, Code, read_code
@@ -76,7 +75,7 @@ class Choices:
             return False
         code = read_code(program, self.options.stabilization)
         self.codes.append(code)
-        self._evaluate.append(on_arrays(read(program.acceleration)))
+        self._evaluate.append(on_arrays(program.acceleration))
         return True
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
@@ -143,10 +142,8 @@ class Driver:
             match o.backend:
                 case "llvm":
                     self.runners[key] = NativeRunner(code, integrator, REACHES[integrator][level], o.lanes, o.cache)
-                case "numpy":
-                    self.runners[key] = NumpyRunner(code, integrator)
                 case _:
-                    self.runners[key] = CasadiRunner(code, integrator)
+                    self.runners[key] = NumpyRunner(code, integrator)
         return self.runners[key]
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:

@@ -17,16 +17,24 @@ of the first stage are taken before that correction, which is of the order h^5 o
 order of the method; what is stored and what the step goes on from is corrected. Source: Hairer, Norsett and Wanner, Solving
 Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
 (1996), section VII.2 (projection).
+
+Where a step is too long to be written out, it is a loop over its stages. With the stage at x, u and the step begun at q, v; the
+sums X, U; the way c to the next stage and the weight w of this one:
+
+    a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a          (all with the old u)
+    q' = q + h/6 X,   v' = v + h/6 U                                             after the fourth
+
+Sines are rotated from q to x; those at q come from nothing. The projection follows the last stage: q by Newton's chord at the
+uncorrected q', then v with the Jacobian at the corrected one.
 """
 
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
 
+from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.graph import Graph, Pair, inline
-from gauss_bench.compiler.machine.tape import Tape, read
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
@@ -63,13 +71,13 @@ REACHES = {
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """The tapes of one program under one stabilisation ("none", "baumgarte" or "projection")."""
+    """The functions of one program under one stabilisation ("none", "baumgarte" or "projection")."""
 
     program: Program
     stabilization: str
-    acceleration: Tape
-    position: Tape
-    velocity: Tape
+    acceleration: Function
+    position: Function
+    velocity: Function
     angles: tuple[int, ...]
 
     @property
@@ -78,14 +86,14 @@ class Code:
 
 
 def read_code(program: Program, stabilization: str) -> Code:
-    """The tapes of a program; its `stabilized` acceleration for Baumgarte."""
-    function: Any = program.stabilized if stabilization == "baumgarte" else program.acceleration
-    if function is None:
+    """What is stepped of a program; its `stabilized` acceleration for Baumgarte."""
+    acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
+    if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
-    acceleration, position, velocity = (read(f) for f in (function, program.position_correction, program.velocity_correction))
-    angles = acceleration.turned(1)
+    position, velocity = program.position_correction, program.velocity_correction
+    angles = acceleration.angles(1)
     if stabilization == "projection":
-        angles |= position.turned(1) | position.turned(3) | velocity.turned(1)
+        angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
     return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))
 
 
@@ -279,3 +287,48 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
 
 
 STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The values of a part of a step: leaf -> its next value, and the masks of Step."""
+
+    graph: Graph
+    carried: dict[str, int]
+    regular: int | None
+    within: int
+
+    def roots(self) -> list[int]:
+        """Everything that must be computed."""
+        return [*self.carried.values(), *(m for m in (self.regular, self.within) if m is not None)]
+
+
+def rk4_stage(code: Code, reach: Reach) -> Stage:
+    """One stage."""
+    b = Builder(code, reach, "x", "u")
+    g, x, u = b.g, b.q, b.v
+    q, v, way, weight = b.vector("q"), b.vector("v"), g.leaf("%way"), g.leaf("%weight")
+    if reach.rotates:
+        moved = [g.sub(a, c) for a, c in zip(x, q, strict=True)]
+        b.turn(b.given(), moved, reach.step, x)
+        b.limit(b.of_angles(moved), reach.step)
+        b.limit(b.of_angles(q), trigonometry.LARGEST)
+    a = b.acceleration(b.t, x, u)
+    following = {"x": b.along(q, way, u), "u": b.along(v, way, a)}
+    following |= {"X": b.along(b.vector("X"), weight, u), "U": b.along(b.vector("U"), weight, a)}
+    carried = {f"%{letter}{i}": k for letter, values in following.items() for i, k in enumerate(values)}
+    return Stage(g, carried, g.both(b.pivots), b.within(a))
+
+
+def rk4_end(code: Code, reach: Reach) -> Stage:
+    """The step's results from the sums."""
+    b = Builder(code, reach)
+    g, sixth, end = b.g, b.times_h(1 / 6), b.g.add(b.t, b.h)
+    q, v = b.along(b.q, sixth, b.vector("X")), b.along(b.v, sixth, b.vector("U"))
+    if code.projected:
+        pairs = [b.sincos(x) for x in b.of_angles(q)]
+        q, _ = b.corrected_position(end, q, pairs, q)
+        (dv,) = inline(g, code.velocity, ([end], q, v, b.p), b.sincos)
+        v = [g.add(x, d) for x, d in zip(v, dv, strict=True)]
+    carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
+    return Stage(g, carried, g.both(b.pivots), b.within(v))

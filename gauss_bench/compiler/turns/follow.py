@@ -18,19 +18,122 @@ the guess was not far from the sample before; and every guard keeps its sign and
 closed state; what it goes on to store is void.
 
 Numbers of W lanes are stored lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
+
+Newton starts at the guess, whose sines come from nothing, so that no rounding is carried from sample to sample. A correction
+moves x by z and rotates its sines, which is exact while z is short.
+
+Leaves: %x0, %s0, %c0 ... iterate and sines of its angles, %X0 ... guess, %l0 ... the sample before, %u0, %w0, %b0 ... inputs with
+their rates and second rates, %n0 ... the inputs at the next sample, %p0 ... open parameters.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from gauss_bench.compiler.elimination.loop_program import ClosureProgram
-from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine import trigonometry
+from gauss_bench.compiler.machine.graph import Graph, Pair, inline
 from gauss_bench.compiler.machine.llvm import Writer
-from gauss_bench.compiler.machine.rewrite import rewrite
-from gauss_bench.compiler.machine.schedule import live, order
-from gauss_bench.compiler.stepping.bodies import constant_values, count_operations, leaves
-from gauss_bench.compiler.stepping.rollout import Listing
-from gauss_bench.compiler.turns.code import Code, Outputs, written
+from gauss_bench.compiler.machine.schedule import live, order, rewrite
+from gauss_bench.compiler.stepping.rollout import Listing, constant_values, count_operations, leaves
+
+REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
+TURN = 0.3  # [rad, lengths] norm of the way to the guess: far less than lies between two assemblies
+
+Outputs = Literal["states", "path"]
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """A program in machine arithmetic.
+
+    Attributes:
+        start: sines and cosines of the guess's angles, by unknown.
+        score: sum of squares of A; square: of the lengths of the vectors in it.
+        moved: by leaf of the iterate ("%x0", "%s0", "%c0" ...), its value after a correction.
+        near: mask, the correction is short enough for that.
+        turn: mask, the guess is not far from the sample before; regular: mask, no guard is too small.
+        guards: by guard, its value.
+        guess: by unknown, at the next sample.
+        outputs: the row to be stored.
+    """
+
+    graph: Graph
+    start: dict[int, Pair]
+    score: int
+    square: int
+    moved: dict[str, int]
+    near: int
+    turn: int
+    regular: int
+    guards: list[int]
+    guess: list[int]
+    outputs: list[int]
+
+    def roots(self) -> list[int]:
+        """Everything that must be computed."""
+        pairs = [x for pair in self.start.values() for x in pair]
+        masks = [self.near, self.turn, self.regular]
+        return [*pairs, self.score, self.square, *self.moved.values(), *masks, *self.guards, *self.guess, *self.outputs]
+
+    def replaced(self, graph: Graph, roots: list[int]) -> "Code":
+        """The same code in another graph, for its roots there."""
+        new = iter(roots)
+        start = {k: (next(new), next(new)) for k in self.start}
+        score, square, moved = next(new), next(new), {name: next(new) for name in self.moved}
+        near, turn, regular = next(new), next(new), next(new)
+        guards, guess = [next(new) for _ in self.guards], [next(new) for _ in self.guess]
+        return Code(graph, start, score, square, moved, near, turn, regular, guards, guess, list(new))
+
+
+def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> Code:
+    """A program as code that stores states, or the unknowns x alone ("path"); with `library`, sines are left to the target."""
+    g = Graph()
+
+    def sincos(x: int) -> Pair:
+        return (g.make("sin", x), g.make("cos", x)) if library else trigonometry.sincos(g, x)
+
+    turning = [k for k, angle in enumerate(program.angles) if angle]
+    x, guess, last = ([g.leaf(f"%{letter}{k}") for k in range(program.unknowns)] for letter in "xXl")
+    u, w, second, following = ([g.leaf(f"%{letter}{j}") for j in range(program.inputs)] for letter in "uwbn")
+    p = [g.leaf(f"%p{i}") for i in range(program.parameters)]
+    pairs = {x[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in turning}
+    pairs |= {u[j]: sincos(u[j]) for j, angle in enumerate(program.known_angles) if angle}
+    way = [g.sub(b, a) for a, b in zip(u, following, strict=True)]
+    function = program.states if outputs == "states" else program.path
+    results = inline(g, function, (x, u, w, second, way, p), pairs.__getitem__)
+    residual, (square,), z, guards, limits, advance, stored = results
+    moved = {f"%x{k}": g.add(x[k], z[k]) for k in range(program.unknowns)}
+    for k in turning:
+        pair = sincos(moved[f"%x{k}"]) if library else trigonometry.rotated(g, pairs[x[k]], z[k], REACH)
+        moved |= {f"%s{k}": pair[0], f"%c{k}": pair[1]}
+    scale = [g.const(1.0 / length) for length in program.lengths]
+    jump = [g.mul(c, g.sub(a, b)) for c, a, b in zip(scale, guess, last, strict=True)]
+    return Code(
+        g,
+        {k: sincos(guess[k]) for k in turning},
+        g.squares(residual),
+        square,
+        moved,
+        _within(g, [g.mul(c, a) for c, a in zip(scale, z, strict=True)], REACH),
+        _within(g, jump, TURN),
+        _regular(g, list(zip(guards, limits, strict=True))),
+        guards,
+        [g.add(a, b) for a, b in zip(x, advance, strict=True)],
+        stored or list(x),
+    )
+
+
+def _regular(g: Graph, guards: list[Pair]) -> int:
+    """Mask where the square of every guard is at least what it must be."""
+    found = g.both([g.make("le", least, g.mul(x, x)) for x, least in guards])
+    return g.make("le", g.const(0.0), g.const(1.0)) if found is None else found
+
+
+def _within(g: Graph, values: list[int], bound: float) -> int:
+    """Mask where the norm of some values is at most a bound."""
+    return g.make("le", g.squares(values), g.const(bound * bound))
+
 
 LIMIT = 8  # corrections; quadratic convergence needs four from the farthest guess that is taken
 ARRAYS = ("x", "signs", "inputs", "p", "out", "where", "report")
@@ -253,7 +356,7 @@ def _shuffle(kind: str, a: str, b: str, lanes: "range | list[int]") -> str:
 
 def _over_groups(program: ClosureProgram, lanes: int) -> str:
     """The exported function: one group after the other."""
-    guards, n_p = len(program.guards), program.parameters
+    guards, n_p = program.guards, program.parameters
     strides = {
         "x": program.unknowns * lanes, "signs": guards * lanes, "inputs": "%shift", "p": n_p * lanes,
         "where": lanes, "report": (1 + guards) * lanes,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.compiler.equations.parameters import Parameters
+from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input

@@ -18,7 +18,7 @@ from gauss_bench.compiler.machine.native_code import NativeCode
 from gauss_bench.compiler.stepping.arrays import function
 from gauss_bench.compiler.stepping.runners import address, in_lanes, out_of_lanes
 from gauss_bench.compiler.turns import follow as closure_loops
-from gauss_bench.compiler.turns.code import Outputs, written
+from gauss_bench.compiler.turns.follow import Outputs, written
 from gauss_bench.terms import Array
 
 Counts = NDArray[np.integer[Any]]
@@ -88,7 +88,7 @@ class NativeFollower:
         signs, p = (in_lanes(a, lanes) for a in (course.signs, course.parameters))
         where = in_lanes(np.asarray(course.where, dtype=np.int64)[:, None] * course.rows.shape[1], lanes)
         inputs, shift = _input_lanes(course.inputs, lanes)
-        report = np.empty((len(x), 1 + len(self.program.guards), lanes))
+        report = np.empty((len(x), 1 + self.program.guards, lanes))
         call, rows, samples = self.native.call, address(course.rows), course.samples
 
         def part(bounds: tuple[int, int]) -> None:
@@ -143,7 +143,7 @@ class ArrayFollower:
         lanes, U, K = len(course.x), self.program.unknowns, self.program.inputs
         inputs = np.broadcast_to(course.inputs, (lanes, *course.inputs.shape[1:])).transpose(1, 2, 0)
         guess, last, p = course.x.T.copy(), course.x.T.copy(), course.parameters.T
-        guards, closed = np.zeros((len(self.program.guards), lanes)), np.zeros(lanes, int)
+        guards, closed = np.zeros((self.program.guards, lanes)), np.zeros(lanes, int)
         alive = np.ones(lanes, bool)
         with np.errstate(all="ignore"):
             for i in range(course.samples):

@@ -6,10 +6,16 @@ reached from the file's own by changing the open numbers little by little, on th
 
 Where a lane stops, the way to that sample is divided; where that does not help either, the library's closure is asked. What it
 closes is taken over; where it finds a limit or a singular position, the motion ends, and no later sample is reported as closed.
+
+Starts of linkages with other dimensions than the file's, which are known for the file's alone. The numbers go from the one to the
+other little by little, in steps that grow, with a guess from the last two steps; every guard keeps its side on the way, so that the
+assembly stays the same. Source: Allgower and Georg, Introduction to Numerical Continuation Methods (2003), chapter 2.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import pairwise
 from math import ceil, sqrt
 
 import numpy as np
@@ -18,12 +24,73 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.loop_program import ClosureProgram
 from gauss_bench.compiler.equations.loops import loop_values
 from gauss_bench.compiler.machine.trigonometry import LARGEST
-from gauss_bench.compiler.turns.code import TURN
+from gauss_bench.compiler.turns.follow import TURN
 from gauss_bench.compiler.turns.judge import Judge, Lost, Step
-from gauss_bench.compiler.turns.motions import Loss, Motion, Start, Status
 from gauss_bench.compiler.turns.runners import Course, Followed, Runner
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.terms import Array
+
+
+class Status(IntEnum):
+    """How a sample was closed."""
+
+    CLOSED = 0
+    LIBRARY = 1  # by the library's closure
+    LOST = 2  # not: the numbers are NaN
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Where and why a motion ended.
+
+    Attributes:
+        linkage: row of the parameters; 0 for one linkage.
+        sample: the first that could not be closed.
+        kind: "limit of motion", "singular position" or "not assembled".
+        inputs: name -> value [rad, m] up to which it went.
+        text: one sentence.
+    """
+
+    linkage: int
+    sample: int
+    kind: str
+    inputs: dict[str, float]
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a linkage starts.
+
+    Attributes:
+        x: (U,) unknowns, NaN where there is no start; u: (K,) inputs.
+        signs: (G,) that the guards keep.
+        fault: why there is no start.
+    """
+
+    x: Array
+    u: Array
+    signs: Array
+    fault: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One linkage to be followed.
+
+    Attributes:
+        levels: (k, 3 K) inputs, rates, second rates; one array for all linkages that share them.
+        p: (n_p,) open numbers.
+    """
+
+    levels: Array
+    p: Array
+    start: Start
+
+    @property
+    def u(self) -> Array:
+        return self.levels[:, : self.levels.shape[1] // 3]
+
 
 STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
 CLOSED = 4e-15  # of the loops' vectors: four times what rounding of sines and sums leaves
@@ -53,7 +120,7 @@ class Tracker:
         Raises:
             Lost: not closed, or too near a singular position to tell assemblies apart.
         """
-        still = Start(x, u, np.zeros(len(self.program.guards)))
+        still = Start(x, u, np.zeros(self.program.guards))
         followed, _ = self._single(still, u[None], p)
         if not followed.closed[0]:
             raise Lost("the start is not closed, or at a singular position", "not assembled", self.named(u))
@@ -247,3 +314,31 @@ def held(start: Start) -> Array:
 def _largest(x: Array) -> float:
     """The largest size among numbers, those that are none left out."""
     return float(np.fmax.reduce(np.abs(x), axis=None, initial=0.0))
+
+
+STEPS = (32, 256)  # the last is the longest, a sixteenth or a 128th of the way
+APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
+
+
+def deformed_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> list[Start]:
+    """The starts of linkages with numbers p (linkages, n_p), from that with the nominal ones; with a fault where there is none."""
+    found = np.full((len(p), len(start.x)), np.nan)
+    for steps in STEPS:
+        left = np.flatnonzero(~np.isfinite(found).all(axis=1))
+        if len(left):
+            found[left] = _deformed(tracker, start, nominal, p[left], steps)
+    faults = ["" if good else APART for good in np.isfinite(found).all(axis=1)]
+    return [replace(start, x=x, fault=fault) for x, fault in zip(found, faults, strict=True)]
+
+
+def _deformed(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
+    """Unknowns (linkages, U), NaN where lost."""
+    inputs = held(start).repeat(2, axis=0)[None]
+    signs = start.signs[None].repeat(len(p), axis=0)
+    before = x = start.x[None].repeat(len(p), axis=0)
+    last = 1.0
+    for a, b in pairwise(np.linspace(0.0, 1.0, steps + 1) ** 2):
+        guess = x + (x - before) * ((b - a) / last)
+        followed = tracker.ends(guess, signs, inputs, nominal + b * (p - nominal))
+        x, before, last = np.where(followed.closed[:, None] == 1, followed.x, np.nan), x, b - a
+    return np.asarray(x)

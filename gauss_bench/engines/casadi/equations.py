@@ -18,21 +18,21 @@ from scipy.interpolate import CubicSpline
 
 from gauss_bench.mechanism.model import (
     GROUND,
-    AngleDriver,
+    Along,
+    Angle,
     AxisSpringDamper,
-    Driver,
+    Coordinate,
+    Distance,
     Force,
     Joint,
     JointDamping,
     KnifeEdge,
-    LengthDriver,
     Mechanism,
     Point,
     PointForce,
     Prismatic,
     Revolute,
     RotationalSpringDamper,
-    SlideDriver,
     SpringDamper,
     Torque,
 )
@@ -72,7 +72,7 @@ def equations(mechanism: Mechanism) -> Equations:
     """The equations of a mechanism, whose numbers may be symbols too; dry friction is not among them."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", mechanism.n), ca.SX.sym("v", mechanism.n)
     rows = [row for joint in mechanism.joints for row in joint_rows(joint, q)]
-    phi = stacked([*rows, *(driven(driver, q) - value(driver.law, t) for driver in mechanism.drivers)])
+    phi = stacked([*rows, *(value(driver.coordinate, q) - prescribed(driver.law, t) for driver in mechanism.drivers)])
     c = ca.vertcat(rate(phi, q, v) + ca.jacobian(phi, t), *(sideways(edge, q, v) for edge in mechanism.knife_edges))
     gravity = ca.vertcat(*mechanism.gravity)
     V = -sum((link.mass * ca.dot(gravity, q[3 * i : 3 * i + 2]) for i, link in enumerate(mechanism.links)), ca.SX(0))
@@ -126,19 +126,17 @@ def position(q: Symbol, point: Point) -> Symbol:
     return q[3 * point.link : 3 * point.link + 2] + rotated(point.local, angle(q, point.link))
 
 
-def turned(q: Symbol, a: int, b: int) -> Symbol:
-    """Angle of link b relative to link a."""
-    return angle(q, b) - angle(q, a)
-
-
-def along(q: Symbol, point: Point, origin: Point, direction: float) -> Symbol:
-    """Coordinate of a point on the axis through `origin` that turns with its link."""
-    axis = rotated((1.0, 0.0), angle(q, origin.link) + direction)
-    return ca.dot(axis, position(q, point) - position(q, origin))
-
-
-def distance(q: Symbol, a: Point, b: Point) -> Symbol:
-    return ca.sqrt(ca.sumsqr(position(q, b) - position(q, a)))
+def value(x: Coordinate, q: Symbol) -> Symbol:
+    """A scalar coordinate [rad, m]."""
+    match x:
+        case Angle():
+            return angle(q, x.b) - angle(q, x.a)
+        case Along():
+            axis = rotated((1.0, 0.0), angle(q, x.origin.link) + x.angle)
+            return ca.dot(axis, position(q, x.point) - position(q, x.origin))
+        case Distance():
+            return ca.sqrt(ca.sumsqr(position(q, x.b) - position(q, x.a)))
+    assert_never(x)
 
 
 def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
@@ -148,31 +146,19 @@ def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
             gap = position(q, joint.b) - position(q, joint.a)
             return gap[0], gap[1]
         case Prismatic():
-            left = along(q, joint.block, joint.guide, joint.angle + np.pi / 2)
-            return left - joint.offset, turned(q, joint.guide.link, joint.block.link) - joint.turn
+            left = value(Along(joint.guide, joint.block, joint.angle + np.pi / 2), q)
+            return left - joint.offset, value(Angle(joint.guide.link, joint.block.link), q) - joint.turn
     assert_never(joint)
 
 
-def joint_coordinate(joint: Joint, q: Symbol) -> Symbol:
+def freedom(joint: Joint) -> Coordinate:
     """What a joint leaves free: the angle of a pin, the way along a slide."""
     match joint:
         case Revolute():
-            return turned(q, joint.a.link, joint.b.link)
+            return Angle(joint.a.link, joint.b.link)
         case Prismatic():
-            return along(q, joint.block, joint.guide, joint.angle)
+            return Along(joint.guide, joint.block, joint.angle)
     assert_never(joint)
-
-
-def driven(driver: Driver, q: Symbol) -> Symbol:
-    """The coordinate a driver prescribes."""
-    match driver:
-        case AngleDriver():
-            return angle(q, driver.link)
-        case SlideDriver():
-            return joint_coordinate(driver.joint, q)
-        case LengthDriver():
-            return distance(q, driver.a, driver.b)
-    assert_never(driver)
 
 
 def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
@@ -181,17 +167,17 @@ def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
     return ca.dot(across, rate(position(q, edge.point), q, v))
 
 
-def sprung(f: Force, q: Symbol) -> list[tuple[Symbol, Any, Any, Any]]:
-    """The scalar coordinates x of springs and dampers, with k, c and rest: V = k (x - rest)^2 / 2, R = c x'^2 / 2."""
+def sprung(f: Force) -> list[tuple[Coordinate, Any, Any, Any]]:
+    """The coordinates x of springs and dampers, with k, c and rest: V = k (x - rest)^2 / 2, R = c x'^2 / 2."""
     match f:
         case SpringDamper():
-            return [(distance(q, f.a, f.b), f.k, f.c, f.rest)]
+            return [(Distance(f.a, f.b), f.k, f.c, f.rest)]
         case AxisSpringDamper():
-            return [(along(q, f.point, f.origin, f.angle), f.k, f.c, f.rest)]
+            return [(Along(f.origin, f.point, f.angle), f.k, f.c, f.rest)]
         case RotationalSpringDamper():
-            return [(turned(q, f.a, f.b), f.k, f.c, f.rest)]
+            return [(Angle(f.a, f.b), f.k, f.c, f.rest)]
         case JointDamping():
-            return [(joint_coordinate(pair, q), 0.0, f.c, 0.0) for pair in f.pairs]
+            return [(freedom(pair), 0.0, f.c, 0.0) for pair in f.pairs]
         case Torque() | PointForce():
             return []
     assert_never(f)
@@ -201,15 +187,15 @@ def potential(f: Force, q: Symbol) -> Symbol:
     """Potential energy of one force [J]."""
     match f:
         case Torque():
-            return -f.value * turned(q, f.reaction, f.link)
+            return -f.value * value(Angle(f.reaction, f.link), q)
         case PointForce() if f.frame == GROUND:
             return -ca.dot(ca.vertcat(*f.value), position(q, f.point))
-    return sum((k * (x - rest) ** 2 / 2 for x, k, _, rest in sprung(f, q)), ca.SX(0))
+    return sum((k * (value(x, q) - rest) ** 2 / 2 for x, k, _, rest in sprung(f)), ca.SX(0))
 
 
 def dissipation(f: Force, q: Symbol, v: Symbol) -> Symbol:
     """Rayleigh's function of one force [W]."""
-    return sum((c * rate(x, q, v) ** 2 / 2 for x, _, c, _ in sprung(f, q)), ca.SX(0))
+    return sum((c * rate(value(x, q), q, v) ** 2 / 2 for x, _, c, _ in sprung(f)), ca.SX(0))
 
 
 def without_potential(f: Force, q: Symbol) -> Symbol:
@@ -219,7 +205,7 @@ def without_potential(f: Force, q: Symbol) -> Symbol:
     return ca.SX(*q.shape)
 
 
-def value(law: MotionLaw, t: Symbol) -> Symbol:
+def prescribed(law: MotionLaw, t: Symbol) -> Symbol:
     """A motion law's value at t; its rates are left to differentiation. The ends of a law belong to its motion."""
     made = law.numbers
     if law.name == "constant":

@@ -1,16 +1,26 @@
-"""Yuan & Ge (2016), eqs. (17) to (24), as functions, and their discrepancies from motions of the linkage file."""
+"""Yuan & Ge (2016), eqs. (17) to (24), as functions, and their discrepancies from motions of the linkage file.
+
+The last functions are about what the example leaves out. There the printed form is the example without the thing, and its
+discrepancy is what leaving it out would change.
+"""
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.papers import crank_slider
-from gauss_bench.papers.crank_slider import KEPT, L1, L2, Number, State, gradient, linkage, states
-from gauss_bench.papers.problems import CRANK, worst
+from gauss_bench.papers.crank_motion import CrankMotion, motion_of
+from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, Number, State, gradient, linkage, states
+from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
+from gauss_bench.reference.build import build_reference
 from gauss_bench.terms import Array, Terms
 
 DIMENSION = L1 + L2  # [m] size of the linkage, to which residuals of positions are compared
+SHOWN = 0.5  # [s] of the motion, over which integrators are compared: most of the first turn
+STEP = 1e-3  # [s] of the integrator that a reader might take
 
 
 def everywhere(off: Callable[[State], float]) -> float:
@@ -117,6 +127,11 @@ def row_6_as_printed(q: Array, v: Array, a: Array) -> Array:
     return np.array([L2 / 2 * np.sin(q[5]) * a[5] ** 2])
 
 
+row_3, row_5, row_6 = (corrected(row) for row in (3, 5, 6))
+row_3_off, row_5_off, row_6_off = (row_off(row) for row in (3, 5, 6))
+rows_1_2_4_off = row_off(1, 2, 4)
+
+
 def entry_as_printed(q: Array) -> float:
     return float(L2 / 2 * np.sin(q[5]))
 
@@ -156,3 +171,82 @@ def figures_off(form: Callable[[], range]) -> float:
     """Figures too many or too few for displacement and velocity of one point in x and y, after figure 1, the drawing."""
     wanted = set(range(2, 2 + 2 * 2))
     return float(len(wanted ^ set(form())))
+
+
+def with_inertias(p: Problem, inertias: tuple[float, float]) -> Problem:
+    M = p.M.copy()
+    M[2, 2], M[5, 5] = inertias
+    return replace(p, M=M)
+
+
+def with_gravity(p: Problem, gravity: float) -> Problem:
+    Q = p.Q.copy()
+    Q[1], Q[4] = -M1 * gravity, -M2 * gravity
+    return replace(p, Q=Q)
+
+
+def crank_of(p: Problem) -> float:
+    return float(lagrange(p.terms).a[CRANK])
+
+
+def change(altered: Callable[[Problem], Problem]) -> float:
+    return worst([abs(crank_of(altered(p)) / p.a[CRANK] - 1) for p in crank_problems()])
+
+
+def no_inertias() -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+def bars() -> tuple[float, float]:
+    return I1, I2
+
+
+def inertias_off(form: Callable[[], tuple[float, float]]) -> float:
+    return change(lambda p: with_inertias(p, form()))
+
+
+def no_gravity() -> float:
+    return 0.0
+
+
+def gravity() -> float:
+    return crank_slider.GRAVITY
+
+
+def gravity_off(form: Callable[[], float]) -> float:
+    return change(lambda p: with_gravity(p, form()))
+
+
+def at_start(altered: Callable[[Problem], Problem]) -> float:
+    return crank_of(altered(crank_problems()[0]))
+
+
+def euler(motion: CrankMotion) -> float:
+    """Crank angle [rad] at time SHOWN by explicit Euler steps."""
+    theta = w = 0.0
+    for _ in range(round(SHOWN / STEP)):
+        theta, w = theta + STEP * w, w + STEP * float(motion.acceleration(theta, w))
+    return theta
+
+
+def high_order(motion: CrankMotion) -> float:
+    return float(motion.run(SHOWN).theta[-1])
+
+
+@cache
+def true_angle() -> float:
+    """From the reference of the linkage file, two other integrators of high order."""
+    theta: Array = build_reference(linkage(), SHOWN).q[:, CRANK]
+    return float(theta[-1])
+
+
+def integrator_off(form: Callable[[CrankMotion], float]) -> float:
+    return abs(form(motion_of(linkage())) - true_angle())
+
+
+def crank_with_inertias(form: Callable[[], tuple[float, float]]) -> float:
+    return at_start(lambda p: with_inertias(p, form()))
+
+
+def crank_with_gravity(form: Callable[[], float]) -> float:
+    return at_start(lambda p: with_gravity(p, form()))

@@ -1,4 +1,6 @@
-"""Whether the crank-slider comes to rest: decided within its first turn, and the bounds between one fate and the other.
+"""Where the crank-slider can rest, whether it comes to rest from its start, and the bounds between coming to rest and running.
+
+    F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
 
 The equation of motion has no time in it, so two motions cannot cross in the plane of crank angle and speed. A crank that starts at
 rest and completes a turn is back at the same angle with a speed; it stays ahead of its first turn in the second and in every later
@@ -7,13 +9,16 @@ because torque, weight and spring give back no more than they took and the dampe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq, minimize_scalar
 
 from gauss_bench.papers.crank_motion import RTOL, CrankMotion
+from gauss_bench.papers.crank_slider import derivative
 from gauss_bench.terms import Array
 
+GRID = 720  # angles of a turn: the static torque changes its slope a few times a turn only
 LONGEST = 60.0  # [s]; a first turn takes less than 1 s, longer only within rounding of a bound
 WIDTH = 1e-9  # of the bound: about what the integration leaves
 MARGIN = 100.0  # brackets by which the second search starts outside the first
@@ -21,11 +26,58 @@ FINER = 1e-2  # of the tolerance: integrated again with it, the bound moves by w
 
 
 @dataclass(frozen=True)
+class Extreme:
+    """Largest or smallest static torque [N m] and its crank angle [rad]."""
+
+    torque: float
+    theta: float
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A crank angle [rad] in (-pi, pi] at which the crank can rest."""
+
+    theta: float
+    stable: bool
+
+
+@dataclass(frozen=True)
 class Bound:
-    """A value between two fates and its uncertainty: half the bracket, plus what a finer integration moves it by."""
+    """The value at which coming to rest turns into running, and its uncertainty.
+
+    The uncertainty is half the bracket of the bisection, plus what a finer integration moves the value by.
+    """
 
     value: float
     bracket: float
+
+
+def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
+    """Smallest and largest static torque of weight and spring over a turn."""
+    idle = replace(motion, torque=0.0)
+    theta = np.linspace(-np.pi, np.pi, GRID + 1)
+    F, step = idle.static_torque(theta), 2 * np.pi / GRID
+    extremes = []
+    for sign, near in ((1.0, theta[F.argmin()]), (-1.0, theta[F.argmax()])):
+        best = minimize_scalar(
+            lambda x, sign=sign: sign * float(idle.static_torque(x)),
+            bounds=(float(near - step), float(near + step)),
+            method="bounded",
+            options={"xatol": 1e-10},
+        )
+        extremes.append(Extreme(sign * float(best.fun), float(best.x)))
+    return extremes[0], extremes[1]
+
+
+def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
+    """Where the crank can rest under the motion's torque, in the order of the angle; empty where no angle balances it."""
+    theta = np.linspace(-np.pi, np.pi, GRID + 1)
+    F = motion.static_torque(theta)
+    places = []
+    for k in np.flatnonzero(F[:-1] * F[1:] < 0):
+        root = float(brentq(lambda x: float(motion.static_torque(x)), float(theta[k]), float(theta[k + 1]), xtol=1e-14))
+        places.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
+    return tuple(places)
 
 
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
@@ -45,15 +97,15 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     decided.terminal, decided.direction = True, -1.0  # type: ignore[attr-defined]
     course = motion.run(LONGEST, rtol=rtol, event=decided)
     if not course.stopped:
-        raise ArithmeticError(f"the fate of the crank is not decided within {LONGEST:g} s")
+        raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
     return bool(abs(course.theta[-1]) < np.pi * 2 * (1 - 1e-6))
 
 
 def bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> Bound:
-    """Where, between a value with which it settles and one with which it runs, the fate changes; `width` is relative.
+    """The bound between a value with which the crank comes to rest and one with which it runs on; `width` is relative.
 
     Raises:
-        ValueError: the fates at the two values are not these.
+        ValueError: it does not come to rest with the first, or does with the second.
     """
     low, high = bisected(make, settled, running, RTOL, width)
     near = MARGIN * (high - low)
@@ -68,7 +120,7 @@ def bisected(
     """Both ends of the bracket, narrowed to `width` of the larger of them.
 
     Raises:
-        ValueError: the fates at the two ends are not these.
+        ValueError: the crank does not come to rest at the first end, or does at the second.
     """
     if not settles(make(settled), rtol) or settles(make(running), rtol):
         raise ValueError(f"no bound between {settled:g} and {running:g}")

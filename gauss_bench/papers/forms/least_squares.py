@@ -15,8 +15,7 @@ import numpy as np
 
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_slider import Number, derivative, gradient
-from gauss_bench.papers.line import Example
-from gauss_bench.papers.problems import (
+from gauss_bench.papers.forms.problems import (
     CRANK,
     SEED,
     Problem,
@@ -91,12 +90,12 @@ def same_function(form: Callable[[Problem, Number], Number]) -> float:
 
 
 def stationary_with(form: Callable[[Problem, Array, Number], Number]) -> float:
-    rng, found = np.random.default_rng(SEED), []
+    rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         extra = rng.normal(size=p.n)
         true = solved(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-        found.append(slope(p, lambda a, p=p, extra=extra: form(p, extra, a), true))  # type: ignore[misc]
-    return worst(found)
+        errors.append(slope(p, lambda a, p=p, extra=extra: form(p, extra, a), true))  # type: ignore[misc]
+    return worst(errors)
 
 
 Rate = Callable[[Number, Number], Number]
@@ -123,11 +122,11 @@ def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
-    found = []
+    errors = []
     for rate, q, v, a in constrained_motions():
         Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
-        found.append(relative(form(rate, q, v), Ja))
-    return worst(found)
+        errors.append(relative(form(rate, q, v), Ja))
+    return worst(errors)
 
 
 def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
@@ -136,12 +135,12 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
 
 def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
     """Whether it gives solutions of J a = g only, and with h = a every solution a."""
-    rng, found = np.random.default_rng(SEED), []
+    rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         X = some_inverse(p.J, rng)
         a = form(p, X, rng.normal(size=p.n))
-        found += [np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)]
-    return worst(found)
+        errors += [np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)]
+    return worst(errors)
 
 
 Inverse = Callable[[Array, np.random.Generator], Array]
@@ -154,12 +153,12 @@ def left_in_least_squares(A: Array, x: Array, b: Array) -> float:
 
 def contradicting_rows(form: Inverse) -> float:
     """Least-squares residual of (8) where redundant rows disagree by a tenth of what they ask for."""
-    rng, found = np.random.default_rng(SEED), []
+    rng, errors = np.random.default_rng(SEED), []
     for p in (p for p in random_problems() if len(p.J) > p.rank):
         noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
         a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
-        found.append(left_in_least_squares(p.J, a, noisy.g))
-    return worst(found)
+        errors.append(left_in_least_squares(p.J, a, noisy.g))
+    return worst(errors)
 
 
 def matrix_as_printed(p: Problem) -> Array:
@@ -212,21 +211,21 @@ def half_square(A: Array, b: Array, h: Array) -> float:
 
 
 def square_off(form: Callable[[Array, Array, Array], float]) -> float:
-    rng, found = np.random.default_rng(SEED), []
+    rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         h = rng.normal(size=p.n)
         G = gauss_function(p, general_solution(p, pinv(p.J), h))
-        found.append(abs(form(*pair(p), h) / float(G) - 1))
-    return worst(found)
+        errors.append(abs(form(*pair(p), h) / float(G) - 1))
+    return worst(errors)
 
 
 def unit_dependence(acceleration_of: Callable[[Problem], Array]) -> float:
     """Largest change of the crank's acceleration when lengths are counted in millimetres, relative to it."""
-    found = []
+    errors = []
     for p in crank_problems():
         metres, millimetres = acceleration_of(p)[CRANK], acceleration_of(in_millimetres(p))[CRANK]
-        found.append(abs(millimetres / metres - 1))
-    return worst(found)
+        errors.append(abs(millimetres / metres - 1))
+    return worst(errors)
 
 
 def pair_unit_dependence(form: Callable[[Problem], AB]) -> float:
@@ -247,13 +246,13 @@ def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
 
 
 def minimum_missed(form: Inverse) -> float:
-    rng, found = np.random.default_rng(SEED), []
+    rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         A, b = pair(p)
         X = form(A, rng)
         h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
-        found.append(left_in_least_squares(A, h, b))
-    return worst(found)
+        errors.append(left_in_least_squares(A, h, b))
+    return worst(errors)
 
 
 def expanded(p: Problem, w: Array) -> Array:
@@ -286,5 +285,5 @@ def true_crank_at_start() -> float:
     return float(crank_slider.states()[0].a[CRANK])
 
 
-AT_START = "acceleration of the crank at the paper's start [rad/s^2]"
-PAIR_AT_START = Example(AT_START, lambda form: crank_at_start(lambda p: acceleration(p, form(p))), true_crank_at_start)
+def crank_by_pair(form: Callable[[Problem], AB]) -> float:
+    return crank_at_start(lambda p: acceleration(p, form(p)))

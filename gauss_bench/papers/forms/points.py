@@ -15,10 +15,10 @@ import numpy as np
 from gauss_bench.kinematics.basins import basins
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ExitFlag, levenberg_marquardt, newton_raphson
+from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.papers.problems import worst
+from gauss_bench.papers.forms.problems import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -135,11 +135,11 @@ def collinear() -> str:
 
 def collinear_off(form: Callable[[], str]) -> float:
     """Largest sine of the angle between the three points that are said to be in line."""
-    found = []
+    errors = []
     for x in shapers():
         a, b, c = (getattr(x, name) for name in form().split())
-        found.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
-    return worst(found)
+        errors.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
+    return worst(errors)
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
@@ -156,14 +156,14 @@ Line3 = Callable[[complex, complex, complex], float]
 def line_off(form: Line3) -> float:
     """Residual that rounding leaves at true positions, with the lever in every direction down to NEAREST from the axes."""
     near = np.geomspace(NEAREST, 0.5, 12)
-    found = []
+    errors = []
     for x in shapers()[:: POSITIONS // 4]:
         lever = float(np.angle(x.B - x.O1))
         for axis in np.arange(4) * np.pi / 2:
             for angle in (*(axis + near), *(axis - near)):
                 y = x.turned(float(angle) - lever)
-                found.append(abs(form(y.O1, y.A, y.B)))
-    return worst(found)
+                errors.append(abs(form(y.O1, y.A, y.B)))
+    return worst(errors)
 
 
 def search_off(form: Line3) -> float:
@@ -193,36 +193,6 @@ def lost(form: Line3, places: Sequence[Shaper]) -> int:
     return failed
 
 
-def one_assembly() -> int:
-    return 1
-
-
-def two_assemblies() -> int:
-    return 2
-
-
-def assemblies_off(form: Callable[[], int]) -> float:
-    """Against the number of different real solutions that a search from random starts finds."""
-    mechanism, found = driven(), []
-    rng = np.random.default_rng(SEED)
-    for q in turn_states()[:: POSITIONS // 4]:
-        model = PointModel(mechanism, inputs_of(mechanism))
-        residual = model.residual(model.points.inputs_at(q))
-        right = model.points.unknown_at(q)
-        roots: list[Array] = []
-        for _ in range(STARTS):
-            root = levenberg_marquardt(residual, right + rng.uniform(-1.0, 1.0, len(right)), 1e-12)
-            if root.flag == ExitFlag.CONVERGED and all(np.abs(root.x - other).max() > SAME for other in roots):
-                roots.append(root.x)
-        found.append(float(abs(form() - len(roots))))
-    return worst(found)
-
-
-def from_anywhere() -> float:
-    """Spread of starts [m]: the size of the linkage."""
-    return float(abs(shapers()[0].C - shapers()[0].O1))
-
-
 def from_before() -> float:
     """Spread of starts [m]: the farthest that an unknown point moves between two positions 5 degrees apart."""
     model = PointModel(driven(), inputs_of(driven()))
@@ -231,6 +201,6 @@ def from_before() -> float:
 
 
 def starts_off(form: Callable[[], float]) -> float:
-    """Share of random starts within the spread from which Gauss-Newton or Levenberg-Marquardt do not find the right assembly."""
-    found = basins(driven(), inputs_of(driven()), [form()], STARTS, SEED)
-    return worst([1 - basin.right for basin in found if basin.method != "newton_raphson"])
+    """Share of random starts within the spread from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly."""
+    searches = basins(driven(), inputs_of(driven()), [form()], STARTS, SEED)
+    return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

@@ -15,13 +15,10 @@ import numpy as np
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, Element, Way
 from gauss_bench.mechanism.load import load
 from gauss_bench.papers.crank_slider import TINY, Number
-from gauss_bench.papers.line import ROUNDING, SOLVED, WANG, Example, Line, Verdict, right
-from gauss_bench.papers.problems import relative, worst
+from gauss_bench.papers.forms.problems import relative, worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
-NEAR = "rounding of a few products of order one"
-DERIVATIVES = "largest difference of A from the suite's unit and of J and J' from exact derivatives"
 SEED, POSES = 2010, 20
 
 
@@ -138,6 +135,9 @@ def unit_off(kind: str) -> Callable[[Unit], float]:
     return lambda form: worst([off(form, p) for p in poses()])
 
 
+first_bar_off, second_bar_off, block_off = (unit_off(kind) for kind in ("RRR1", "RRR1 second", "RP1"))
+
+
 def guide_off(form: Callable[[Pose], tuple[Number, Number]]) -> float:
     def off(p: Pose) -> float:
         A, J = form(p)
@@ -155,6 +155,9 @@ def column_off(column: int) -> Callable[[Callable[[Pose], Array]], float]:
     return lambda form: worst([float(np.abs(form(p) - true_rate(p)[:, column - 1]).max()) for p in poses()])
 
 
+column_1_off, column_2_off = (column_off(column) for column in (1, 2))
+
+
 def difference_off(form: Callable[[Pose], Array]) -> float:
     gaps = [form(p) - (true_rate(p)[:, 0] - column_1_as_printed(p)) for p in poses()]
     return worst([float(np.abs(gap).max()) for gap in gaps])
@@ -169,7 +172,7 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
     assert mechanism.driver is not None
-    motion, found = MinimalCoordinate(mechanism), []
+    motion, turn = MinimalCoordinate(mechanism), []
     for t in np.linspace(0.0, 1.0, 24, endpoint=False):
         q, v, a = (x[0] for x in motion.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))))
         at, lever = links["block"], links["lever"] + 2
@@ -178,8 +181,8 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
         s_rate = float(arm @ speed / s)
         s_second = float((arm @ push + speed @ speed - s_rate**2) / s)
         pose = Pose(q[lever], s, v[lever], s_rate, 0.0, 0.0, 0.0, 0.0)
-        found.append((pose, push, np.array([a[lever], s_second])))
-    return tuple(found)
+        turn.append((pose, push, np.array([a[lever], s_second])))
+    return tuple(turn)
 
 
 def lever(form: Callable[[Pose], Array], pose: Pose, acceleration: Array) -> Array:
@@ -190,9 +193,9 @@ def lever(form: Callable[[Pose], Array], pose: Pose, acceleration: Array) -> Arr
 
 def lever_off(form: Callable[[Pose], Array]) -> float:
     """Largest error of phi'' or of s'' over the turn, relative to the largest of each."""
-    found = np.array([lever(form, pose, push) for pose, push, _ in shaper_turn()])
+    computed = np.array([lever(form, pose, push) for pose, push, _ in shaper_turn()])
     true = np.array([x for *_, x in shaper_turn()])
-    return worst([relative(found[:, k], true[:, k]) for k in (0, 1)])
+    return worst([relative(computed[:, k], true[:, k]) for k in (0, 1)])
 
 
 def lever_at_start(form: Callable[[Pose], Array]) -> float:
@@ -200,92 +203,5 @@ def lever_at_start(form: Callable[[Pose], Array]) -> float:
     return float(lever(form, pose, push)[0])
 
 
-LEVER = Example(
-    "angular acceleration of the shaper's lever, crank at 0 [rad/s^2]", lever_at_start, lambda: float(shaper_turn()[0][2][0])
-)
-COLUMN_1 = ("-e phi' sin phi - s phi' cos phi - {0} sin phi", "e phi' cos phi - s phi' sin phi + {0} cos phi")
-
-
-def column_text(rate: str) -> str:
-    return "[{}; {}]".format(*(text.format(rate) for text in COLUMN_1))
-
-
-def sound_units() -> tuple[Line, ...]:
-    """Units that are right."""
-    texts = {
-        "RRR1": (first_bar, "A12 = l [cos phi; sin phi] with its J and J'"),
-        "RRR1 second": (second_bar, "A13 = l' [cos(phi + alpha); sin(phi + alpha)] with its J and J'"),
-        "RP1": (block, "A12 = e [-sin phi; cos phi] with its J and J'"),
-    }
-    units = tuple(
-        right(WANG, "table 1", f"{kind} path", text, form, unit_off(kind), DERIVATIVES, ROUNDING, NEAR, "Right.")
-        for kind, (form, text) in texts.items()
-    )
-    text = "A12 = [e sin phi + s cos phi; -e cos phi + s sin phi] with its J"
-    whole = right(WANG, "table 1", "RP2 vector and Jacobian unit", text, guide, guide_off, DERIVATIVES, ROUNDING, NEAR, "Right.")
-    second = right(
-        WANG,
-        "table 1",
-        "RP2 rate unit, column 2",
-        "[-phi' sin phi; phi' cos phi]",
-        column_2,
-        column_off(2),
-        "largest difference from the derivative of J",
-        ROUNDING,
-        NEAR,
-        "Right.",
-    )
-    return (*units, whole, second)
-
-
-def lines() -> tuple[Line, ...]:
-    printed, intended = column_text("phi'"), column_text("s'")
-    return (
-        *sound_units(),
-        Line(
-            WANG,
-            "table 1",
-            "RP2 rate unit, column 1",
-            printed,
-            intended,
-            Verdict.MISPRINT,
-            column_1_as_printed,
-            column_1,
-            column_off(1),
-            "largest difference from the derivative of J",
-            ROUNDING,
-            NEAR,
-            "The last term of each row is with the rate of s, not of phi; an angular speed stands where a speed must.",
-        ),
-        Line(
-            WANG,
-            "table 1",
-            "RP2 rate unit, what is missing",
-            "0",
-            "true minus printed = (phi' - s') [sin phi; -cos phi]",
-            Verdict.MISPRINT,
-            no_difference,
-            difference,
-            difference_off,
-            "error of the difference",
-            ROUNDING,
-            NEAR,
-            "The misprint shows wherever the two rates differ in number.",
-        ),
-        Line(
-            WANG,
-            "table 1",
-            "RP2 rate unit in a shaper",
-            printed,
-            intended,
-            Verdict.MISPRINT,
-            column_1_as_printed,
-            column_1,
-            lever_off,
-            "error of the accelerations of lever and block over a turn, relative to the largest",
-            SOLVED,
-            "rounding, times the condition of J",
-            "Positions and speeds come out right, accelerations do not.",
-            LEVER,
-        ),
-    )
+def true_lever_at_start() -> float:
+    return float(shaper_turn()[0][2][0])

@@ -81,11 +81,11 @@ def random_problems() -> tuple[Problem, ...]:
 @cache
 def crank_problems() -> tuple[Problem, ...]:
     """The paper's example at its start and at random states."""
-    M, f, found = np.diag(crank_slider.mass()), np.zeros(7), []
+    M, f, problems = np.diag(crank_slider.mass()), np.zeros(7), []
     for s in crank_slider.states():
         J, g, Q = crank_slider.jacobian(s.q), crank_slider.bias(s.q, s.v), crank_slider.forces(s.q, s.v)
-        found.append(Problem(M, f, Q, J, g, s.a, multipliers_of(M, f, Q, J, s.a)))
-    return tuple(found)
+        problems.append(Problem(M, f, Q, J, g, s.a, multipliers_of(M, f, Q, J, s.a)))
+    return tuple(problems)
 
 
 def all_problems() -> tuple[Problem, ...]:
@@ -99,7 +99,7 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
     Kinds: "even" M = mu I; "full" as many rows as coordinates; "idle" no constraint force; "aligned" M maps range(J^T) to itself.
     """
     rng = np.random.default_rng(SEED + 1)
-    found: list[Problem] = []
+    problems: list[Problem] = []
     for n, m, _ in SIZES[:3] * EACH:
         p = random_problem(rng, n, n if kind == "full" else m)
         M, J, g = p.M, p.J, p.g
@@ -111,8 +111,8 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
             g = J @ np.linalg.solve(M, p.Q - p.f)
         elif kind == "aligned":
             J = rng.normal(size=(m, m)) @ np.linalg.eigh(M)[1][:, :m].T
-        found.append(solved(M, p.f, p.Q, J, g, len(J)))
-    return tuple(found)
+        problems.append(solved(M, p.f, p.Q, J, g, len(J)))
+    return tuple(problems)
 
 
 def in_millimetres(p: Problem) -> Problem:

@@ -3,7 +3,9 @@
     J phi' = -B q',   J phi'' = -B q'' - B' q' - J' phi'                                                      (4), (5)
     J_l = sum J_i U_i,   B_l = sum J_i K_i                                                                       (11)
 
-They are tried on the built-in linkages: matrices from `kinematics`, true rates from the motion in the crank angle.
+They are tried on the built-in linkages: matrices from `kinematics`, true rates from the motion in the crank angle. The four
+matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written
+down as printed; its dimensions are not printed, and those of the linkage file are taken.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +21,18 @@ from gauss_bench.kinematics.loops import Graph, find_graph
 from gauss_bench.mechanism.forces import axis_state
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
-from gauss_bench.papers.problems import relative, worst
+from gauss_bench.mechanism.motion_laws import rise
+from gauss_bench.papers.forms.problems import relative, worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
 DRIVEN = ("four_bar", "six_bar", "shaper", "eight_bar")
 TIMES = (0.2, 0.37, 0.8)  # of a cycloidal turn of 1 s: speeds and accelerations of the crank of either sign
+ALPHA = np.radians(50.0)  # between d-e and d-c of the six-bar's ternary link
+LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [m], which are the linkage file's
+RAIL = np.radians(-45.0)
+LAWS = ("sine", "cosine", "poly345")
+INSIDE = np.linspace(0.0, 1.0, 101)  # of a rise of 1 in 1 s
 COUNTED = ("crank_slider", "four_bar", "five_bar", "six_bar", "shaper", "eight_bar", "jansen", "parallelogram")
 
 
@@ -92,16 +100,18 @@ def accelerations(m: Matrices, rate: Array, q_rate: Array, q_second: Array) -> A
 
 def accelerations_off(form: Callable[[Matrices, Array, Array, Array], Array]) -> float:
     """Of the angles; slides follow from the same rows."""
-    found = []
+    errors = []
     for t in turnings():
         TU = t.unknowns
         computed = form(t.matrices, t.rate[:TU], t.rate[TU:], t.second[TU:])
         angles = ~np.isnan(t.second[:TU])
-        found.append(relative(computed[angles], t.second[:TU][angles]))
-    return worst(found)
+        errors.append(relative(computed[angles], t.second[:TU][angles]))
+    return worst(errors)
 
 
 Parts = tuple[Array, Array]
+Blocks = tuple[Array, Array, Array, Array]
+Laws = dict[str, Callable[[Array], Array]]
 
 
 def assembled(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
@@ -111,24 +121,24 @@ def assembled(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) ->
 
 def loops_of(t: Turning) -> list[tuple[list[Array], list[Array], list[Array]]]:
     """Jacobian units, U and K of the ways of each loop."""
-    equations, found = t.equations, []
+    equations, loops = t.equations, []
     theta = equations.turning @ t.x + equations.phase
     for ways in equations.ways:
         units = [p.way.units(theta[p.way.link], 0.0, t.x[p.slides], t.rate[p.slides]).J for p in ways]
         factors = [np.asarray(p.factors) for p in ways]
-        found.append((units, [f[:, : t.unknowns] for f in factors], [f[:, t.unknowns :] for f in factors]))
-    return found
+        loops.append((units, [f[:, : t.unknowns] for f in factors], [f[:, t.unknowns :] for f in factors]))
+    return loops
 
 
 def assembly_off(form: Callable[..., Parts]) -> float:
     """Residual of (4) at the true rates, relative to its terms."""
-    found = []
+    errors = []
     for t in turnings():
         for units, U, K in loops_of(t):
             J, B = form(units, U, K)
             both = np.hstack([J, B])
-            found.append(float(np.abs(both @ t.rate).max() / (np.abs(both) @ np.abs(t.rate)).max()))
-    return worst(found)
+            errors.append(float(np.abs(both @ t.rate).max() / (np.abs(both) @ np.abs(t.rate)).max()))
+    return worst(errors)
 
 
 def row_transposed(blocks: Sequence[Array]) -> Array:
@@ -141,17 +151,17 @@ def stacked(blocks: Sequence[Array]) -> Array:
 
 def stack_off(form: Callable[[Sequence[Array]], Array]) -> float:
     """Relative error of the velocities from (4), or the share of rows and columns by which the stack does not fit."""
-    found = []
+    errors = []
     for t in turnings():
         parts = [assembled(*loop) for loop in loops_of(t)]
         J, B = form([part[0] for part in parts]), form([part[1] for part in parts])
         rows, columns = 2 * len(parts), t.unknowns
         misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
         if misfit:
-            found.append(misfit / (2 * rows + columns + 1))
+            errors.append(misfit / (2 * rows + columns + 1))
         else:
-            found.append(relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns]))
-    return worst(found)
+            errors.append(relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns]))
+    return worst(errors)
 
 
 def each_alone(U: Array, K: Array) -> list[Array]:
@@ -180,20 +190,20 @@ def columns_of_unit(turns: int, guides: int, blocks: int) -> int:
 
 
 def columns_off(form: Callable[[int, int, int], int]) -> float:
-    found = []
+    errors = []
     for t in turnings():
         for p in (p for ways in t.equations.ways for p in ways):
             kinds = [p.way.enter.kind, p.way.leave.kind]
             guides = sum(kind in MOVING for kind in kinds)
             unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
-            found.append(float(abs(form(int(p.way.turns), guides, kinds.count("block")) - unit.J.shape[1])))
-    return worst(found)
+            errors.append(float(abs(form(int(p.way.turns), guides, kinds.count("block")) - unit.J.shape[1])))
+    return worst(errors)
 
 
 @cache
 def graphs() -> tuple[tuple[Mechanism, Graph], ...]:
-    found = [load(name) for name in built_in()]
-    return tuple((m, find_graph(m)) for m in found if m.joints and not m.knife_edges)
+    mechanisms = [load(name) for name in built_in()]
+    return tuple((m, find_graph(m)) for m in mechanisms if m.joints and not m.knife_edges)
 
 
 def square(loops: int, redundant: int) -> int:
@@ -206,12 +216,12 @@ def with_spare_rows(loops: int, redundant: int) -> int:
 
 def unknowns_off(form: Callable[[int, int], int]) -> float:
     """Error of the number of unknown variables claimed from the number of loops and of redundant constraints."""
-    found = []
+    errors = []
     for name in COUNTED:
         mechanism = load(name, "driven")
         equations = LoopEquations(mechanism, inputs_of(mechanism))
-        found.append(float(abs(form(len(equations.ways), mechanism.redundant) - len(equations.unknown))))
-    return worst(found)
+        errors.append(float(abs(form(len(equations.ways), mechanism.redundant) - len(equations.unknown))))
+    return worst(errors)
 
 
 def loop_count(pairs: int, links: int) -> int:
@@ -220,11 +230,11 @@ def loop_count(pairs: int, links: int) -> int:
 
 def loop_count_off(form: Callable[[int, int], int]) -> float:
     """Against the dimension of the space of cycles: pairs minus the rank of the incidence matrix."""
-    found = []
+    errors = []
     for _, graph in graphs():
         M = graph.incidence()
-        found.append(float(abs(form(M.shape[1], M.shape[0]) - (M.shape[1] - np.linalg.matrix_rank(M)))))
-    return worst(found)
+        errors.append(float(abs(form(M.shape[1], M.shape[0]) - (M.shape[1] - np.linalg.matrix_rank(M)))))
+    return worst(errors)
 
 
 def ith_with_ith(belongs: Array) -> Array:
@@ -261,9 +271,68 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: Callable[[], Named]) -> float:
-    """Number of loops that are not among those found."""
+    """Number of loops that are not among those that the suite lists."""
     missing = 0
     for name, loops in form().items():
-        found = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
-        missing += len(found ^ {cyclic(loop) for loop in loops})
+        own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
+        missing += len(own ^ {cyclic(loop) for loop in loops})
     return float(missing)
+
+
+def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
+    """J, J', B, B' of the six-bar as printed; phi, rate (4,): angles of links 1, 2, 3, 5."""
+    l1, l2, l3, l3s, l5 = LENGTHS
+    arms = np.array([l1, l2, l3s, l3, l5])
+    angle, speed = phi[[0, 1, 2, 2, 3]] + np.array([0, 0, ALPHA, 0, 0]), rate[[0, 1, 2, 2, 3]]
+    s, c, s_rate, c_rate = arms * np.sin(angle), arms * np.cos(angle), arms * speed * np.cos(angle), arms * speed * np.sin(angle)
+    J = np.array(
+        [
+            [-s[1], s[2], 0, 0],
+            [c[1], -c[2], 0, 0],
+            [0, -s[3], -s[4], -np.cos(RAIL)],
+            [0, c[3], c[4], -np.sin(RAIL)],
+        ]
+    )
+    J_rate = np.array(
+        [
+            [-s_rate[1], s_rate[2], 0, 0],
+            [-c_rate[1], c_rate[2], 0, 0],
+            [0, -s_rate[3], -s_rate[4], 0],
+            [0, -c_rate[3], -c_rate[4], 0],
+        ]
+    )
+    return J, J_rate, np.array([[-s[0]], [c[0]], [0], [0]]), np.array([[-s_rate[0]], [-c_rate[0]], [0], [0]])
+
+
+def blocks_off(form: Callable[[Array, Array], Blocks]) -> float:
+    """Largest difference from the suite's matrices, the sense of each loop left free."""
+    errors = []
+    for t in turnings():
+        equations, m = t.equations, t.matrices
+        if equations.mechanism.name != "six_bar":
+            continue
+        names = [equations.column[i] for i in (0, 1, 2, 3)]
+        order = [*names[1:], len(equations.unknown) - 1]
+        printed = np.hstack(form(t.x[names], t.rate[names]))
+        own = np.hstack([m.J[:, order], m.J_rate[:, order], m.B, m.B_rate])
+        for rows in (slice(0, 2), slice(2, 4)):
+            errors.append(min(float(np.abs(printed[rows] - sense * own[rows]).max()) for sense in (1.0, -1.0)))
+    return worst(errors)
+
+
+def straight() -> Laws:
+    return dict.fromkeys(LAWS, lambda u: u)
+
+
+def textbook() -> Laws:
+    return {
+        "sine": lambda u: u - np.sin(2 * np.pi * u) / (2 * np.pi),
+        "cosine": lambda u: (1 - np.cos(np.pi * u)) / 2,
+        "poly345": lambda u: 10 * u**3 - 15 * u**4 + 6 * u**5,
+    }
+
+
+def laws_off(form: Callable[[], Laws]) -> float:
+    """Largest difference from the suite's laws over a rise of 1 in 1 s."""
+    laws = form()
+    return worst([float(np.abs(laws[name](INSIDE) - rise(name, 0.0, 1.0, 1.0)(INSIDE)[0]).max()) for name in LAWS])

@@ -1,0 +1,212 @@
+"""Straight-line functions: what an elimination comes to, one operation after the other, for any machine that does them.
+
+A function is read from nodes in the order in which they were made. A reciprocal with one use becomes a division, and the negative
+of a difference with one use the opposite difference: neither is worth an operation of its own.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gauss_bench.compiler.expressions.node import LATENCY, STEP, VALUE, Node
+from gauss_bench.terms import Array
+
+Inputs = Sequence[tuple[str, int]]  # name in the graph, length; the order is that of the arguments
+Outputs = Sequence[Sequence[Node]]
+
+VALUES = VALUE | {
+    "DIV": np.divide,
+    "NEG": np.negative,
+    "FMIN": np.minimum,
+    "FMAX": np.maximum,
+    "LE": lambda a, b: np.less_equal(a, b) * 1.0,
+    "IS": lambda a: a,
+    "SUM": lambda *terms: sum(terms),
+}
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Operations (a sine or cosine counts as one), divisions among them, and cycles from the inputs to the last output."""
+
+    operations: int
+    divisions: int
+    critical: float
+
+    @property
+    def single(self) -> float:
+        """Cycles of one evaluation for one trajectory, about: its longest chain, and a quarter of a cycle for every operation."""
+        return self.critical + 0.25 * self.operations + 3.0 * self.divisions
+
+    @property
+    def batch(self) -> float:
+        """Cycles of one evaluation for one vector of trajectories, where no chain is waited for: two operations a cycle."""
+        return 0.5 * self.operations + 9.0 * self.divisions
+
+
+class Instruction(NamedTuple):
+    """One value of a function.
+
+    Attributes:
+        operation: INPUT, CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; LE, 1 where the first is at most the
+            second, else 0; IS, the operand itself, and SUM, of any number of operands, which looped code keeps apart.
+        operands: numbers of earlier values; of an INPUT its argument and component.
+        number: of a CONST.
+    """
+
+    operation: str
+    operands: tuple[int, ...] = ()
+    number: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """The instructions, in an order in which they can be done.
+
+    Attributes:
+        sizes: components of each argument.
+        outputs: numbers of the values of each result.
+    """
+
+    sizes: tuple[int, ...]
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[tuple[int, ...], ...]
+
+    @property
+    def operations(self) -> int:
+        return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
+
+    @property
+    def divisions(self) -> int:
+        return sum(x.operation in ("DIV", "INV") for x in self.instructions)
+
+    def angles(self, argument: int) -> set[int]:
+        """Components of an argument whose sine or cosine is taken as it stands."""
+        sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
+        return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
+
+    def __call__(self, *arguments: Array | Sequence[float]) -> list[Array]:
+        """The results (..., components) for arguments (..., components), one operation after the other in numpy."""
+        given = [np.asarray(x, dtype=float) for x in arguments]
+        values: list[Array] = []
+        with np.errstate(all="ignore"):
+            for operation, operands, number in self.instructions:
+                if operation == "INPUT":
+                    values.append(given[operands[0]][..., operands[1]])
+                elif operation == "CONST":
+                    values.append(np.asarray(number))
+                else:
+                    values.append(VALUES[operation](*(values[k] for k in operands)))
+        shape = np.broadcast_shapes(*(x.shape[:-1] for x in given))
+        rows = [np.array([np.broadcast_to(values[k], shape) for k in x]).reshape(len(x), *shape) for x in self.outputs]
+        return [np.moveaxis(x, 0, -1) for x in rows]
+
+    @property
+    def costs(self) -> Costs:
+        """What an evaluation costs; a product with one use is fused with the sum that uses it."""
+        used = [0] * len(self.instructions)
+        for x in self.instructions:
+            for k in x.operands if x.operation != "INPUT" else ():
+                used[k] += 1
+        ready: list[float] = []
+        for x in self.instructions:
+            ready.append(0.0 if x.operation == "INPUT" else self._ready(x, ready, used))
+        return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
+
+    def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
+        """When a result is ready, given when its operands are."""
+        latest = max((ready[k] for k in x.operands), default=0.0)
+        if x.operation in ("ADD", "SUB"):
+            for k, other in (x.operands, x.operands[::-1]):
+                factor = self.instructions[k]
+                if factor.operation == "MUL" and used[k] == 1:
+                    latest = min(latest, max(ready[other], *(ready[y] for y in factor.operands)))
+        return latest + LATENCY.get(x.operation, STEP)
+
+
+def reachable(outputs: Iterable[Node]) -> list[Node]:
+    """All nodes the outputs need, operands before what uses them."""
+    known: dict[int, Node] = {}
+    left = list(outputs)
+    while left:
+        node = left.pop()
+        if node.index not in known:
+            known[node.index] = node
+            left += [a for a in node.args if isinstance(a, Node)]
+    return [known[k] for k in sorted(known)]
+
+
+def uses(outputs: Iterable[Node]) -> dict[int, int]:
+    """How often each node is an operand or an output."""
+    outputs = list(outputs)
+    count: dict[int, int] = {}
+    for node in [*outputs, *(a for x in reachable(outputs) for a in x.args if isinstance(a, Node))]:
+        count[node.index] = count.get(node.index, 0) + 1
+    return count
+
+
+def costs_of(outputs: Sequence[Node]) -> Costs:
+    """What a function of these outputs alone would cost."""
+    inputs = dict.fromkeys(str(x.args[0]) for x in reachable(outputs) if x.op == "INPUT")
+    return function([(name, 0) for name in inputs], [outputs], uses(outputs)).costs
+
+
+class _Reader:
+    """Nodes of one function in the form in which they become instructions."""
+
+    def __init__(self, shared: dict[int, int] | None, own: dict[int, int]):
+        self.shared, self.own = shared, own
+
+    def _once(self, x: Node) -> bool:
+        return self.shared is not None and self.shared.get(x.index, self.own[x.index]) == 1
+
+    def form(self, node: Node) -> tuple[str, tuple[Node, ...]]:
+        """Operation and operands of a node."""
+        if node.op == "MUL":
+            for x, other in (node.args, node.args[::-1]):
+                if x.op == "INV" and self._once(x):
+                    return "DIV", (other, x.args[0])
+        if node.op == "NEG" and node.args[0].op == "SUB" and self._once(node.args[0]):
+            return "SUB", node.args[0].args[::-1]
+        return node.op, node.args
+
+
+def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) -> Function:
+    """The function of some nodes.
+
+    Args:
+        inputs: what the arguments are called in the graph.
+        shared: uses of nodes in all functions whose code will be merged, so that all of them have the same form of each; None where
+            every node is to stay as it is.
+    """
+    return numbered(inputs, outputs, shared)[0]
+
+
+def numbered(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None = None) -> tuple[Function, dict[int, int]]:
+    """The function of some nodes, and the number of each of its nodes' values by the node's index."""
+    ends = [x for nodes in outputs for x in nodes]
+    reader = _Reader(shared, uses(ends) if shared is not None else {})
+    forms: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}
+    left = list(ends)
+    while left:
+        node = left.pop()
+        if node.index not in forms:
+            operation, operands = reader.form(node) if node.op not in ("INPUT", "CONST") else (node.op, ())
+            forms[node.index] = node, operation, operands
+            left += operands
+    place = {name: k for k, (name, _) in enumerate(inputs)}
+    number: dict[int, int] = {}
+    instructions: list[Instruction] = []
+    for index in sorted(forms):
+        node, operation, operands = forms[index]
+        number[index] = len(instructions)
+        if operation == "INPUT":
+            instructions.append(Instruction("INPUT", (place[node.args[0]], node.args[1])))
+        elif node.number is not None:
+            instructions.append(Instruction("CONST", (), node.number))
+        else:
+            instructions.append(Instruction(operation, tuple(number[x.index] for x in operands)))
+    made = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
+    return Function(tuple(size for _, size in inputs), tuple(instructions), made), number

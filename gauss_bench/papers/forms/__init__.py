@@ -1,0 +1,10 @@
+"""What the lines of the audit compute: printed and corrected forms as functions, and the measures that compare them with a truth.
+
+A module for each chapter of the data files:
+- `least_squares`, `projector`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on their own
+  example, the crank-slider (`gauss_bench.papers.crank_slider`).
+- `link_units`, `loops`: Wang et al. 2010, on exact derivatives and on the motions of linkage files.
+- `points`: Men et al. 2009, on the shaper.
+
+A measure takes a form and gives its discrepancy, >= 0: the worst over all cases tried.
+"""

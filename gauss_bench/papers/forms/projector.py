@@ -1,0 +1,100 @@
+"""Yuan & Ge (2016), eqs. (15) and (16): the inverse of a projector, and the accelerations that follow from it.
+
+    A^- = N^-1 M^(-1/2)                                                                                          (15)
+    a = J^- g - N N^-1 {J^- g + M^-1 (f - Q)},    N = I - J^- J                                                  (16)
+
+N has rank n - rank J and no inverse. With N N^-1 = I, (16) is M^-1 (Q - f), the motion without constraints; with Moore-Penrose
+inverses N N^- = N, and (16) projects M^-1 (Q - f) on J a = g in the Euclidean metric instead of that of M:
+
+    a_true - a_(16) = N (a_true - M^-1 (Q - f)) = -N M^-1 J^T lambda        (M a + f + J^T lambda = Q)
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gauss_bench.formulations.gauss_pinv import gauss_pinv
+from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.papers.forms.least_squares import pinv, power, projector
+from gauss_bench.papers.forms.problems import Problem, all_problems, relative, special_problems, worst
+from gauss_bench.terms import Array
+
+Accelerations = Callable[[Problem], Array]
+
+
+def regular(n: int, m: int, r: int) -> int:
+    return n
+
+
+def deficient(n: int, m: int, r: int) -> int:
+    return n - r
+
+
+def rank_off(form: Callable[[int, int, int], int]) -> float:
+    """Error of a rank of N claimed from n coordinates and m rows of rank r."""
+    errors = []
+    for p in all_problems():
+        sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
+        errors.append(float(abs(form(p.n, len(p.J), p.rank) - int((sizes > 0.5).sum()))))
+    return worst(errors)
+
+
+def reversed_order(p: Problem) -> Array:
+    return pinv(projector(p)) @ power(p.M, -0.5)
+
+
+def normal_inverse(p: Problem) -> Array:
+    N = projector(p)
+    return pinv(N @ p.M @ N) @ power(p.M, 0.5)
+
+
+def inverse_off(form: Accelerations) -> float:
+    """Against the Moore-Penrose inverse of A by its singular values."""
+    return worst([relative(form(p), pinv(power(p.M, 0.5) @ projector(p))) for p in all_problems()])
+
+
+def unconstrained(p: Problem) -> Array:
+    return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
+
+
+def euclidean(p: Problem) -> Array:
+    return yuan_ge_eq16(p.terms).a
+
+
+def final_of_14(p: Problem) -> Array:
+    return gauss_pinv(p.terms).a
+
+
+def accelerations_off(form: Accelerations) -> float:
+    return worst([relative(form(p), p.a) for p in all_problems()])
+
+
+def constraints_off(form: Accelerations) -> float:
+    """Residual of (6), relative to its terms."""
+    terms = [(np.abs(p.J) @ np.abs(form(p)), p.J @ form(p) - p.g) for p in all_problems()]
+    return worst([float(np.abs(r).max() / scale.max()) for scale, r in terms])
+
+
+def nothing(p: Problem) -> Array:
+    return np.zeros(p.n)
+
+
+def predicted(p: Problem) -> Array:
+    return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
+
+
+def difference_off(form: Accelerations) -> float:
+    """Against the measured difference, relative to the larger of the two accelerations that are subtracted."""
+    errors = []
+    for p in all_problems():
+        wrong = euclidean(p)
+        scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(unconstrained(p)).max())
+        errors.append(float(np.abs(form(p) - (p.a - wrong)).max() / scale))
+    return worst(errors)
+
+
+def off_in(kind: str) -> Callable[[Accelerations], float]:
+    return lambda form: worst([relative(form(p), p.a) for p in special_problems(kind)])
+
+
+even_off, full_off, idle_off, aligned_off = (off_in(kind) for kind in ("even", "full", "idle", "aligned"))

@@ -1,0 +1,118 @@
+"""Measurements of time with a clock whose ticks are known: what is divided by what, and what a spread means."""
+
+import gc
+import math
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.clock import Block, compare_costs, interleaved, lasting, ratio, timed
+from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return clocked(monkeypatch)
+
+
+def test_a_second_of_the_processor_is_a_second(clock: Clock) -> None:
+    assert timed(lambda: clock.spend(1.0)) == pytest.approx(1.0)
+
+
+def test_a_clock_that_ticks_one_second_per_thousand_steps_reports_a_millisecond_a_step(clock: Clock) -> None:
+    block = Block("steps", lambda: None, lambda: clock.spend(1.0), 1000)
+    assert [seconds for _, _, seconds in interleaved([block], 3)] == pytest.approx([1e-3] * 3)
+
+
+def test_getting_ready_is_not_timed(clock: Clock) -> None:
+    block = Block("x", lambda: clock.spend(5.0), lambda: clock.spend(0.05), 1)
+    assert [seconds for _, _, seconds in interleaved([block], 2)] == pytest.approx([0.05] * 2)
+
+
+@pytest.mark.parametrize("seconds", [1e-7, 3e-5, 0.3e-3, 0.02])
+@pytest.mark.parametrize("work", [1, 40])
+def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, work: int, clock: Clock) -> None:
+    """A repetition is a piece of the call's work, and a block lasts a millisecond at least, or as long as one call."""
+    block = lasting("call", lambda: clock.spend(seconds), work)
+    block.ready()
+    whole = timed(block.go)
+    assert whole / block.count == pytest.approx(seconds / work)
+    assert 1e-3 <= whole <= max(5e-3, seconds * 1.001)
+
+
+def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    costs = Costs(build=5e-3, step=7e-6, native_step=3e-6, acceleration=2e-6)
+    replace_engine(monkeypatch, "mujoco", clock, costs)
+    found = compare_costs("four_bar", "torque", ["mujoco"])
+    assert not found["failed"]
+    for quantity, seconds in vars(costs).items():
+        measured = [x["seconds"] for x in found["samples"] if x["quantity"] == quantity]
+        assert quantity == "call" or measured
+        assert measured == pytest.approx([seconds] * len(measured), rel=1e-6), quantity
+
+
+def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An engine in which motion takes no time is not run on and on: drift would change what is timed."""
+    durations: list[float] = []
+    replace_engine(monkeypatch, "mujoco", clock, Costs(step=1e-9, native_step=1e-9))
+    true = SyntheticModel.prepare
+
+    def prepare(self: SyntheticModel, times: np.ndarray, native: bool = True) -> None:
+        durations.append(float(times[-1]))
+        true(self, times, native)
+
+    monkeypatch.setattr(SyntheticModel, "prepare", prepare)
+    compare_costs("four_bar", "torque", ["mujoco"])
+    assert 0.9 <= max(durations) <= 1.0 + 1e-9
+
+
+def test_a_block_that_takes_long_sits_out_later_rounds_and_others_do_not(clock: Clock) -> None:
+    long = Block("long", lambda: None, lambda: clock.spend(0.2), 1)
+    short = Block("short", lambda: None, lambda: clock.spend(0.01), 1)
+    rounds = [(block.entry, number) for block, number, _ in interleaved([long, short], 12)]
+    assert sorted(n for entry, n in rounds if entry == "short") == list(range(12))
+    assert sorted(n for entry, n in rounds if entry == "long") == list(range(4))
+
+
+def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock: Clock) -> None:
+    resting: list[bool] = []
+    block = Block("x", lambda: None, lambda: resting.append(gc.isenabled()), 1)
+    assert gc.isenabled()
+    list(interleaved([block], 2))
+    assert resting == [False, False]
+    assert gc.isenabled()
+    half_way = interleaved([block], 2)
+    next(half_way)
+    half_way.close()
+    assert gc.isenabled()
+
+
+def test_blocks_take_turns_in_another_order_every_round(clock: Clock) -> None:
+    blocks = [Block(name, lambda: None, lambda: clock.spend(1e-3), 1) for name in "abcd"]
+    order = [block.entry for block, _, _ in interleaved(blocks, 20)]
+    rounds = [tuple(order[k : k + 4]) for k in range(0, 80, 4)]
+    assert all(sorted(x) == list("abcd") for x in rounds)
+    assert len(set(rounds)) > 5
+
+
+def test_a_ratio_is_that_of_lower_quartiles() -> None:
+    """Rounds that an interruption has spoilt, even half of them, say nothing."""
+    samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])  # the lower quartile of five is the second smallest
+    assert ratio(samples, np.full(5, 0.5))[0] == pytest.approx(4.0)
+    assert ratio(np.full(5, 3.0), samples)[0] == pytest.approx(1.5)
+    spoilt = np.where(np.arange(100) % 2 == 0, 1.0, 50.0)
+    assert ratio(spoilt, np.full(100, 1.0))[0] == pytest.approx(1.0)
+
+
+def test_what_both_meet_in_a_round_is_in_no_spread() -> None:
+    wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
+    assert ratio(3 * wandering, wandering) == pytest.approx((3.0, 3.0, 3.0))
+
+
+def test_a_spread_holds_nine_tenths() -> None:
+    """The lower quartile of n uniform samples scatters by sqrt(3/16 / n); 5 and 95 percent lie 1.645 of it away."""
+    n = 4000
+    value, low, high = ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
+    scatter = 1.645 * math.sqrt(3 / 16 / n)
+    assert value == pytest.approx(1.25, abs=2 * scatter)
+    assert high - low == pytest.approx(2 * scatter, rel=0.3)

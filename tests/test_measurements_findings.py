@@ -1,0 +1,187 @@
+"""What the report says of rows written down by hand: which one it names, its number, and where a threshold lies."""
+
+from typing import Any
+
+import pytest
+
+from gauss_bench.report.findings import all_findings
+from gauss_bench.report.rows import KEYS, Run, own_steps, run_time
+
+KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
+
+
+def row(**columns: Any) -> dict[str, Any]:
+    """A valid row of 2 s at 1 ms, with an error of 2e-4 rad, at 50 us a step, but for the columns given."""
+    found = dict(zip(KEYS, KEY, strict=True)) | {"status": "ok", "message": "", "note": "", "valid": True, "control": False}
+    found |= {"crank_error_t2": 2e-4, "crank_error_bar_t2": 1e-12, "position_drift": 1e-6, "velocity_drift": 1e-5}
+    found |= {"acceleration_error_median": 1e-14, "step_time": 50e-6}
+    found |= columns
+    return {"steps": round(found["t_end"] / found["step"])} | found
+
+
+def said(title: str, *rows: dict[str, Any], environment: dict[str, Any] | None = None, **tables: Any) -> str:
+    """The text of the findings of that title, of a run with these rows and tables."""
+    run = Run(rows, (), (), environment or {}, **tables)
+    return "\n".join(f.text for f in all_findings(run) if f.title == title)
+
+
+def test_gauss_is_told_how_many_times_as_long_as_the_cheapest_it_takes() -> None:
+    """2000 steps of 50 us against 2000 of 5 us: 100 ms against 10 ms."""
+    text = said("four_bar, torque", row(), row(engine="lagrange", step_time=5e-6))
+    assert "Cheapest within 1e-03 rad: `lagrange` rk4 at step 0.001 s, 10 ms stepped from Python" in text
+    assert "`gauss` needs 100 ms (10.0 times as long)" in text
+
+
+def test_a_target_is_reached_by_what_errs_less() -> None:
+    near, far = row(engine="schur", crank_error_t2=0.9e-6), row(engine="lagrange", crank_error_t2=1.1e-6, step_time=1e-6)
+    text = said("four_bar, torque", near, far)
+    assert "Cheapest within 1e-06 rad: `schur`" in text
+    assert "Cheapest within 1e-03 rad: `lagrange`" in text
+    assert "Most accurate: `schur`" in text
+
+
+def test_a_run_costs_its_steps_in_the_engines_own_loop_where_it_has_one() -> None:
+    assert run_time(row()) == pytest.approx(0.1)
+    assert run_time(row(native_step_time=2e-6)) == pytest.approx(4e-3)
+    assert run_time(row(stabilization="projection")) != run_time(row(stabilization="projection"))  # not known
+
+
+def test_engines_within_a_twentieth_tie() -> None:
+    rows = [row(engine=name, crank_error_t2=x) for name, x in (("gauss", 1.0e-4), ("lagrange", 1.04e-4), ("schur", 1.06e-4))]
+    assert "Most accurate: `gauss` and `lagrange` rk4" in said("four_bar, torque", *rows)
+
+
+def test_an_error_below_the_references_bar_is_no_number() -> None:
+    text = said("four_bar, torque", row(crank_error_t2=0.9e-12), row(engine="lagrange", crank_error_t2=1.1e-12))
+    assert "Crank error below the reference's bar (1e-12 rad): `gauss`." in text
+
+
+@pytest.mark.parametrize(("error", "same"), [(0.9e-6, True), (1.1e-6, False)])
+def test_a_millionth_is_the_same_acceleration(error: float, same: bool) -> None:
+    engine = row(engine="exudyn", acceleration_error_median=error)
+    assert ("`exudyn` (" in said("Same state, same acceleration", engine)) is same
+    assert ("`exudyn`" in said("Soft, or another model", engine)) is not same
+
+
+@pytest.mark.parametrize(("finer", "flat"), [(1.1e-2, True), (0.9e-2, False)])
+def test_an_error_that_halves_over_four_times_the_step_comes_from_the_step(finer: float, flat: bool) -> None:
+    soft = {"engine": "mujoco", "acceleration_error_median": 1e-2}
+    rows = [row(step=4e-3, crank_error_t2=2e-2, **soft), row(step=1e-3, crank_error_t2=finer, **soft)]
+    assert ("and does not: on four_bar" in said("Soft, or another model", *rows)) is flat
+
+
+def test_twice_the_step_is_no_evidence() -> None:
+    soft = {"engine": "mujoco", "acceleration_error_median": 1e-2, "crank_error_t2": 2e-2}
+    assert "and does not" not in said("Soft, or another model", row(step=2e-3, **soft), row(step=1e-3, **soft))
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({}, True),
+        ({"crank_error_t2": 0.9}, False),
+        ({"position_drift": 1.1e-4}, False),
+        ({"acceleration_error_median": 1.1e-2}, False),
+        ({"control": True}, False),
+    ],
+)
+def test_a_crank_a_radian_off_behind_closed_loops_is_told(changed: dict[str, Any], told: bool) -> None:
+    off = row(engine="mujoco", **({"crank_error_t2": 1.1, "position_drift": 0.9e-4} | changed))
+    assert bool(said("Closed loops, wrong motion", row(), off)) is told
+
+
+def test_the_gate_that_a_run_recorded_decides_whose_model_is_right() -> None:
+    off = row(engine="mujoco", crank_error_t2=1.1, position_drift=1e-5, acceleration_error_median=5e-3)
+    assert said("Closed loops, wrong motion", off)
+    assert not said("Closed loops, wrong motion", off, environment={"gates": {"acceleration": 1e-3}})
+
+
+@pytest.mark.parametrize(("steps", "own"), [(2000, False), (2030, False), (2050, True), (400, True)])
+def test_an_integrator_that_took_other_steps_than_asked_chose_them(steps: int, own: bool) -> None:
+    assert own_steps(row(steps=steps)) is own
+
+
+def published(difference: float) -> dict[str, Any]:
+    return {
+        "quantity": "beta",
+        "difference": difference,
+        "floor": 1e-13,
+        "error_bar": 2e-13,
+        "printed_digits": 16,
+        "true_digits": 9,
+    }
+
+
+@pytest.mark.parametrize(("difference", "off"), [(1.9e-12, False), (2.1e-12, True), (0.0, False)])
+def test_a_published_value_is_off_beyond_ten_times_what_the_certificate_leaves_open(difference: float, off: bool) -> None:
+    assert ("1 are off" in said("Published values", published=(published(difference), published(0.0)))) is off
+
+
+def test_the_worst_published_value_is_named_with_its_true_digits() -> None:
+    worse = published(1e-6) | {"quantity": "gamma", "true_digits": 4}
+    text = said("Published values", published=(published(1e-9), worse))
+    assert "2 are off" in text
+    assert "gamma is printed with 16 digits, of which 4 are true" in text
+
+
+def test_costs_against_lagrange_are_the_rows_own_ratio_with_its_spread() -> None:
+    own = row(step_ratio=1.5, step_ratio_low=1.4, step_ratio_high=1.6)
+    rival = row(engine="lagrange", step_ratio=1.0, step_ratio_low=1.0, step_ratio_high=1.0)
+    text = said("Cost of gauss against lagrange", own, rival, environment={"baseline_engine": "lagrange"})
+    assert "four_bar rk4 1.50 (1.40..1.60); slower in 1 of 1" in text
+    base, other = row(step_ratio=1.0), row(engine="lagrange", step_ratio=0.5, step_ratio_low=0.4, step_ratio_high=0.8)
+    text = said("Cost of gauss against lagrange", base, other, environment={"baseline_engine": "gauss"})
+    assert "four_bar rk4 2.00 (1.25..2.50)" in text
+
+
+def kernel_step(settings: str, ratio: float, **columns: Any) -> dict[str, Any]:
+    found = {"mechanism": "six_bar", "formulation": "gauss", "stabilization": "none", "settings": settings, "status": "ok"}
+    return found | {"ratio": ratio} | columns
+
+
+def kernels(title: str, **tables: Any) -> str:
+    return said(title, kernels={f"kernel_{name}": tuple(rows) for name, rows in tables.items()})
+
+
+def test_a_compiled_step_is_held_against_the_faster_of_mujocos_settings() -> None:
+    """100 times faster than the slower setting, 60 times than the faster: 60 is what counts."""
+    for order in (1, -1):
+        rows = [kernel_step("default", 100.0), kernel_step("tuned", 60.0)][::order]
+        text = kernels("A step in its own loop", steps=rows)
+        assert "six_bar 60.0" in text
+        assert "100" not in text
+
+
+def test_what_others_take_to_an_accuracy_is_their_best_ways() -> None:
+    def way(mechanism: str, ratio: float, best: bool) -> dict[str, Any]:
+        return {"mechanism": mechanism, "engine": "mujoco", "accuracy": 1e-6, "ratio": ratio, "best": best, "status": "ok"}
+
+    rows = [way("four_bar", 40.0, True), way("four_bar", 900.0, False), way("six_bar", 70.0, True)]
+    rows.append({"mechanism": "eight_bar", "engine": "mujoco", "accuracy": 1e-6, "best": False, "status": "cannot reach"})
+    text = kernels("Equal accuracy", accuracy=rows)
+    assert "within 1e-06 rad" in text
+    assert "`mujoco` 40.0 to 70.0 and does not reach it on 1 linkage" in text
+
+
+def test_a_share_of_the_machines_limit_is_in_per_cent() -> None:
+    rows = [{"mechanism": x, "quantity": "a batch", "share": y, "status": "ok"} for x, y in (("four_bar", 0.42), ("six_bar", 0.5))]
+    assert "42 to 50 % for a batch" in kernels("What is left to be gained", bounds=rows)
+
+
+def test_kinematics_are_told_in_millions_a_second() -> None:
+    errors = {f"{x}_error": y for x, y in (("position", 1e-16), ("velocity", 2e-15), ("acceleration", 3e-14))}
+    found = [{"mechanism": "four_bar", "rate": 7.9e6, "target": 7.4e6, "met": True, "status": "ok"} | errors]
+    text = kernels("Kinematics", kinematics=found)
+    assert "7.9 million on four_bar" in text
+    assert "3.0e-14 at most" in text
+
+
+def test_one_right_hand_side_is_told_where_it_loses() -> None:
+    def asked(own: str, rival: str, ratio: float) -> dict[str, Any]:
+        return {"mechanism": "four_bar", "own": own, "rival": rival, "ratio": ratio, "status": "ok"}
+
+    rows = [asked("in its own loop", "less the call", 25.0), asked("in its own loop", "as called", 30.0)]
+    rows += [asked("called from Python", "as called", 0.8), asked("called from Python", "less the call", 0.7)]
+    text = kernels("One right-hand side", rhs=rows)
+    assert "takes 25.0 times as long" in text
+    assert "it takes 0.800 times as long: there the kernel is slower on four_bar" in text

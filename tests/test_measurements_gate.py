@@ -1,0 +1,75 @@
+"""The accuracy gate's limits, each from both sides, on figures written down by hand."""
+
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from gauss_bench.bench.gate import compare
+from gauss_bench.tables import KEY
+
+CASE: dict[str, Any] = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
+
+
+def outcome(metric: str, value: float | str, base: float | str) -> str:
+    """What the gate says of one figure against its baseline."""
+    found, kept = (pd.DataFrame([CASE | {"metric": metric, "value": str(x)}]) for x in (value, base))
+    (verdict,) = compare(found, kept)
+    return verdict.outcome
+
+
+FLOORS = {
+    "acceleration_error_median": 1e-12,
+    "crank_error_t1": 1e-10,
+    "position_error": 1e-10,
+    "velocity_error": 1e-8,
+    "position_drift": 1e-12,
+    "velocity_drift": 1e-10,
+    "energy_error": 1e-8,
+}
+
+
+@pytest.mark.parametrize("metric", FLOORS)
+def test_a_figure_may_not_double(metric: str) -> None:
+    assert outcome(metric, 1.9e-5, 1e-5) == "ok"
+    assert outcome(metric, 2.1e-5, 1e-5) == "fail"
+    assert outcome(metric, "nan", 1e-5) == "fail"
+
+
+@pytest.mark.parametrize(("metric", "floor"), FLOORS.items())
+def test_rounding_is_no_change_for_the_worse_and_what_stands_above_it_is(metric: str, floor: float) -> None:
+    assert outcome(metric, 0.9 * floor, 1e-3 * floor) == "ok"
+    assert outcome(metric, 1.1 * floor, 1e-3 * floor) == "fail"
+
+
+@pytest.mark.parametrize("metric", FLOORS)
+def test_a_figure_that_is_better_by_more_than_half_is_told(metric: str) -> None:
+    assert outcome(metric, 0.55e-5, 1e-5) == "ok"
+    assert outcome(metric, 0.45e-5, 1e-5) == "better"
+
+
+def test_an_order_may_fall_by_a_fifth_and_no_more() -> None:
+    assert outcome("observed_order", 3.85, 4.0) == "ok"
+    assert outcome("observed_order", 3.75, 4.0) == "fail"
+    assert outcome("observed_order", 3.0, 4.0) == "fail"
+    assert outcome("observed_order", 4.15, 4.0) == "ok"
+
+
+@pytest.mark.parametrize("truth", ["crank_t05", "crank_t1"])
+def test_a_truth_may_move_by_less_than_a_nanoradian_of_its_size(truth: str) -> None:
+    assert outcome(truth, 9.0 + 0.9e-8, 9.0) == "ok"
+    assert outcome(truth, 9.0 + 1.1e-8, 9.0) == "fail"
+    assert outcome(truth, 9.0 - 1.1e-8, 9.0) == "fail"
+
+
+@pytest.mark.parametrize("metric", ["status", "valid"])
+def test_how_a_run_ended_is_kept_to_the_letter(metric: str) -> None:
+    assert outcome(metric, "True", "True") == "ok"
+    assert outcome(metric, "False", "True") == "fail"
+    assert outcome(metric, "True", "False") == "fail"
+
+
+def test_a_figure_on_one_side_alone_fails() -> None:
+    row = pd.DataFrame([CASE | {"metric": "position_error", "value": "1e-5"}])
+    assert [v.outcome for v in compare(row, row.iloc[:0])] == ["fail"]
+    assert [v.outcome for v in compare(row.iloc[:0], row)] == ["fail"]

@@ -1,0 +1,287 @@
+"""What the kernel suite makes of known costs: every divisor, ratio and bound, with kernels and rivals whose time is given."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.kernel_effort import REDUCED
+from gauss_bench.bench.kernel_timing import Key, Measured, compared
+from gauss_bench.bench.measurements.batch import batch
+from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, lead_time
+from gauss_bench.bench.measurements.growth import CONTENDERS, scaling, task
+from gauss_bench.bench.measurements.kernel_costs import kernel_costs
+from gauss_bench.bench.measurements.ladder import Method, ladder
+from gauss_bench.bench.measurements.limits import LATENCY_KEY, RATE_KEY, bound_rows, processor_rows
+from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
+from gauss_bench.bench.measurements.turns import kinematics_speed
+from gauss_bench.bench.targets import at_least, at_most
+from gauss_bench.compiler.chains.kernel import LargeKernel
+from gauss_bench.compiler.closure import Closure
+from gauss_bench.compiler.kernel import Kernel
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled
+
+Rows = list[dict[str, Any]]
+OWN = Method("gauss-native", "default", "rk4", "none")
+RIVAL = Method("mujoco", "tuned", "rk4", "none")
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return clocked(monkeypatch)
+
+
+def only(rows: Rows, **values: Any) -> dict[str, Any]:
+    (found,) = (row for row in rows if all(row[k] == x for k, x in values.items()))
+    return found
+
+
+def test_a_batch_is_compared_by_the_step_of_one_trajectory(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel takes 10 ns for a step of a trajectory, MuJoCo 3 us: 300 times as long, however many steps each is given."""
+    charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
+    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=3e-6))
+    (row,) = batch("crank_slider", "paper", REDUCED)["kernel_batch"]
+    assert (row["seconds"], row["rival_seconds"]) == pytest.approx((10e-9, 3e-6))
+    assert row["ratio"] == pytest.approx(300.0)
+    assert row["met"] is False
+    assert (row["lanes_error"], row["lost"]) == (0.0, 0)
+
+
+def test_lanes_that_disturb_each_other_are_told(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kernel whose lanes end 2e-3 away from where single runs end."""
+    true = Kernel.rollout
+
+    def disturbed(self: Kernel, q: np.ndarray, v: np.ndarray, *rest: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+        ends, speeds = true(self, q, v, *rest, **options)
+        return (ends + 2e-3 if q.ndim == 2 else ends), speeds
+
+    monkeypatch.setattr(Kernel, "rollout", disturbed)
+    charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
+    replace_engine(monkeypatch, "mujoco", clock)
+    (row,) = batch("crank_slider", "paper", REDUCED)["kernel_batch"]
+    assert row["lanes_error"] == pytest.approx(2e-3)
+
+
+STEP, CALL = 4e-6, 5e-6  # [s] of the kernel: a step of Runge and Kutta, an acceleration from Python
+MUJOCO, PINOCCHIO, EMPTY = 200e-6, 12e-6, 2e-6  # [s] of rivals: a step, constraintDynamics, a call of nothing
+
+
+@pytest.fixture(scope="module")
+def costs() -> dict[str, Rows]:
+    with pytest.MonkeyPatch.context() as patched:
+        clock = clocked(patched)
+        charge(patched, clock, Kernel, "rollout", rolled(STEP))
+        charge(patched, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
+        replace_engine(patched, "mujoco", clock, Costs(native_step=MUJOCO))
+        replace_engine(patched, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
+        replace_engine(patched, "gauss", clock, Costs(acceleration=50e-6))
+        replace_engine(patched, "lagrange", clock, Costs(acceleration=40e-6))
+        found: dict[str, Rows] = kernel_costs("four_bar", "torque", REDUCED)
+    return found
+
+
+def test_a_step_is_compared_with_a_step(costs: dict[str, Rows]) -> None:
+    for row in costs["kernel_steps"]:
+        assert (row["seconds"], row["rival_seconds"]) == pytest.approx((STEP, MUJOCO))
+        assert row["ratio"] == pytest.approx(50.0)
+
+
+def test_a_right_hand_side_is_a_quarter_of_a_step_of_runge_and_kutta(costs: dict[str, Rows]) -> None:
+    """The step takes 4 us, so that one of its four stages takes 1 us; constraintDynamics 12 us, of which 2 us are the call."""
+    known = {
+        ("in its own loop", "as called"): (1e-6, 12e-6, 12.0),
+        ("in its own loop", "less the call"): (1e-6, 10e-6, 10.0),
+        ("called from Python", "as called"): (5e-6, 12e-6, 2.4),
+        ("called from Python", "less the call"): (5e-6, 10e-6, 2.0),
+    }
+    assert len(costs["kernel_rhs"]) == 8
+    for row in costs["kernel_rhs"]:
+        assert (row["seconds"], row["rival_seconds"], row["ratio"]) == pytest.approx(known[row["own"], row["rival"]])
+
+
+def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> None:
+    keys = {Key("step", "gauss"): STEP, Key("acceleration call", "gauss"): CALL}
+    for settings in ("default", "one_iteration"):
+        keys |= {Key("constraintDynamics", "pinocchio", settings): 1e-6, Key("empty call", "pinocchio", settings): 2e-6}
+    rows = rhs_rows(load("four_bar", "torque"), Measured({key: np.full(5, x) for key, x in keys.items()}, {}))
+    net = [row for row in rows if row["rival"] == "less the call"]
+    assert len(net) == 4
+    assert all(0 < row["rival_seconds"] < 1e-8 for row in net)
+
+
+def test_the_claim_compares_formulations_and_nothing_else(costs: dict[str, Rows]) -> None:
+    (row,) = costs["kernel_claim"]
+    assert (row["seconds"], row["rival_seconds"], row["ratio"]) == pytest.approx((STEP, STEP, 1.0))
+    assert row["verdict"] == "open"
+    assert row["batch_ratio"] == pytest.approx(1.0)
+    assert row["numpy_ratio"] == pytest.approx(0.8)  # dense numpy: Lagrange's 40 us against Gauss's 50
+    assert (row["unknowns_gauss"], row["unknowns_lagrange"]) == (1, 17)  # 9 coordinates, 8 rows
+
+
+def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Rows]) -> None:
+    (bound,) = (row for row in costs["kernel_bounds"] if row["quantity"] == "a batch")
+    assert bound["seconds"] == pytest.approx(STEP)
+
+
+def samples(**seconds: float) -> Measured:
+    keys = {"step": Key("step", "gauss"), "batch": Key("batch step", "gauss"), "latency": LATENCY_KEY, "rate": RATE_KEY}
+    return Measured({keys[name]: np.full(5, x) for name, x in seconds.items()}, {})
+
+
+def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
+    """Four cycles take 2 ns, so one takes 0.5 ns; a vector of multiply-adds in 1 ns is two operations a lane."""
+    rows = {row["key"]: row["value"] for row in processor_rows(samples(latency=2e-9, rate=1e-9))}
+    assert rows["latency"] == pytest.approx(2e-9)
+    assert rows["cycle"] == pytest.approx(0.5e-9)
+    assert rows["rate"] == pytest.approx(2 * native_code.best_lanes() / 1e-9)
+
+
+def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations() -> None:
+    measured = samples(step=1e-6, batch=1e-7, latency=4e-9, rate=1e-9)  # a cycle of 1 ns
+    one, many = bound_rows(load("four_bar", "torque"), measured)
+    assert one["bound"] == pytest.approx(one["cycles"] * 1e-9)
+    assert one["share"] == pytest.approx(one["bound"] / 1e-6)
+    assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))
+    assert many["share"] == pytest.approx(many["bound"] / 1e-7)
+
+
+def rung(step: float, error: float, seconds: float) -> dict[str, Any]:
+    return {"step": step, "error": error, "seconds": seconds, "status": "ok", "message": ""}
+
+
+@pytest.mark.parametrize("lead", [10.0, 0.01])
+def test_time_to_solution_is_that_of_the_whole_second_at_the_step_that_reaches_it(
+    lead: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel: 1000 steps of 2 us; the rival: 10,000 steps of 30 us. Cut to a lead of 10 ms, both are scaled back."""
+    replace_engine(monkeypatch, OWN.engine, clock, Costs(native_step=2e-6))
+    replace_engine(monkeypatch, RIVAL.engine, clock, Costs(native_step=30e-6))
+    ladders = [(OWN, [rung(1e-3, 1e-10, 2e-3)], "done"), (RIVAL, [rung(1e-4, 1e-10, 0.3)], "done")]
+    rows = equal_accuracy("four_bar", "torque", ladders, 9, lead)["kernel_accuracy"]
+    assert len(rows) == 4
+    for row in rows:
+        own = row["engine"] == OWN.engine
+        assert row["seconds"] == pytest.approx(2e-3 if own else 0.3)
+        assert row["ratio"] == pytest.approx(1.0 if own else 150.0)
+        assert row["best"]
+
+
+def test_a_lead_is_about_as_long_as_asked_for() -> None:
+    """A second of motion takes 2 s: of a lead of 0.5 s a quarter is run."""
+    assert lead_time(rung(1e-3, 0.0, 2.0), 0.5) == pytest.approx(0.25)
+
+
+def test_a_rung_tells_the_error_at_one_second_and_the_time_it_took(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An engine whose crank is 3e-6 rad off at 1 ms, and whose error falls with the square of the step."""
+    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=20e-6), truth="gauss-native", off_position=3e-6, order=2.0)
+    found = ladder("four_bar", "torque", RIVAL, str(tmp_path), 4.0)
+    rows = [row for row in found["kernel_ladder"] if 1e-4 < row["step"] <= 1e-2 / 2**3]
+    assert len(rows) > 2
+    for row in rows:
+        # the motion of the model it is taken from is exact to 1e-9 there
+        assert row["error"] == pytest.approx(3e-6 * (row["step"] / 1e-3) ** 2, rel=0.05)
+        assert row["seconds"] == pytest.approx(20e-6 / row["step"], rel=1e-3)
+    steps = [row["step"] for row in found["kernel_ladder"]]
+    assert np.ptp(np.divide(steps[:-1], steps[1:])) < 1e-12
+    assert steps[0] / steps[1] == 2.0
+
+
+def test_a_ladder_goes_on_as_long_as_half_the_step_is_within_the_cap(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A run of 100 steps takes 0.1 s, so that 1600 take 1.6 s and 3200 would take more than 2 s; the error falls all the while."""
+    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=1e-3), truth="gauss-native", off_position=1e-2, order=1.0)
+    found = ladder("four_bar", "torque", RIVAL, str(tmp_path), 2.0)
+    assert found["ended"] == "half the step would take longer than 2 s"
+    assert [round(1 / row["step"]) for row in found["kernel_ladder"]] == [100, 200, 400, 800, 1600]
+
+
+def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A position takes 50 ns: twenty million a second."""
+    charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
+    own, plain, _ = kinematics_speed("four_bar", REDUCED)["kernel_kinematics"]
+    assert own["seconds"] == pytest.approx(50e-9)
+    assert own["rate"] == pytest.approx(20e6)
+    assert own["met"] is True
+    assert max(own[f"{x}_error"] for x in ("position", "velocity", "acceleration")) < 1e-12
+    assert plain["status"] == "ok"
+
+
+def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One acceleration is off by 1e-10 of the largest."""
+    true = Closure.turn
+
+    def wrong(self: Closure, *arguments: Any, **options: Any) -> Any:
+        found = true(self, *arguments, **options)
+        a = found.a.copy()
+        a[7, 5] += 1e-10 * np.abs(a).max()
+        return type(found)(**{**vars(found), "a": a})
+
+    monkeypatch.setattr(Closure, "turn", wrong)
+    charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
+    own = kinematics_speed("four_bar", REDUCED)["kernel_kinematics"][0]
+    assert own["acceleration_error"] == pytest.approx(1e-10, rel=0.01)
+    assert own["met"] is False
+
+
+def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    for kernel in (Kernel, LargeKernel):
+        charge(monkeypatch, clock, kernel, "rollout", rolled(STEP))
+        charge(monkeypatch, clock, kernel, "acceleration", lambda *arguments, **options: CALL)
+    for name in list(CONTENDERS):
+        if name not in ("loops, gauss", "straight line, gauss"):
+            monkeypatch.delitem(CONTENDERS, name)
+    rows = scaling((1,))["scaling"]
+    assert len(rows) == 4
+    for row in rows:
+        assert row["seconds"] == pytest.approx(STEP / 4 if row["quantity"] == "in its own loop" else CALL)
+        assert row["error"] < 1e-12
+
+
+def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> None:
+    wanted = task(1)
+    assert wanted.error(1.001 * wanted.a) == pytest.approx(1e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize(("order", "met"), [(4.0, True), (3.85, True), (3.7, False), (3.0, False), (6.0, True)])
+def test_the_energy_error_of_a_long_run_falls_with_order_four_within_a_fifth(order: float, met: bool) -> None:
+    coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
+    found = judged(coarse | {"energy_max": 1e-6 / 2**order}, coarse)
+    assert found["order"] == pytest.approx(order)
+    assert found["met"] is met
+
+
+@pytest.mark.parametrize("column", ["position_drift", "velocity_drift"])
+@pytest.mark.parametrize(("drift", "met"), [(0.9e-13, True), (1.1e-13, False)])
+def test_a_long_run_drifts_by_rounding_alone(column: str, drift: float, met: bool) -> None:
+    row = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6} | {column: drift}
+    assert judged(row, {})["met"] is met
+
+
+def test_a_target_that_is_just_reached_is_met() -> None:
+    assert at_least({"x": 1.0}, "x", 1.0)["met"]
+    assert at_most({"x": 1.0}, "x", 1.0)["met"]
+
+
+def test_only_rounds_that_both_have_are_compared() -> None:
+    """A slow rival sat the later rounds out, in which the machine was slower."""
+    row = compared(np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0]))
+    assert (row["seconds"], row["ratio"]) == (1.0, 5.0)
+
+
+def test_mujocos_rigid_setting_spends_no_more_iterations_than_three() -> None:
+    """One already gives the motion to the digits that the closures' softness leaves: more would only cost the rival time."""
+    mechanism = load("four_bar", "torque")
+    model: Any = get("mujoco").build(mechanism, Choice("rigid", "rk4", "none", 1e-3))
+    model.prepare(np.array([0.0, 0.1]))
+    model.run()
+    assert 1 <= model.data.solver_niter.max() <= 3
+    assert model.model.opt.iterations == get("mujoco").settings["rigid"]["iterations"]

@@ -1,0 +1,259 @@
+"""Metrics of motions whose drift, forces, energy and errors are known beforehand, and the gate that judges by them."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench import metrics
+from gauss_bench.bench.cases import Case
+from gauss_bench.bench.measure import measure
+from gauss_bench.formulations import CONTROLS, FORMULATIONS
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.terms import Terms
+from gauss_bench.trajectory import Reference, Trajectory
+from tests.synthetic import Clock, Costs, replace_engine
+
+G = 9.81
+
+
+def still(mechanism: Mechanism, times: np.ndarray | None = None) -> Trajectory:
+    """The start, held."""
+    times = np.linspace(0.0, 1.0, 3) if times is None else times
+    q = np.tile(mechanism.q0, (len(times), 1))
+    return Trajectory(times, q, 0 * q, 0 * q, 1)
+
+
+def on_a_guide(angle_deg: float, mass: float = 2.0, at: tuple[float, float] = (0.3, 0.0)) -> Mechanism:
+    """A block whose point K on the guide lies at `at` from its centre of mass, on a guide through the ground at an angle."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "block",
+            "gravity": [0.0, -G],
+            "ground": {"points": {"O": [0.0, 0.0]}},
+            "links": {"block": {"points": {"K": list(at)}, "mass": mass, "inertia": 0.01}},
+            "joints": {"way": {"type": "prismatic", "guide": "ground.O", "angle_deg": angle_deg, "block": "block.K"}},
+            "assembly": {"sketch": {"way": [0.0, 0.0]}},
+            "scenarios": {"held": {"duration": 1.0, "start": {"slides": {"way": 0.0}, "slide_speeds": {"way": 0.0}}}},
+        }
+    )
+
+
+def test_a_guide_carries_the_weight_and_its_moment_about_the_joint() -> None:
+    """The centre lies 0.3 m to the left of the joint's point: its weight turns the block to the left, the guide to the right."""
+    mechanism = on_a_guide(0.0)
+    (force,) = metrics.joint_forces(Evaluator(mechanism), still(mechanism)).values()
+    assert force["fx"] == pytest.approx(0.0, abs=1e-12)
+    assert force["fy"] == pytest.approx(2.0 * G)
+    assert force["moment"] == pytest.approx(-2.0 * G * 0.3)
+
+
+def test_an_upright_guide_carries_no_weight_along_itself() -> None:
+    """Falling freely along it, the block needs no force from it and no moment."""
+    mechanism = on_a_guide(90.0)
+    falling = still(mechanism)
+    a = falling.a.copy()
+    a[:, 1] = -G
+    (force,) = metrics.joint_forces(Evaluator(mechanism), replace(falling, a=a)).values()
+    for part in force.values():
+        assert part == pytest.approx(0.0, abs=1e-12)
+
+
+def hanging() -> Mechanism:
+    """A bar of 3 kg and 1 m on a pin, horizontal, at rest."""
+    return load_document(
+        {
+            "format": "planar-linkage/1",
+            "name": "bar",
+            "crank": "bar",
+            "gravity": [0.0, -G],
+            "ground": {"points": {"O": [0.0, 0.0]}},
+            "links": {"bar": {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 3.0}},
+            "joints": {"pin": {"type": "revolute", "at": ["ground.O", "bar.A"]}},
+            "assembly": {"angles_deg": {"bar": 0.0}},
+            "scenarios": {"fall": {"duration": 1.0, "start": {"angles_deg": {"bar": 0.0}, "speeds": {"bar": 0.0}}}},
+        }
+    )
+
+
+def test_a_bar_let_go_hangs_on_a_quarter_of_its_weight() -> None:
+    """A uniform bar turns with 3 g / 2 l, so that its centre falls with three quarters of g."""
+    mechanism = hanging()
+    a = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+    let_go = replace(still(mechanism), a=np.tile(FORMULATIONS["gauss"](a).a, (3, 1)))
+    assert let_go.a[0, 2] == pytest.approx(-1.5 * G)
+    (force,) = metrics.joint_forces(Evaluator(mechanism), let_go).values()
+    assert force["fy"] == pytest.approx(3.0 * G / 4)
+    assert force["fx"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_drift_is_the_gap_of_the_worst_joint_at_every_sample() -> None:
+    """The bar's centre is moved by 3 mm and thrown at 0.2 m/s: its pin opens and parts by as much."""
+    mechanism, off = hanging(), still(hanging())
+    q, v, a = off.q.copy(), off.v.copy(), off.a.copy()
+    q[1, 0] += 3e-3
+    v[2, 1] += 0.2
+    a[0, 0] += 7.0
+    found = metrics.drift(Evaluator(mechanism), replace(off, q=q, v=v, a=a))
+    assert found.position == pytest.approx([0.0, 3e-3, 0.0], abs=1e-15)
+    assert found.velocity == pytest.approx([0.0, 0.0, 0.2], abs=1e-15)
+    assert found.acceleration == pytest.approx([7.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_drift_forgets_no_sample_of_a_long_run() -> None:
+    mechanism, times = hanging(), np.arange(5001) * 1e-3
+    off = still(mechanism, times)
+    off.q[:, 0] += np.linspace(0.0, 1e-3, len(times))
+    found = metrics.drift(Evaluator(mechanism), off)
+    assert found.position == pytest.approx(np.linspace(0.0, 1e-3, len(times)), abs=1e-15)
+
+
+def test_energy_gained_from_nowhere_is_told_to_the_joule() -> None:
+    """The bar is found 2 rad/s faster than it was: I w^2 / 2 about its pin, with I = m l^2 / 3, is 2 J."""
+    mechanism, off = hanging(), still(hanging())
+    v = off.v.copy()
+    v[-1] = [0.0, 1.0, 2.0]  # the centre at half a metre
+    gained, bar = metrics.energy_error(Evaluator(mechanism), replace(off, v=v))
+    assert gained == pytest.approx([0.0, 0.0, 2.0])
+    assert bar < 1e-12
+
+
+def test_work_of_a_damper_is_no_error_of_the_energy() -> None:
+    """A block that runs against a damper along its guide: v = v0 exp(-c t / m), and what it loses is work."""
+    document: dict[str, Any] = {
+        "format": "planar-linkage/1",
+        "name": "braked",
+        "ground": {"points": {"O": [0.0, 0.0]}},
+        "links": {"block": {"points": {"K": [0.0, 0.0]}, "mass": 2.0, "inertia": 0.01}},
+        "joints": {"way": {"type": "prismatic", "guide": "ground.O", "angle_deg": 0.0, "block": "block.K"}},
+        "forces": {"brake": {"type": "joint_damping", "joint": "way", "c": 3.0}},
+        "assembly": {"sketch": {"way": [0.0, 0.0]}},
+        "scenarios": {
+            "run": {"duration": 1.0, "forces": ["brake"], "start": {"slides": {"way": 0.0}, "slide_speeds": {"way": 4.0}}}
+        },
+    }
+    mechanism = load_document(document)
+    t = np.linspace(0.0, 1.0, 201)
+    speed = 4.0 * np.exp(-1.5 * t)
+    q, v, a = (np.zeros((len(t), 3)) for _ in range(3))
+    q[:, 0], v[:, 0], a[:, 0] = (4.0 - speed) / 1.5, speed, -1.5 * speed
+    gained, bar = metrics.energy_error(Evaluator(mechanism), Trajectory(t, q, v, a, 200))
+    assert np.abs(gained).max() < 1e-9  # of 15 J that are lost
+    assert np.abs(gained).max() <= bar < 1e-7
+    coarse = slice(None, None, 40)
+    gained, bar = metrics.energy_error(Evaluator(mechanism), Trajectory(t[coarse], q[coarse], v[coarse], a[coarse], 5))
+    assert 1e-9 < np.abs(gained).max() <= bar  # honest where samples are few
+
+
+def test_an_acceleration_is_judged_relative_to_the_largest_true_one() -> None:
+    true = np.array([[10.0, -200.0, 3.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    off = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 0.0], [0.0, -0.25, 0.1]])
+    assert metrics.relative_acceleration_error(true + off, true) == pytest.approx([0.01, 0.5, 0.25])
+
+
+def test_an_order_is_told_only_above_ten_times_the_floor() -> None:
+    steps, errors = np.array([4e-3, 2e-3, 1e-3]), np.array([16e-6, 1e-6, 0.5e-6])
+    assert metrics.observed_order(steps, errors, np.full(3, 1e-9))[1:] == pytest.approx([4.0, 1.0])
+    assert metrics.observed_order(steps, errors, np.full(3, 0.49e-7))[1:] == pytest.approx([4.0, 1.0])
+    floors = metrics.observed_order(steps, errors, np.full(3, 0.51e-7))
+    assert floors[1] == pytest.approx(4.0)
+    assert np.isnan(floors[2])
+    assert np.isnan(metrics.observed_order(steps, errors, np.full(3, 2e-7))[1:]).all()
+    assert np.isnan(metrics.observed_order(steps, np.array([16e-6, np.nan, 1e-6]), np.zeros(3))).all()
+
+
+def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:
+    mechanism = load("four_bar", "torque")
+    true = still(mechanism, np.array([0.0, 0.5, 1.0]))
+    zeros = np.zeros(3)
+    reference = Reference(
+        *(true.t, true.q, true.v, true.a), *(np.full(3, 1e-12), np.full(3, 2e-12), zeros), *(np.full(3, 3e-12), zeros, zeros), ""
+    )
+    finer = np.arange(101) * 0.01
+    q, v = np.tile(true.q[0], (101, 1)), np.zeros((101, 9))
+    q[50, 2] += 1e-3  # the crank's angle at half a second
+    q[50, 3] -= 4e-3  # the coupler's centre there
+    q[51, 2] += 9.0  # between the times of the reference
+    v[100, 8] += 2.0  # the rocker's rate at the end
+    found = metrics.state_errors(mechanism, Trajectory(finer, q, v, 0 * q, 100), reference)
+    assert found.t == pytest.approx([0.0, 0.5, 1.0])
+    assert found.crank == pytest.approx([0.0, 1e-3, 0.0])
+    assert found.position == pytest.approx(np.array([[0.0] * 3, [1e-3, 4e-3, 0.0], [0.0] * 3]))
+    assert found.velocity == pytest.approx(np.array([[0.0] * 3, [0.0] * 3, [0.0, 0.0, 2.0]]))
+    assert found.position_bar == pytest.approx([3e-12] * 3)  # the floor is above the reference's own error
+    assert found.velocity_bar == pytest.approx([2e-12] * 3)
+
+
+@pytest.mark.parametrize("name", sorted(FORMULATIONS.keys() - CONTROLS))
+@pytest.mark.parametrize("what", ["rows", "masses"])
+def test_small_is_not_dependent(name: str, what: str) -> None:
+    """Rows of another unit, 1e-5 of the others, and masses of 1e-5 still count: only rounding makes a row dependent."""
+    rng = np.random.default_rng(11)
+    n, m = 7, 4
+    M, J, Q, gamma = np.diag(rng.uniform(1.0, 2.0, n)), rng.normal(size=(m, n)), rng.normal(size=n), rng.normal(size=m)
+    if what == "rows":
+        J[0], gamma[0] = 1e-5 * J[0], 1e-5 * gamma[0]
+    else:
+        M[3, 3] = M[5, 5] = 1e-10
+    K = np.block([[M, J.T], [J, np.zeros((m, m))]])
+    true = np.linalg.solve(K, np.concatenate([Q, gamma]))[:n]
+    found = FORMULATIONS[name](Terms(M, J, Q, gamma, np.zeros(m), np.zeros(m)))
+    assert found.rank == m
+    np.testing.assert_allclose(found.a, true, rtol=0, atol=1e-5 * np.abs(true).max())
+
+
+def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, Any]:
+    """The row of an engine that moves as `gauss` does but for the errors given."""
+    store = str(tmp_path_factory.getbasetemp() / "references")
+    with pytest.MonkeyPatch.context() as patched:
+        replace_engine(patched, "mujoco", Clock(), Costs(), truth="gauss", **errors)
+        row = measure(Case("four_bar", "torque", "mujoco", "default", "rk4", "none", 1e-3, 1.0), store)["row"]
+    assert row["status"] == "ok"
+    return dict(row)
+
+
+@pytest.mark.parametrize(
+    ("errors", "column", "value", "valid"),
+    [
+        ({"off_acceleration": 0.008}, "acceleration_error_median", 0.008, True),
+        ({"off_acceleration": 0.012}, "acceleration_error_median", 0.012, False),
+        ({"off_acceleration": -0.5}, "acceleration_error_max", 0.5, False),
+        ({"off_position": 0.03}, "crank_error_t1", 0.03, None),
+    ],
+)
+def test_an_engine_that_is_off_by_a_known_amount_is_told_so(
+    errors: dict[str, float], column: str, value: float, valid: bool | None, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """A per cent at the same state is another model."""
+    row = of(tmp_path_factory, **errors)
+    assert row[column] == pytest.approx(value, rel=1e-3)
+    if valid is not None:
+        assert row["valid"] is valid
+        assert ("accelerations off" in row["flag"]) is not valid
+
+
+@pytest.mark.parametrize(("gap", "valid"), [(0.9e-2, True), (1.2e-2, False)])
+def test_a_loop_that_opens_by_a_centimetre_is_not_this_linkage(
+    gap: float, valid: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The crank is turned about its centre, half its length from the pins, so far that they open by the gap."""
+    a, b = load("four_bar", "torque").links[0].points.values()
+    arm = float(np.hypot(*(a - b))) / 2
+    row = of(tmp_path_factory, off_position=gap / arm)
+    assert row["position_drift"] == pytest.approx(gap, rel=0.05)
+    assert row["valid"] is valid
+    assert ("the loops open" in row["flag"]) is not valid
+
+
+def test_the_random_states_of_the_judge_are_on_the_linkage() -> None:
+    mechanism = load("six_bar", "torque")
+    states = random_states(mechanism, 20)
+    found = metrics.drift(Evaluator(mechanism), Trajectory(states.t, states.q, states.v, states.a, 0))
+    assert found.position.max() < 1e-13
+    assert found.velocity.max() < 1e-11
+    assert (found.acceleration / np.abs(states.a).max(axis=1)).max() < 1e-12

@@ -1,0 +1,138 @@
+"""Scalar coordinates against differences, and the coordinate by which motions are compared."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.mechanism import coordinates
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import document_of, load, load_document
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point
+
+LINKS = 3
+STEP = 1e-4  # fourth-order differences: truncation and rounding both near 1e-12
+
+
+def points(random: np.random.Generator) -> list[Point]:
+    return [Point(link, random.normal(size=2), f"{link}") for link in (GROUND, *range(LINKS))]
+
+
+def every_coordinate() -> list[Coordinate]:
+    random = np.random.default_rng(5)
+    ends = [(a, b) for a in points(random) for b in points(random) if a.link != b.link]
+    angles: list[Coordinate] = [Angle(a.link, b.link) for a, b in ends]
+    return [*angles, *(Along(a, b, random.uniform(-3, 3)) for a, b in ends), *(Distance(a, b) for a, b in ends)]
+
+
+def derivative(f: Any) -> Any:
+    near, far = f(STEP) - f(-STEP), f(2 * STEP) - f(-2 * STEP)
+    return (8 * near - far) / (12 * STEP)
+
+
+@pytest.mark.parametrize("coordinate", every_coordinate(), ids=lambda c: type(c).__name__)
+def test_rate_and_second_rate_are_the_derivatives_of_the_value(coordinate: Coordinate) -> None:
+    q, v, a = np.random.default_rng(1).normal(size=(3, 3 * LINKS))
+    rate = derivative(lambda t: coordinates.value(coordinate, q + v * t))
+    second = derivative(lambda t: coordinates.rate(coordinate, q + v * t + a * t * t / 2, v + a * t))
+    G = coordinates.gradient(coordinate, q)
+    assert coordinates.rate(coordinate, q, v) == pytest.approx(rate, abs=1e-9)
+    assert G @ v == pytest.approx(coordinates.rate(coordinate, q, v), abs=1e-13)
+    assert G @ a + coordinates.bias(coordinate, q, v) == pytest.approx(second, abs=1e-9)
+
+
+@pytest.mark.parametrize("coordinate", every_coordinate(), ids=lambda c: type(c).__name__)
+def test_batches_and_long_double_are_the_single_state_again(coordinate: Coordinate) -> None:
+    q, v = np.random.default_rng(2).normal(size=(2, 4, 3 * LINKS))
+    for f, arguments in ((coordinates.value, (q,)), (coordinates.gradient, (q,)), (coordinates.bias, (q, v))):
+        batch = f(coordinate, *arguments)
+        longer = f(coordinate, *(x.astype(np.longdouble) for x in arguments))
+        assert longer.dtype == np.longdouble
+        np.testing.assert_allclose(batch, [f(coordinate, *x) for x in zip(*arguments, strict=True)], rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(np.asarray(longer, float), batch, rtol=1e-13, atol=1e-13)
+
+
+def slotted(**more: Any) -> dict[str, Any]:
+    """A block on a fixed guide that carries a pendulum, without a crank: the block is the first link and never turns."""
+    bar = {"points": {"A": [0.0, 0.0], "B": [0.5, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
+    return {
+        "format": "planar-linkage/1",
+        "name": "slotted",
+        "ground": {"points": {"O": [0.0, 0.0]}},
+        "links": {"block": {"points": {"A": [0.0, 0.0]}, "mass": 1.0, "inertia": 0.1}, "bar": bar},
+        "joints": {
+            "guide": {"type": "prismatic", "guide": "ground.O", "block": "block.A"},
+            "pin": {"type": "revolute", "at": ["block.A", "bar.A"]},
+        },
+        "assembly": {"sketch": {"guide": [0.1, 0.0]}, "angles_deg": {"bar": -60.0}},
+        "scenarios": {"fall": {"duration": 1.0, "start": {"angles_deg": {"bar": -60.0}, "slides": {"guide": 0.1}}}},
+        **more,
+    }
+
+
+def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured() -> None:
+    measured = load_document(slotted()).measured
+    assert (measured.name, measured.unit) == ("angle of bar", "rad")
+
+
+def test_where_nothing_turns_the_slide_is_measured() -> None:
+    document = slotted()
+    document["joints"]["pin"] = {
+        "type": "prismatic",
+        "guide": "block.A",
+        "block": "bar.A",
+        "block_angle_deg": 60.0,
+        "angle_deg": 0.0,
+    }
+    document["assembly"]["sketch"] |= {"pin": [0.1, 0.0]}
+    document["scenarios"]["fall"]["start"] = {"slides": {"guide": 0.1, "pin": 0.0}}
+    measured = load_document(document).measured
+    assert (measured.name, measured.unit) == ("slide guide", "m")
+
+
+@pytest.mark.parametrize(
+    ("measure", "name", "unit", "value"),
+    [
+        ({"link": "bar"}, "angle of bar", "rad", np.radians(-60.0)),
+        ({"joint": "guide"}, "slide guide", "m", 0.1),
+        ({"point": "bar.B"}, "x of bar.B", "m", 0.1 + 0.25),
+        ({"point": "bar.B", "angle_deg": 90.0}, "y of bar.B", "m", -0.5 * np.sin(np.radians(60.0))),
+        ({"point": "bar.B", "angle": np.pi / 4}, "way at 45 deg of bar.B", "m", (0.35 - 0.5 * np.sin(np.pi / 3)) / np.sqrt(2)),
+        ({"between": ["ground.O", "bar.B"]}, "distance ground.O-bar.B", "m", np.hypot(0.35, 0.5 * np.sin(np.pi / 3))),
+    ],
+)
+def test_a_file_may_name_what_is_measured(measure: dict[str, Any], name: str, unit: str, value: float) -> None:
+    mechanism = load_document(slotted(measure=measure))
+    measured = mechanism.measured
+    assert (measured.name, measured.unit) == (name, unit)
+    motion = np.array([mechanism.q0] * 3)
+    np.testing.assert_allclose(coordinates.value(measured.coordinate, motion), [value] * 3, rtol=0, atol=1e-12)
+    assert mechanism.digest == load_document(slotted()).digest
+
+
+def test_a_driven_coordinate_goes_before_the_crank() -> None:
+    document, _, _ = document_of("four_bar")
+    assert load_document(document, "torque").measured.name == "angle of crank"
+    document["scenarios"]["driven"]["driver"] |= {"link": "rocker"}
+    document["scenarios"]["driven"]["driver"] |= {"law": "constant", "start_deg": 100.0, "speed": 0.1}
+    assert load_document(document, "driven").measured.name == "angle of rocker"
+    assert load("excavator").measured.name == "distance ground.P-boom.A"
+
+
+@pytest.mark.parametrize(
+    ("measure", "fault"),
+    [
+        ({}, "measure: give exactly one of link, joint, between and point"),
+        ({"link": "bar", "joint": "guide"}, "measure: give exactly one of link, joint, between and point"),
+        ({"link": "ground"}, "measure.link: unknown link 'ground'"),
+        ({"joint": "pin"}, "measure.joint: joint 'pin' is not prismatic"),
+        ({"point": "ground.O"}, "measure.point: 'ground.O' is on the ground; it must be on a link"),
+        ({"link": "bar", "angle": 1.0}, "measure.angle: given without point"),
+        ({"point": "bar.B", "angle": 1.0, "angle_deg": 1.0}, "measure.angle: given together with angle_deg"),
+        ({"between": ["bar.A", "bar.B"]}, "measure.between: the link 'bar' appears twice"),
+    ],
+)
+def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault: str) -> None:
+    with pytest.raises(LinkageError) as error:
+        load_document(slotted(measure=measure))
+    assert fault in str(error.value)

@@ -1,0 +1,164 @@
+"""What makes a linkage another linkage, and a version of the suite another version."""
+
+import copy
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+import gauss_bench
+from gauss_bench.mechanism.digest import physics_digest, source_digest
+from gauss_bench.mechanism.load import built_in, document_of, load, merge
+from gauss_bench.mechanism.schema import LinkageTable, Table, Text
+from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
+from tests.conftest import DATA
+
+PACKAGE = Path(gauss_bench.__file__).parent
+
+
+def tables(kind: Any) -> Iterator[type[Table]]:
+    """Every table that a type can hold, at every depth."""
+    if isinstance(kind, type) and issubclass(kind, Table):
+        yield kind
+        for field in kind.model_fields.values():
+            yield from tables(field.annotation)
+    for part in get_args(kind):
+        yield from tables(part)
+
+
+def test_every_key_of_the_schema_is_physics_or_not() -> None:
+    found = set(tables(LinkageTable))
+    assert len(found) > 20  # the walk reaches links, joints, forces, laws and starts
+    for kind in found:
+        keys = {field.alias or name for name, field in kind.model_fields.items()}
+        assert kind.physics | kind.other == keys
+        assert not kind.physics & kind.other
+    assert LinkageTable.other == {"format", "name", "title", "expect", "observe", "measure"}
+
+
+def test_a_key_that_is_declared_neither_does_not_pass() -> None:
+    with pytest.raises(TypeError, match="colour"):
+        type("Painted", (LinkageTable,), {"__annotations__": {"colour": Text}, "colour": "", "__module__": __name__})
+
+
+def test_every_certificate_of_the_suite_still_holds() -> None:
+    """Digests are byte for byte what they were when the certificates were made."""
+    held = 0
+    for name in built_in():
+        for scenario in document_of(name)[0]["scenarios"]:
+            mechanism = load(name, scenario)
+            path = certificate_path(mechanism)
+            if path is not None and path.exists():
+                check_holds(read_certificate(path), mechanism, path)
+                held += 1
+    assert held >= 30
+
+
+def leaves(item: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The place of every number and text of a document."""
+    if isinstance(item, (dict, list)):
+        for key, value in item.items() if isinstance(item, dict) else enumerate(item):
+            yield from leaves(value, (*path, key))
+    else:
+        yield path
+
+
+NOT_PHYSICS = {"format", "name", "title", "expect", "observe", "measure", "duration"}
+
+
+@pytest.mark.parametrize("source", [DATA / "everything.toml", DATA / "pushed.toml", built_in()["squeezer"]], ids=lambda p: p.stem)
+def test_a_change_of_any_number_or_name_shows_unless_it_moves_nothing(source: Path) -> None:
+    document = tomllib.loads(source.read_text(encoding="utf-8"))
+    scenario = next(iter(document["scenarios"]))
+    acting = document["scenarios"][scenario].get("forces", [])
+    before = physics_digest(document, scenario)
+    for path in leaves(document):
+        changed = copy.deepcopy(document)
+        place = changed
+        for key in path[:-1]:
+            place = place[key]
+        old = place[path[-1]]
+        if not isinstance(old, (int, float)) or isinstance(old, bool):
+            continue  # a name that is changed no longer fits the others
+        place[path[-1]] = old + 1
+        elsewhere = (path[0] == "forces" and path[1] not in acting) or (path[0] == "scenarios" and path[1] != scenario)
+        moves = not NOT_PHYSICS & {key for key in path if isinstance(key, str)} and not elsewhere
+        assert (physics_digest(changed, scenario) != before) == moves, path
+
+
+def test_how_a_number_is_written_changes_nothing_and_an_override_does() -> None:
+    document = document_of("four_bar")[0]
+    same = copy.deepcopy(document)
+    same["gravity"] = [0, -9.810]
+    document["gravity"] = [0.0, -9.81]
+    assert physics_digest(document, "torque") == physics_digest(same, "torque")
+    link = next(iter(document["links"]))
+    heavier = merge(document, {"links": {link: {"mass": 7.5}}})
+    assert physics_digest(document, "torque") != physics_digest(heavier, "torque")
+
+
+KEYS = """
+import json, sys
+from pathlib import Path
+from gauss_bench.bench.journal import fingerprint
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference.store import reference_key
+
+package, mechanism = Path(sys.argv[1]), load("four_bar", "torque")
+def keys():
+    return [reference_key(mechanism, 1.0), fingerprint()]
+found = {"before": keys()}
+for name in sys.argv[2:]:
+    source = package / name
+    old = source.read_text()
+    source.write_text(old + "\\n# changed\\n")
+    found[name] = keys()
+    source.write_text(old)
+found["after"] = keys()
+(package / "papers" / "numbers.toml").write_text("a = 1")
+found["data"] = keys()
+for source in (package / "reference").rglob("*.py"):
+    source.unlink()
+try:
+    found["empty"] = keys()
+except FileNotFoundError as error:
+    found["empty"] = str(error)
+print(json.dumps(found))
+"""
+
+
+def test_stored_references_and_journals_know_a_change_at_any_depth_of_their_rooms(tmp_path: Path) -> None:
+    shutil.copytree(PACKAGE, tmp_path / "gauss_bench", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(built_in()["four_bar"].parent, tmp_path / "mechanisms")
+    changed = [
+        "reference/build.py",
+        "reference/taylor/rows.py",
+        "mechanism/forces.py",
+        "terms.py",
+        "engines/exudyn/adapter.py",
+        "cli.py",
+    ]
+    command = [sys.executable, "-c", KEYS, str(tmp_path / "gauss_bench"), *changed]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=tmp_path)
+    found = json.loads(done.stdout)
+    reference, run = found["before"]
+    assert found["after"] == found["before"]
+    for name in changed:
+        assert (found[name][0] != reference) == name.startswith(("reference", "mechanism", "terms")), name
+        assert (found[name][1] != run) == (name != "cli.py"), name  # what only prints repeats no run
+    assert found["data"][1] != run
+    assert "reference" in found["empty"]
+    assert "no sources" in found["empty"]
+
+
+def test_a_room_that_is_not_there_has_no_digest() -> None:
+    with pytest.raises(FileNotFoundError, match="attic"):
+        source_digest("attic")
