@@ -6,13 +6,15 @@ the verbs, so that help answers at once.
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gauss_bench.api.options import Verb, parser
+
+if TYPE_CHECKING:
+    from gauss_bench.api.results import Kinematics
 
 BAD_INPUT = 2
 
@@ -37,8 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
-    from gauss_bench.api.simulate import ChoiceError
     from gauss_bench.bench.journal import Busy
+    from gauss_bench.bench.offers import ChoiceError
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
 
@@ -48,18 +50,9 @@ def is_bad_input(error: Exception) -> bool:
 
 def print_json(item: Any) -> None:
     """One object on stdout; what is not finite becomes null, because JSON has no word for it."""
+    from gauss_bench.api.results import plain
+
     print(json.dumps(plain(item)))
-
-
-def plain(item: Any) -> Any:
-    """Arrays, numpy numbers and tuples as what JSON knows."""
-    if hasattr(item, "tolist"):
-        item = item.tolist()
-    if isinstance(item, dict):
-        return {str(k): plain(v) for k, v in item.items()}
-    if isinstance(item, (list, tuple)):
-        return [plain(v) for v in item]
-    return None if isinstance(item, float) and not math.isfinite(item) else item
 
 
 def list_all(options: argparse.Namespace) -> int:
@@ -95,6 +88,7 @@ def show(options: argparse.Namespace) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.results import plain
     from gauss_bench.api.simulate import simulate as simulated
 
     result = simulated(
@@ -104,25 +98,24 @@ def simulate(options: argparse.Namespace) -> int:
         options.settings,
         options.integrator,
         options.stabilization,
-        options.dt,
+        options.step,
         options.at,
+        options.budget,
     )
-    if options.json:
-        print_json(result)
-    else:
-        print(text.format_simulation(plain(result)))
-    return 0 if result["status"] in ("ok", "skip") else 1
+    print(result.to_json() if options.json else text.format_simulation(plain(result.as_dict())))
+    return 0 if result.status in ("ok", "skip") else 1
 
 
 def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api import kinematics as moved
     from gauss_bench.api import text
+    from gauss_bench.api.results import plain
 
-    asked = (options.scenario, options.driver, options.steps, options.points, options.method)
+    asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
     result = moved.kinematics(options.linkage, *asked)
     pictures(options, result)
     if options.json:
-        print_json(result)
+        print(result.to_json())
     elif options.out:
         csv = moved.table(result).to_csv(index=False, lineterminator="\n")
         if options.out == "csv":
@@ -132,13 +125,13 @@ def kinematics(options: argparse.Namespace) -> int:
 
             write_text(Path(options.out), csv)
     else:
-        print(text.format_kinematics(plain(result)))
-    if result["status"] != "ok":
-        print(result["message"], file=sys.stderr)
-    return 0 if result["status"] == "ok" else 1
+        print(text.format_kinematics(plain(result.as_dict())))
+    if result.status != "ok":
+        print(result.message, file=sys.stderr)
+    return 0 if result.status == "ok" else 1
 
 
-def pictures(options: argparse.Namespace, result: dict[str, Any]) -> None:
+def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
     """Write the plot and the animation that were asked for."""
     from gauss_bench.api import kinematics as moved
     from gauss_bench.report.drawings.animation import animate
@@ -188,13 +181,12 @@ def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
         LinkageError, KeyError: a linkage or an engine that cannot be used; before anything is run.
     """
     from gauss_bench.bench.cases import SCENARIOS, SUITES
-    from gauss_bench.engines import get
+    from gauss_bench.bench.offers import offers
     from gauss_bench.mechanism.load import load
 
     asked = getattr(options, "scenario", None)
     linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or None
-    for name in options.engines or []:
-        get(name)
+    offers(options.engines or [])
     return SUITES[suite](linkages, options.engines)
 
 
@@ -239,7 +231,7 @@ def check(options: argparse.Namespace) -> int:
     from functools import partial
 
     from gauss_bench.api import text
-    from gauss_bench.bench import check as gate
+    from gauss_bench.bench import gate
     from gauss_bench.bench.measure import unaltered
     from gauss_bench.bench.runner import measure_all
 
@@ -251,8 +243,11 @@ def check(options: argparse.Namespace) -> int:
     rows, references = measure_all(cases, options.baseline.parent, options.jobs, alter)
     found = gate.facts(rows, references)
     if options.accept:
-        print(f"{options.baseline}: {gate.accept(found, options.baseline, options.accept)} figures new or changed")
-        return 0
+        changed, refused = gate.accept(found, options.baseline, options.accept)
+        print(f"{options.baseline}: {changed} figures new or changed")
+        for sentence in refused:
+            print(f"not accepted, because it failed: {sentence}", file=sys.stderr)
+        return 1 if refused else 0
     baseline = gate.restricted(gate.read_baseline(options.baseline), set(rows["mechanism"]), set(rows["engine"]))
     verdicts = gate.compare(found, baseline)
     failed = list(gate.failures(verdicts))

@@ -131,6 +131,13 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     return gain - fine, float(np.abs(fine - coarse).max()) + rounding
 
 
+def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
+    """The energy that moves [J]: the larger of the largest kinetic energy and the span of the potential energy."""
+    kinetic = 0.5 * (trajectory.v * trajectory.v) @ evaluator.mass
+    potential = evaluator.applied.potential(trajectory.q)
+    return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
+
+
 def _work(t: Array, power: Array, at: Array) -> Array:
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
     primitive: Callable[[Array], Array] = spline.antiderivative()
@@ -144,16 +151,23 @@ class Errors:
     Attributes:
         t: (k,) times compared.
         crank: (k,) |error| of the crank angle [rad]; of the first link where there is no crank.
-        position, velocity: (k, links) largest |error| per link [m, rad; m/s, rad/s].
+        length, angle: (k, links) largest |error| of a link's centre of mass [m] and of its angle [rad].
+        velocity: (k, links) largest |error| per link [m/s, rad/s].
         position_bar, velocity_bar: below these errors say nothing: the reference's own error, or the floor of double precision.
     """
 
     t: Array
     crank: Array
-    position: Array
+    length: Array
+    angle: Array
     velocity: Array
     position_bar: Array
     velocity_bar: Array
+
+    @property
+    def position(self) -> Array:
+        """(k, links) the larger of the two per link."""
+        return np.maximum(self.length, self.angle)
 
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
@@ -169,7 +183,8 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
     return Errors(
         reference.t[both],
         dq[:, crank],
-        dq.reshape(shape).max(axis=-1),
+        dq.reshape(shape)[..., :2].max(axis=-1),
+        dq.reshape(shape)[..., 2],
         dv.reshape(shape).max(axis=-1),
         np.fmax(reference.error_q, reference.floor_q)[both],
         np.fmax(reference.error_v, reference.floor_v)[both],

@@ -11,9 +11,10 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """How a case ended; everything but OK carries a sentence that says why."""
+    """How a case ended; everything but OK carries a sentence that says why. Only OK and INVALID have a trajectory."""
 
     OK = "ok"
+    INVALID = "invalid"  # it ended, and the judge objects to what it found
     SKIP = "skip"  # the engine cannot model it
     DIVERGED = "diverged"  # finite, but far off the constraints
     NOT_CONVERGED = "not_converged"  # an inner solver gave up
@@ -22,6 +23,7 @@ class Status(StrEnum):
     WARNING = "warning"  # the engine reported a warning or reset itself
     CRASHED = "crashed"
     TIMEOUT = "timeout"
+    INCOMPLETE = "incomplete"  # not the samples that were asked for
     ERROR = "error"  # an exception of any other kind
 
 

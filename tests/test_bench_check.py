@@ -58,7 +58,7 @@ def test_a_missing_case_fails(found: pd.DataFrame, baseline: Path) -> None:
 
 
 def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: pd.DataFrame, baseline: Path) -> None:
-    assert accept(changed(found, "crank_error_t1", 3.0), baseline, "a longer lever") == 2
+    assert accept(changed(found, "crank_error_t1", 3.0), baseline, "a longer lever") == (2, [])
     accepted = read_baseline(baseline).set_index("metric")["accepted"]
     assert accepted["crank_error_t1"].str.fullmatch(r"\d{4}-\d\d-\d\d a longer lever").all()
     assert accepted["velocity_error"].str.endswith(" first").all()

@@ -109,7 +109,7 @@ def test_tables_and_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureF
         (["--driver", "sine:turns=3"], "driver.turns: unknown key"),
         (["--driver", "table:file=nowhere.csv"], "nowhere.csv: not a table"),
         (["--points", "coupler.Z"], "no point 'coupler.Z'"),
-        (["--steps", "0"], "steps must be at least 1"),
+        (["--intervals", "0"], "intervals must be at least 1"),
         (["--scenario", "torque"], "scenarios.torque: drives nothing"),
     ],
 )

@@ -1,7 +1,7 @@
 """One linkage moved through a law, without forces: the object that `gauss-bench kinematics --json` prints."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,16 +9,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gauss_bench.api.simulate import ChoiceError, link_states, point_states
-from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
+from gauss_bench.api.results import Kinematics
+from gauss_bench.api.simulate import link_states, observed_names, point_states
+from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loops import find_graph
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.errors import Fault, LinkageError
+from gauss_bench.mechanism.forces import axis_state
 from gauss_bench.mechanism.load import document_of, load_document
-from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -68,20 +72,47 @@ def driven(linkage: str, scenario: str | None, driver: str | None) -> Mechanism:
     """
     document, digest, path = document_of(linkage)
     if driver is None:
-        scenarios = document.get("scenarios", {})
-        first = (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
-        mechanism = load_document(document, scenario or next(first, None), str(path), digest, path.stem)
+        mechanism = load_document(document, scenario or next(_driven_scenarios(document), None), str(path), digest, path.stem)
         if not mechanism.drivers:
             at = f"scenarios.{mechanism.scenario}"
             raise LinkageError(str(path), [Fault(at, "drives nothing; name a driven scenario, or give a driver")])
         return mechanism
-    load_document(document, scenario, str(path), digest, path.stem)  # the file's own faults come first, under its own names
+    named = scenario or next(_driven_scenarios(document), None)
+    own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
         table["link"] = document.get("crank")
+    if table["law"] != "table" and not {"start", "start_deg"} & table.keys() and (start := place_of(own, table)) is not None:
+        table["start"] = start
     moved = copy.deepcopy(document)
     moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
     return load_document(moved, "kinematics", str(path), digest)
+
+
+def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
+    scenarios = document.get("scenarios", {})
+    return (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
+
+
+def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
+    """Where the coordinate that a driver table names stands at the start of a scenario [rad, m]; None where it names none there.
+
+    That is where the scenario's own driver of it starts, and without one where the linkage is assembled.
+    """
+    links = {link.name: i for i, link in enumerate(mechanism.links)}
+    slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    link, joint, between = table.get("link"), table.get("joint"), table.get("between")
+    for driver in mechanism.drivers:
+        same = isinstance(driver, AngleDriver) and link in links and driver.link == links[link]
+        same |= isinstance(driver, LengthDriver) and between == [driver.a.name, driver.b.name]
+        if same or (isinstance(driver, SlideDriver) and driver.joint.name == joint):
+            return float(driver.law(0.0)[0])
+    if link in links:
+        return float(mechanism.q0[3 * links[link] + 2])
+    if joint in slides:
+        slide = slides[joint]
+        return float(axis_state(mechanism.q0, mechanism.v0, slide.block, slide.guide, slide.angle)[0])
+    return None
 
 
 def observed(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
@@ -106,17 +137,18 @@ def kinematics(
     linkage: str,
     scenario: str | None = None,
     driver: str | None = None,
-    steps: int = 360,
+    intervals: int = 360,
     points: list[str] | None = None,
     method: str = "loop",
-) -> dict[str, Any]:
-    """Positions, velocities and accelerations over the scenario's duration, as plain data.
+) -> Kinematics:
+    """Positions, velocities and accelerations over the scenario's duration.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         scenario: a driven one; the first where not given.
-        driver: "LAW" or "LAW:key=value,..." in the keys of a scenario's driver, instead of the scenario's own.
-        steps: equal parts of the duration.
+        driver: "LAW" or "LAW:key=value,..." in the keys of a scenario's driver, instead of the scenario's own. It starts where that
+            does, or where the linkage is assembled, unless it names its own start.
+        intervals: equal parts of the duration; one more position than that.
         points: "link.point" to report; those the file observes where not given.
         method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
 
@@ -125,14 +157,14 @@ def kinematics(
     """
     if method not in METHODS:
         raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
-    if steps < 1:
-        raise ChoiceError(f"steps must be at least 1, not {steps}")
+    if intervals < 1:
+        raise ChoiceError(f"intervals must be at least 1, not {intervals}")
     mechanism = driven(linkage, scenario, driver)
-    chosen = observed(mechanism, points)
-    times = np.linspace(0.0, mechanism.duration, steps + 1)
+    chosen, inputs = observed(mechanism, points), inputs_of(mechanism)
+    times = np.linspace(0.0, mechanism.duration, intervals + 1)
     status, message = "ok", ""
     try:
-        motion = METHODS[method](mechanism, inputs_of(mechanism), times)
+        motion = METHODS[method](mechanism, inputs, times)
     except MotionError as error:
         status, message, motion = "stopped", str(error), error.reached
     except ValueError as error:  # a linkage that the method does not cover, or inputs that do not match its freedom
@@ -141,22 +173,33 @@ def kinematics(
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
     values = [driver.law(times[:n]) for driver in mechanism.drivers]
     named = [dict(zip(("angle", "speed", "acceleration"), value, strict=True)) for value in values]
-    return {
-        "status": status,
-        "message": message,
-        "mechanism": mechanism.name,
-        "scenario": mechanism.scenario,
-        "method": method,
-        "t": times[:n],
-        "driver": named[0],
-        "drivers": dict(zip((d.name for d in mechanism.drivers), named, strict=True)),
-        "links": link_states(mechanism, states),
-        "points": point_states(chosen, states),
-        "loops": [loop.joints for loop in find_graph(mechanism).loops],
-        "branch": branch_of(mechanism, inputs_of(mechanism), mechanism.q0),
-        "iterations": motion.iterations,
-        "singular": described_singular(mechanism),
-    }
+    graph = find_graph(mechanism)
+    return Kinematics(
+        status=status,
+        message=message,
+        mechanism=mechanism.name,
+        scenario=mechanism.scenario,
+        method=method,
+        t=times[:n],
+        driver=named[0],
+        drivers=dict(zip((d.name for d in mechanism.drivers), named, strict=True)),
+        links=link_states(mechanism, states),
+        points=point_states(chosen, states),
+        loops=[loop.joints for loop in graph.loops],
+        branch=branch_of(mechanism, inputs, mechanism.q0),
+        iterations=motion.iterations,
+        singular=described_singular(mechanism),
+        link_types={x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
+        | {"ground": link_type(graph.elements(GROUND), frame=True)},
+        branch_changes=_changes(mechanism, inputs, states),
+        observed=observed_names(mechanism, chosen),
+    )
+
+
+def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
+    """Where the assembly changes along the motion: the first time [s] after it, the group, and its side before and after."""
+    found = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
+    return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in found]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,19 +237,19 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
 METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
 
 
-def states(result: dict[str, Any]) -> Trajectory:
+def states(result: Kinematics) -> Trajectory:
     """The states (k, n) of a result of `kinematics`."""
-    links = result["links"].values()
+    links = result.links.values()
     levels = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
     q, v, a = (np.column_stack([link[key] for link in links for key in keys]) for keys in levels)
-    return Trajectory(np.asarray(result["t"]), q, v, a, len(q) - 1)
+    return Trajectory(np.asarray(result.t), q, v, a, len(q) - 1)
 
 
-def table(result: dict[str, Any]) -> pd.DataFrame:
+def table(result: Kinematics) -> pd.DataFrame:
     """The result as one row per time: t, the drivers' values, then every coordinate of links and points."""
-    columns: dict[str, Any] = {"t": result["t"]}
-    for group in ("drivers", "links", "points"):
-        for name, values in result[group].items():
+    columns: dict[str, Any] = {"t": result.t}
+    for group in (result.drivers, result.links, result.points):
+        for name, values in group.items():
             columns |= {f"{name}.{key}": value for key, value in values.items()}
     return pd.DataFrame(columns)
 

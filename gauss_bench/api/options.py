@@ -42,8 +42,9 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--settings", help="of the engine: default, tuned, ...")
     verb.add_argument("--integrator", help="of the engine; its first by default")
     verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
-    verb.add_argument("--dt", type=float, default=1e-3, metavar="H", help="step in seconds (default 0.001)")
+    verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001); formerly --dt")
     verb.add_argument("--at", type=_times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
+    verb.add_argument("--budget", type=float, default=600.0, metavar="S", help="seconds until an engine is stopped (default 600)")
     verb.add_argument("--json", action="store_true")
 
 
@@ -51,7 +52,14 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="a driven one (default: the first)")
     verb.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
-    verb.add_argument("--steps", type=int, default=360, metavar="N", help="equal parts of the duration (default 360)")
+    verb.add_argument(
+        "--intervals",
+        "--steps",
+        type=int,
+        default=360,
+        metavar="N",
+        help="equal parts of the duration (default 360), formerly --steps",
+    )
     verb.add_argument(
         "--points", type=lambda text: text.split(","), metavar="LINK.POINT,...", help="default: those the file observes"
     )

@@ -1,58 +1,25 @@
 """One linkage, one engine, one run: the object that `gauss-bench simulate --json` prints."""
 
-import time
 from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.engines import FOREIGN, get
-from gauss_bench.engines.base import Choice, Engine
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.api.results import Simulation
+from gauss_bench.bench.offers import ChoiceError, isolated, offer
+from gauss_bench.bench.one_run import Run, acceleration_error, one_run, sampling_through
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.judge import Evidence, Judgement, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Status, Trajectory
 
-GRID = 1e-3  # [s] spacing of the samples that metrics are taken from, where the step is not longer
-ALIASES = {"euler": "semi_implicit_euler"}
-
-
-class ChoiceError(ValueError):
-    """A setting, integrator or stabilisation that the engine does not have."""
-
-
-def choose(engine: Engine, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
-    """The choice for a run, with the engine's own defaults where nothing is asked for.
-
-    Raises:
-        ChoiceError: naming what the engine offers.
-    """
-    integrator = integrator.lower() if integrator else engine.integrators[0]
-    if integrator not in engine.integrators:
-        integrator = ALIASES.get(integrator, integrator)
-    chosen = Choice(settings or next(iter(engine.settings)), integrator, stabilization or "none", step)
-    offers = (
-        ("settings", chosen.settings, list(engine.settings)),
-        ("integrator", chosen.integrator, engine.integrators),
-        ("stabilization", chosen.stabilization, engine.stabilizations),
-    )
-    for field, value, offered in offers:
-        if value not in offered:
-            raise ChoiceError(f"{engine.name} has no {field} {value!r}; it offers {', '.join(offered)}")
-    if not (np.isfinite(step) and step > 0):
-        raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
-    return chosen
-
-
-def run_times(step: float, at: list[float]) -> Array:
-    """Sample times from 0 to the last asked for: a grid that keeps the step unbroken, and the times asked for."""
-    spacing = step * max(1, round(GRID / step))
-    grid = np.arange(int(np.floor(max(at) / spacing * (1 + 1e-12))) + 1) * spacing
-    wanted = [x for x in at if np.abs(grid - x).min() > 1e-9 * max(1.0, x)]
-    return np.unique(np.concatenate([grid, wanted]))
+LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
 
 
 def simulate(
@@ -64,16 +31,19 @@ def simulate(
     stabilization: str | None = None,
     step: float = 1e-3,
     at: list[float] | None = None,
-    limit: float = 600.0,
-) -> dict[str, Any]:
-    """The motion of a linkage (a built-in name or a file) in one engine, as plain data; foreign engines run in a worker process.
+    limit: float = LIMIT,
+) -> Simulation:
+    """The motion of a linkage (a built-in name or a file) in one engine, judged.
+
+    Own formulations run in this process, every other engine in a worker: one that crashes, hangs or cannot be imported is a result
+    with a status and a sentence.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
         scenario: of the file; the first with a start where not given.
         settings, integrator, stabilization: of the engine; its defaults where not given.
-        step: integration step [s].
+        step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
 
@@ -82,96 +52,100 @@ def simulate(
         ChoiceError: the engine does not offer what was asked for.
         KeyError: unknown engine.
     """
-    choice = choose(get(engine), settings, integrator, stabilization, step)
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, step)
     mechanism = load(linkage, scenario)
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     if not all(np.isfinite(x) and x >= 0 for x in at):
         raise ChoiceError("times must be numbers that are not negative")
-    if engine not in FOREIGN or get(engine).skip(mechanism, choice):
+    if not (np.isfinite(limit) and limit > 0):
+        raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+    if not offered.usable:
+        return described(mechanism, engine, choice, offered.status, offered.reason)
+    if not isolated(engine):
         return simulate_here(linkage, engine, scenario, choice, at)
-    from gauss_bench.bench.worker import Worker, WorkerFailure
-
     with Worker() as worker:
         try:
-            result: dict[str, Any] = worker.call(simulate_here, (linkage, engine, scenario, choice, at), limit)
+            result = worker.call(simulate_here, (linkage, engine, scenario, choice, at), limit)
         except WorkerFailure as failure:
-            return described(mechanism, engine, choice, at, failure.status, str(failure))
+            return described(mechanism, engine, choice, failure.status, str(failure))
+    if not isinstance(result, Simulation):
+        return described(mechanism, engine, choice, Status.ERROR, "the worker returned no result")
     return result
 
 
-def simulate_here(linkage: str, engine: str, scenario: str | None, choice: Choice, at: list[float]) -> dict[str, Any]:
+def simulate_here(linkage: str, engine: str, scenario: str | None, choice: Choice, at: list[float]) -> Simulation:
     """As `simulate`, in this process, with every choice made."""
     mechanism = load(linkage, scenario)
-    adapter = get(engine)
-    reason = adapter.skip(mechanism, choice)
-    if reason:
-        return described(mechanism, engine, choice, at, Status.SKIP, reason)
-    times = run_times(choice.step, at)
-    try:
-        started = time.perf_counter()
-        model = adapter.build(mechanism, choice)
-        built = time.perf_counter()
-        model.prepare(times)
-        ready = time.perf_counter()
-        model.run()
-        done = time.perf_counter()
-        trajectory = model.read()
-    except RunFailure as failure:
-        return described(mechanism, engine, choice, at, failure.status, str(failure))
-    except ImportError as error:
-        return described(mechanism, engine, choice, at, Status.SKIP, f"{engine} is not installed: {error}")
-    steps = max(1, sum(count for count, _ in step_counts(times, choice.step)))
-    cost = {"build_time": built - started, "step_time": (done - ready) / steps}
-    return described(mechanism, engine, choice, at, Status.OK, trajectory.note, trajectory, cost)
+    run = one_run(get(engine), mechanism, choice, sampling_through(choice.step, at))
+    if run.trajectory is None:
+        return described(mechanism, engine, choice, run.status, run.message)
+    evidence = examine(Evaluator(mechanism), run.trajectory, None, acceleration_error(mechanism, run.trajectory))
+    verdict = judge(evidence)
+    status = Status.OK if verdict.valid else Status.INVALID
+    message = "; ".join(filter(None, (verdict.sentence, run.message)))
+    figures = measured(evidence, run)
+    return described(mechanism, engine, choice, status, message, at_times(run.trajectory, at), verdict, figures)
 
 
 def described(
     mechanism: Mechanism,
     engine: str,
     choice: Choice,
-    at: list[float],
     status: Status,
     message: str,
-    trajectory: Trajectory | None = None,
-    cost: dict[str, float] | None = None,
-) -> dict[str, Any]:
-    """The result object; without a trajectory its lists are empty."""
+    chosen: Trajectory | None = None,
+    verdict: Judgement | None = None,
+    figures: dict[str, Any] | None = None,
+) -> Simulation:
+    """The result; without a trajectory its lists are empty."""
     evaluator = Evaluator(mechanism)
-    chosen = at_times(trajectory, at) if trajectory else empty(mechanism.n)
-    result: dict[str, Any] = {
-        "status": str(status),
-        "message": message,
-        "engine": engine,
-        "mechanism": mechanism.name,
-        "scenario": mechanism.scenario,
-        "settings": choice.settings,
-        "integrator": choice.integrator,
-        "stabilization": choice.stabilization,
-        "step": choice.step,
-        "t": chosen.t,
-        "links": link_states(mechanism, chosen),
-        "points": point_states(mechanism.observed_points, chosen),
-        "joints": metrics.joint_forces(evaluator, chosen),
-        "metrics": measured(evaluator, trajectory) | (cost or {}) if trajectory else {},
-    }
-    if mechanism.drivers:
-        forces = metrics.driving_forces(evaluator, chosen)
-        result["drivers"] = {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)}
-    return result
+    chosen = chosen or empty(mechanism.n)
+    forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
+    return Simulation(
+        status=status,
+        message=message,
+        engine=engine,
+        mechanism=mechanism.name,
+        scenario=mechanism.scenario,
+        settings=choice.settings,
+        integrator=choice.integrator,
+        stabilization=choice.stabilization,
+        step=choice.step,
+        t=chosen.t,
+        links=link_states(mechanism, chosen),
+        points=point_states(mechanism.observed_points, chosen),
+        joints=metrics.joint_forces(evaluator, chosen),
+        metrics=figures or {},
+        valid=verdict is not None and verdict.valid,
+        objections=verdict.objections if verdict else (),
+        observed=observed_names(mechanism),
+        drivers={} if forces is None else {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)},
+    )
 
 
-def measured(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, Any]:
-    """The metrics that need no reference."""
-    drift = metrics.drift(evaluator, trajectory)
-    energy, bar = metrics.energy_error(evaluator, trajectory)
+def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
+    """The points and links to look at: those named, else those the file observes."""
+    chosen = mechanism.observed_points if points is None else points
+    return {"points": [p.name for p in chosen], "links": [mechanism.link_name(k) for k in mechanism.observed_links]}
+
+
+def measured(evidence: Evidence, run: Run) -> dict[str, Any]:
+    """The figures that need no truth, and the costs."""
+    assert run.trajectory is not None
     return {
-        "position_drift": float(drift.position.max()),
-        "velocity_drift": float(drift.velocity.max()),
-        "acceleration_residual": float(drift.acceleration.max()),
-        "energy_error": float(np.abs(energy).max()),
-        "energy_error_bar": bar,
-        "steps": trajectory.steps,
-        "evaluations": trajectory.evaluations,
+        "position_drift": float(evidence.drift.position.max()),
+        "velocity_drift": float(evidence.drift.velocity.max()),
+        "acceleration_residual": float(evidence.drift.acceleration.max()),
+        "acceleration_error": evidence.acceleration_error,
+        "energy_error": float(np.abs(evidence.energy).max()),
+        "energy_error_bar": evidence.energy_bar,
+        "energy_scale": evidence.energy_scale,
+        "steps": run.trajectory.steps,
+        "shortened_steps": run.sampling.shortened,
+        "evaluations": run.trajectory.evaluations,
+        "build_time": run.build_time,
+        "step_time": run.step_time,
     }
 
 

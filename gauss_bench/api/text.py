@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from gauss_bench.bench.gate import Verdict
-from gauss_bench.engines import get, names
+from gauss_bench.bench.offers import offers
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism
 
@@ -16,19 +16,17 @@ STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
 def catalogue() -> dict[str, Any]:
     """Linkages with their scenarios, engines with what they offer."""
     linkages = {name: load(name) for name in built_in()}
-    engines = {}
-    for name in names():
-        adapter = get(name)
-        try:
-            version = adapter.version()
-        except ImportError:
-            version = "not installed"
-        engines[name] = {
-            "version": version,
-            "settings": list(adapter.settings),
-            "integrators": list(adapter.integrators),
-            "stabilizations": list(adapter.stabilizations),
+    engines = {
+        x.name: {
+            "version": x.version,
+            "settings": list(x.settings),
+            "integrators": list(x.integrators),
+            "stabilizations": list(x.stabilizations),
+            "status": str(x.status),
+            "reason": x.reason,
         }
+        for x in offers()
+    }
     return {"linkages": {k: {"title": m.title, "scenarios": list(m.scenarios)} for k, m in linkages.items()}, "engines": engines}
 
 
@@ -37,8 +35,11 @@ def format_catalogue(found: dict[str, Any]) -> str:
     lines += [f"  {k:14} {v['title']}  [{', '.join(v['scenarios'])}]" for k, v in found["linkages"].items()]
     lines.append("engines")
     for name, engine in found["engines"].items():
-        offers = "; ".join(", ".join(engine[k]) for k in ("settings", "integrators", "stabilizations"))
-        lines.append(f"  {name:14} {engine['version']}  [{offers}]")
+        if engine["reason"]:
+            lines.append(f"  {name:14} {engine['status']}: {engine['reason']}")
+            continue
+        offered = "; ".join(", ".join(engine[k]) for k in ("settings", "integrators", "stabilizations"))
+        lines.append(f"  {name:14} {engine['version']}  [{offered}]")
     return "\n".join(lines)
 
 
@@ -108,7 +109,7 @@ def format_kinematics(result: dict[str, Any]) -> str:
 def format_run(rows: pd.DataFrame, folder: Path) -> str:
     counts = rows["status"].value_counts().sort_index()
     said = ", ".join(f"{n} {status}" for status, n in counts.items())
-    return f"{len(rows)} cases ({said}); {int(rows['valid'].sum())} pass the validity gate; tables in {folder}"
+    return f"{len(rows)} cases ({said}); {int(rows['valid'].sum())} are valid; tables in {folder}"
 
 
 def format_check(verdicts: list[Verdict]) -> str:

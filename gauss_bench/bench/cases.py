@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-from gauss_bench.engines import get, names
-from gauss_bench.engines.base import Choice, Engine
+from gauss_bench.bench.offers import Offer, offer
+from gauss_bench.engines import names
+from gauss_bench.engines.base import Choice
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
 Variant = tuple[str, str, str]  # settings, integrator, stabilisation
@@ -40,17 +41,14 @@ class Case:
         return "|".join(f"{value:g}" if isinstance(value, float) else str(value) for value in asdict(self).values())
 
 
-def adaptive(engine: Engine, integrator: str) -> bool:
-    """Whether an integrator chooses its own steps."""
-    return integrator in getattr(engine, "adaptive", ("dop853",))
-
-
-def variants(engine: Engine, integrators: int | None = None, plain: bool = False) -> list[Variant]:
+def variants(engine: Offer, integrators: int | None = None, plain: bool = False) -> list[Variant]:
     """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
 
     Every setting with every integrator (or the first few) without stabilisation, and every stabilisation at the defaults; or, of
     an engine that is shown plainly, its defaults alone.
     """
+    if not engine.usable:
+        return [("default", "", "none")]  # one row, which says why
     first = (next(iter(engine.settings)), engine.integrators[0])
     if plain:
         return [(*first, "none")]
@@ -69,9 +67,9 @@ def crossed(
     """All engines at their variants on all linkages (name or path -> scenario)."""
     for linkage, scenario in linkages.items():
         for name in engines:
-            engine = get(name)
+            engine = offer(name)
             for settings, integrator, stabilization in variants(engine, integrators, name in plain):
-                for step in steps[-1:] if adaptive(engine, integrator) else steps:
+                for step in steps[-1:] if integrator in engine.adaptive else steps:
                     yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)
 
 

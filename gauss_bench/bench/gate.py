@@ -4,7 +4,7 @@ A figure fails when it is worse than its limit, and is told when it is better by
 the rules below; a new baseline is accepted only with a dated reason.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gauss_bench.judge import OFF_ACCELERATION, OFF_DRIFT
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.tables import KEY, write_table
 
@@ -40,6 +41,9 @@ RULES = {
 ORDER_MARGIN = 0.2  # observed orders scatter by 0.1 between neighbouring steps
 TRUTH_MARGIN = 1e-9  # [rad] a reference that moves by more than its bar (1e-11) is another truth; libraries may move it below that
 TRUTHS = ("crank_t05", "crank_t1")
+LOST = 1.0  # [m, rad] figures of a run that is so far off differ between machines
+ENDED = ("ok", "invalid")
+BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # the process failed, or did something else
 
 
 @dataclass(frozen=True)
@@ -52,42 +56,55 @@ class Verdict:
     value: str
     limit: str
     baseline: str
+    cause: str = ""
 
     def __str__(self) -> str:
-        return f"{self.outcome}: {self.case}: {self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
+        said = f"{self.outcome}: {self.case}: {self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
+        return f"{said}: {self.cause}" if self.cause else said
 
 
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """The gated figures in long form: one row per case and metric.
 
-    Runs that the validity gate refused keep only their status, their flag and their acceleration error: their trajectories say
-    nothing, but they must stay refused.
+    Runs that have lost their way keep only their status, whether they are valid and their acceleration error: what else they say
+    differs between machines, but they must stay what they are.
     """
     found: list[dict[str, Any]] = []
     for row in rows.to_dict("records"):
         key = {k: row[k] for k in KEY}
-        found.append(key | {"metric": "status", "value": row["status"]})
-        if row["status"] == "ok":
+        found.append(key | {"metric": "status", "value": row["status"], "message": row["message"]})
+        if row["status"] in ENDED:
             found.append(key | {"metric": "valid", "value": str(row["valid"])})
-        used = [*RULES, "observed_order"] if row["valid"] else ["acceleration_error_median"]
+        used = [*RULES, "observed_order"] if _repeatable(row) else ["acceleration_error_median"]
         found += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
     for reference in references.to_dict("records"):
         key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
         key |= {"engine": "reference", "step": 0.0, "t_end": reference["t_end"]}
         found += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
-    frame = pd.DataFrame(found).astype({"step": float, "t_end": float})
+    frame = pd.DataFrame(found, columns=[*COLUMNS[:-1], "message"]).astype({"step": float, "t_end": float}).fillna({"message": ""})
     return frame.sort_values([*KEY, "metric"], kind="stable", ignore_index=True)
 
 
+def _repeatable(row: Mapping[Any, Any]) -> bool:
+    lost = (("acceleration_error_median", OFF_ACCELERATION), ("position_drift", OFF_DRIFT), ("position_error", LOST))
+    return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in lost)
+
+
 def compare(found: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
-    """A verdict for every figure; one that is missing on either side fails."""
+    """A verdict for every figure; one that is missing on either side fails. A case that ends otherwise has that one verdict."""
     keys = [*KEY, "metric"]
     here = {tuple(r[k] for k in keys): str(r["value"]) for r in found.to_dict("records")}
     there = {tuple(r[k] for k in keys): str(r["value"]) for r in baseline.to_dict("records")}
+    causes = {tuple(r[k] for k in keys): str(r.get("message", "")) for r in found.to_dict("records")}
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
+        status = (*key[:-1], "status")
+        ended_otherwise = here.get(status) != there.get(status) and status in here and status in there
+        if ended_otherwise and key != status and (key not in here or key not in there):
+            continue
         case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
-        verdicts.append(_verdict(case, str(key[-1]), here.get(key), there.get(key)))
+        verdict = _verdict(case, str(key[-1]), here.get(key), there.get(key))
+        verdicts.append(replace(verdict, cause=causes.get(key, "") if verdict.outcome == "fail" else ""))
     return verdicts
 
 
@@ -118,23 +135,41 @@ def read_baseline(path: Path) -> pd.DataFrame:
     return pd.read_csv(path, dtype={c: str for c in COLUMNS if c not in ("step", "t_end")}, keep_default_na=False)
 
 
-def accept(found: pd.DataFrame, path: Path, reason: str) -> int:
-    """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason. Number changed."""
+def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
+    """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason.
+
+    Returns how many figures changed, and a sentence for every case that was not accepted because it failed: one whose process,
+    not its mathematics, failed, and one that failed where the baseline holds figures of it. Those keep what the baseline says, as
+    do mechanisms and engines that were not measured.
+    """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
     old = read_baseline(path) if path.exists() else pd.DataFrame(columns=COLUMNS)
     keys = [*KEY, "metric"]
     before = {tuple(r[k] for k in keys): r for r in old.to_dict("records")}
-    rows, changed = [], 0
+    refused: dict[tuple[Any, ...], str] = {}
+    for row in found[found["metric"] == "status"].to_dict("records"):
+        case = tuple(row[k] for k in KEY)
+        known = before.get((*case, "status"))
+        was = str(known["value"]) if known else ""
+        if row["value"] in BROKEN or (row["value"] not in (*ENDED, "skip") and was in ENDED):
+            refused[case] = f"{' '.join(str(x) for x in case)}: {row['value']}: {row.get('message', '')}"
+    measured = {(r["mechanism"], r["engine"]) for r in found.to_dict("records")}
+    cases = [tuple(r[k] for k in KEY) for r in old.to_dict("records")]
+    kept_cases = [c in refused or (c[0], c[2]) not in measured for c in cases]
+    rows, changed = [r for r, kept in zip(old.to_dict("records"), kept_cases, strict=True) if kept], 0
     for row in found.to_dict("records"):
         key = tuple(row[k] for k in keys)
+        if key[:-1] in refused:
+            continue
         kept = before.get(key)
         if kept is not None and _verdict("", str(key[-1]), str(row["value"]), str(kept["value"])).outcome == "ok":
             rows.append(kept)
         else:
             rows.append(row | {"accepted": stamp})
             changed += 1
-    write_table(pd.DataFrame(rows, columns=COLUMNS), path)
-    return changed
+    frame = pd.DataFrame(rows, columns=COLUMNS).astype({"step": float, "t_end": float})
+    write_table(frame.sort_values([*KEY, "metric"], kind="stable", ignore_index=True), path)
+    return changed, list(refused.values())
 
 
 def restricted(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:

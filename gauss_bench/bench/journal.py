@@ -16,7 +16,6 @@ from gauss_bench.bench.provenance import package_versions
 from gauss_bench.mechanism.digest import source_digest
 
 
-
 class Busy(RuntimeError):
     """Another run writes to the same journal."""
 

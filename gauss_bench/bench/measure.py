@@ -1,4 +1,4 @@
-"""One case becomes one row: build, run, read, and judge by metrics alone."""
+"""One case becomes one row: run by the one recipe, and judged by metrics alone."""
 
 import json
 from functools import lru_cache
@@ -10,22 +10,21 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.context import Alteration, unaltered
+from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
+from gauss_bench.judge import Evidence, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import States, random_states
+from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Reference, Status, Trajectory
 
 SERIES = 100  # points per curve in the report
-SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
-OFF_ACCELERATION = 1e-2  # an engine that is 1 % off at the same state solves another problem, whatever its trajectory
-OFF_DRIFT = 1e-2  # [m, rad] a loop that opens by a centimetre is not this linkage
-OFF_MOTION = 1.0  # [m, rad] a link that is a radian away is somewhere else, however well the loops are closed
+NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkage without a reference raises
 
 
 @lru_cache(maxsize=8)
@@ -34,8 +33,12 @@ def mechanism_of(linkage: str, scenario: str) -> Mechanism:
 
 
 @lru_cache(maxsize=4)
-def states_of(linkage: str, scenario: str) -> States:
-    return random_states(mechanism_of(linkage, scenario))
+def states_of(linkage: str, scenario: str) -> States | None:
+    """Random states with their true accelerations, or None where the linkage has none that are unique."""
+    try:
+        return random_states(mechanism_of(linkage, scenario))
+    except NO_TRUTH:
+        return None
 
 
 @lru_cache(maxsize=4)
@@ -43,10 +46,13 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
     return stored_reference(mechanism_of(linkage, scenario), t_end, Path(store))
 
 
-def sample_times(case: Case) -> Array:
-    """Samples on the step's own grid, dense enough for the energy balance, through every 1e-2 s of the reference."""
-    spacing = max(case.step, SAMPLING)
-    return np.arange(round(case.t_end / spacing) + 1) * spacing
+@lru_cache(maxsize=4)
+def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
+    """The reference, or why there is none."""
+    try:
+        return reference_of(linkage, scenario, t_end, store)
+    except NO_TRUTH as error:
+        return str(error)
 
 
 def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, Any]:
@@ -56,26 +62,32 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     """
     mechanism = mechanism_of(case.linkage, case.scenario)
     row: dict[str, Any] = {"status": str(Status.OK), "message": "", "control": case.engine in CONTROLS}
+    states = states_of(case.linkage, case.scenario)
+
+    def inspect(model: Model) -> None:
+        if states is not None:
+            row.update(acceleration_errors(model, states))
+
     try:
         engine = get(case.engine)
-        reason = engine.skip(mechanism, case.choice)
-        if reason:
-            raise RunFailure(Status.SKIP, reason)
-        model = engine.build(alter(mechanism), case.choice)
-        row |= acceleration_errors(model, states_of(case.linkage, case.scenario))
-        model.prepare(sample_times(case))
-        model.run()
-        trajectory = model.read()
-    except RunFailure as failure:
-        return {"row": row | {"status": str(failure.status), "message": str(failure)}, "series": []}
     except ImportError as error:
         return {"row": row | {"status": str(Status.SKIP), "message": f"not installed: {error}"}, "series": []}
-    reference = reference_of(case.linkage, case.scenario, case.t_end, store)
-    judged, series = judge(mechanism, trajectory, reference)
-    row |= judged | {"steps": trajectory.steps, "evaluations": trajectory.evaluations, "note": trajectory.note}
-    row["flag"] = flag(row)
-    row["valid"] = not row["flag"]
-    return {"row": row, "series": series}
+    wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
+    run = one_run(engine, alter(mechanism), case.choice, wanted, inspect)
+    if run.trajectory is None:
+        return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
+    truth = truth_of(case.linkage, case.scenario, case.t_end, store)
+    reference = None if isinstance(truth, str) else truth
+    off = row.get("acceleration_error_median")
+    evaluator = Evaluator(mechanism)
+    evidence = examine(evaluator, run.trajectory, reference, acceleration_error(mechanism, run.trajectory) if off is None else off)
+    verdict = judge(evidence)
+    unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
+    row |= figures(mechanism, run.trajectory, evidence) | {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
+    row |= {"note": "; ".join(filter(None, (run.message, unknown))), "valid": verdict.valid, "flag": verdict.sentence}
+    if not verdict.valid:
+        row |= {"status": str(Status.INVALID), "message": verdict.sentence}
+    return {"row": row, "series": curves(run.trajectory, evidence)}
 
 
 def acceleration_errors(model: Model, states: States) -> dict[str, float]:
@@ -85,23 +97,26 @@ def acceleration_errors(model: Model, states: States) -> dict[str, float]:
     return {"acceleration_error_median": float(np.median(error)), "acceleration_error_max": float(error.max())}
 
 
-def judge(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> tuple[dict[str, Any], list[dict[str, float]]]:
-    """The columns that need the whole trajectory, and its curves."""
-    evaluator = Evaluator(mechanism)
-    with np.errstate(all="ignore"):
-        drift = metrics.drift(evaluator, trajectory)
-        energy, energy_bar = metrics.energy_error(evaluator, trajectory)
-        errors = metrics.state_errors(mechanism, trajectory, reference)
+def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> dict[str, Any]:
+    """The columns that need the whole trajectory."""
+    drift, errors = evidence.drift, evidence.errors
     row: dict[str, Any] = {
-        "position_error": float(errors.position.max()),
-        "velocity_error": float(errors.velocity.max()),
-        "position_error_bar": float(errors.position_bar.max()),
-        "velocity_error_bar": float(errors.velocity_bar.max()),
         "position_drift": float(drift.position.max()),
         "velocity_drift": float(drift.velocity.max()),
         "acceleration_residual": float(drift.acceleration.max()),
-        "energy_error": float(np.abs(energy).max()),
-        "energy_error_bar": energy_bar,
+        "energy_error": float(np.abs(evidence.energy).max()),
+        "energy_error_bar": evidence.energy_bar,
+    }
+    if errors is None:
+        return row
+    row |= {
+        "position_error": float(errors.position.max()),
+        "length_error": float(errors.length.max()),
+        "angle_error": float(errors.angle.max()),
+        "velocity_error": float(errors.velocity.max()),
+        "position_error_bar": float(errors.position_bar.max()),
+        "velocity_error_bar": float(errors.velocity_bar.max()),
+        "compared": len(errors.t),
     }
     for t in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
@@ -109,22 +124,16 @@ def judge(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) ->
         row[f"crank_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
+    return row
+
+
+def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
+    """Error, drift and energy over time, thinned to what a figure can show; none without a truth."""
+    drift, errors = evidence.drift, evidence.errors
+    if errors is None:
+        return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    curves = (errors.t, errors.crank, drift.position[near], drift.velocity[near], energy[near])
+    columns = (errors.t, errors.crank, drift.position[near], drift.velocity[near], evidence.energy[near])
     names = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
-    series = [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in curves), strict=True)]
-    return row, series
-
-
-def flag(row: dict[str, Any]) -> str:
-    """Why a finished run counts for nothing, or an empty text: the validity gate."""
-    if not np.isfinite([row["position_error"], row["position_drift"], row["velocity_error"]]).all():
-        return "not finite"
-    if row["acceleration_error_median"] > OFF_ACCELERATION:
-        return f"accelerations off by {row['acceleration_error_median']:.2g} at the same state (median)"
-    if row["position_drift"] > OFF_DRIFT:
-        return f"the loops open by {row['position_drift']:.2g} (m or rad)"
-    if row["position_error"] > OFF_MOTION:
-        return f"a link ends up {row['position_error']:.2g} (m or rad) from where it should be"
-    return ""
+    return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]

@@ -22,9 +22,10 @@ from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
+from gauss_bench.bench.offers import offers
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Tables, finish, gathered
-from gauss_bench.engines import get
+from gauss_bench.judge import LIMITS
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, row_of, write_parquet, write_schema, write_table, write_text
 
@@ -88,11 +89,11 @@ def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
     """Every file of a run: the tables that it filled, their schema, and the environment."""
-    engines = dict.fromkeys(r["engine"] for table in ("results", "samples", "kernel_ladder") for r in tables.get(table, []))
+    engines = dict.fromkeys(r["engine"] for table in ("results", "kernel_ladder") for r in tables.get(table, []) if r.get("engine"))
     where = environment() | {
         "suite": name,
         "baseline_engine": BASELINE,
-        "gates": accuracy.GATES,
+        "gates": LIMITS,
         "engines": described(list(engines)),
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
     }
@@ -106,15 +107,4 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
 
 def described(engines: list[str]) -> dict[str, Any]:
     """Version and every setting of the engines, as the report prints them."""
-    told = {}
-    for name in engines:
-        try:
-            adapter = get(name)
-        except KeyError:
-            continue  # the processor, which races with engines
-        try:
-            version = adapter.version()
-        except ImportError:
-            version = "not installed"
-        told[name] = {"version": version, "settings": {k: dict(v) for k, v in adapter.settings.items()}}
-    return told
+    return {x.name: {"version": x.version, "settings": x.settings} for x in offers(engines)}

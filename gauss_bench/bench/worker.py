@@ -1,10 +1,14 @@
 """A process of its own for what may crash or hang: functions go in, results come out, and its death is an answer too.
 
 Tasks and answers are pickled over a pair of pipes. The worker's standard output is given to its error stream first, so that a
-library that prints cannot spoil the answers; what it prints stands in a file and is quoted when it dies. A task that outlives its
-limit is stopped by the parent and, should the parent be gone, by an alarm that no library can block.
+library that prints cannot spoil the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies
+where no library finds it by counting, and every answer carries the token of its task: what else arrives there is refused. A task
+that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library can block. Whatever a
+task has started ends with its worker, and none may take more memory than the machine has.
 """
 
+import contextlib
+import fcntl
 import os
 import pickle
 import select
@@ -21,7 +25,10 @@ from typing import Any, BinaryIO
 
 from gauss_bench.trajectory import Status
 
-HEADER = struct.Struct("<Q")
+HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
+ANSWERS = 200  # the descriptor that answers leave by, if it is free: far above those that libraries open
+LARGEST = 1 << 32  # bytes of an answer
+POLL = 0.5  # [s] between looks at whether the process still lives: a child of it may hold the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
 
@@ -54,17 +61,26 @@ class Worker:
             environment = os.environ | dict.fromkeys(THREADS, "1")
             command = [sys.executable, "-m", "gauss_bench.bench.worker"]
             self.process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.log, env=environment
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self.log,
+                env=environment,
+                start_new_session=True,
             )
         return self.process
 
     def stop(self) -> None:
+        """End the process and all that it has started."""
         if self.process is not None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
             self.process.kill()
             self.process.wait()
             for pipe in (self.process.stdin, self.process.stdout):
                 if pipe:
-                    pipe.close()
+                    with contextlib.suppress(BrokenPipeError):
+                        pipe.close()
             self.process = None
 
     def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float) -> Any:
@@ -76,14 +92,19 @@ class Worker:
         process = self.start()
         assert process.stdin is not None
         assert process.stdout is not None
+        token = os.urandom(16)
         try:
-            _send(process.stdin, (function, arguments, limit))
-            kind, answer = _receive_within(process.stdout, limit)
+            _send(process.stdin, token, (function, arguments, limit))
+            kind, answer = _receive_within(process, token, limit)
         except TimeoutError as error:
+            said = self._last_words()
             self.stop()
-            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s") from error
+            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s{said}") from error
+        except SpoiltAnswer as error:
+            self.stop()
+            raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
         except (EOFError, BrokenPipeError) as error:
-            code = process.wait()
+            code = self._ended(process)
             said = self._last_words()
             self.stop()
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
@@ -92,58 +113,117 @@ class Worker:
             raise WorkerFailure(Status.ERROR, answer)
         return answer
 
+    @staticmethod
+    def _ended(process: "subprocess.Popen[bytes]") -> int:
+        """Its exit code; one that closed its pipe and lives on is ended."""
+        try:
+            return process.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
     def _last_words(self) -> str:
         self.log.seek(0)
         lines = self.log.read()[-4000:].decode(errors="replace").strip().splitlines()
         return f": {lines[-1].strip()}" if lines else ""
 
 
-def _send(pipe: BinaryIO | Any, item: object) -> None:
+class SpoiltAnswer(RuntimeError):
+    """What came through the pipe is not the answer to the task."""
+
+
+def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
     content = pickle.dumps(item)
-    pipe.write(HEADER.pack(len(content)) + content)
+    pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
 
 
-def _receive_within(pipe: Any, limit: float) -> Any:
+def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: float) -> tuple[str, Any]:
+    assert process.stdout is not None
     deadline = time.monotonic() + limit
-    descriptor = pipe.fileno()
-    buffer = b""
-    needed = HEADER.size
+    descriptor = process.stdout.fileno()
+    buffer = bytearray()
+    needed, headed = HEADER.size, False
     while len(buffer) < needed:
-        if not select.select([descriptor], [], [], max(0.0, deadline - time.monotonic()))[0]:
-            raise TimeoutError
+        left = deadline - time.monotonic()
+        if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
+            if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
+                raise EOFError
+            if left <= 0:
+                raise TimeoutError
+            continue
         part = os.read(descriptor, 1 << 20)
         if not part:
             raise EOFError
         buffer += part
-        if needed == HEADER.size and len(buffer) >= needed:
-            needed += HEADER.unpack(buffer[: HEADER.size])[0]
-    return pickle.loads(buffer[HEADER.size :])
+        if not headed and len(buffer) >= HEADER.size:
+            found, length = HEADER.unpack(buffer[: HEADER.size])
+            if found != token or length > LARGEST:
+                raise SpoiltAnswer(f"{bytes(buffer[:40])!r}")
+            needed, headed = HEADER.size + length, True
+    if len(buffer) > needed:
+        raise SpoiltAnswer(f"{len(buffer) - needed} bytes too many")
+    try:
+        kind, answer = pickle.loads(buffer[HEADER.size :])
+    except Exception as error:
+        raise SpoiltAnswer(f"{type(error).__name__}: {error}") from error
+    return kind, answer
 
 
 def _leave_with_parent() -> None:
     parent = os.getppid()
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os.killpg(0, signal.SIGKILL)  # a session of its own: this process and what it has started
+
+
+def _bounded() -> None:
+    """No more memory than the machine has: an array that does not fit is an error here, not the end of somebody else."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (whole if hard < 0 else min(whole, hard), hard))
+
+
+def _answered(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
+    """The pickled answer; one that cannot be pickled is a failure of the task."""
+    try:
+        return pickle.dumps(("ok", function(*arguments)))
+    except BaseException as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        said = f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})"
+        return pickle.dumps(("raised", said))
 
 
 def main() -> None:
     """Answer tasks until the parent closes the pipe."""
-    answers = os.fdopen(os.dup(1), "wb")
+    answers = os.fdopen(fcntl.fcntl(1, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "wb")
+    tasks = os.fdopen(fcntl.fcntl(0, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "rb")
     os.dup2(2, 1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    _bounded()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
-    tasks = sys.stdin.buffer
     while header := tasks.read(HEADER.size):
-        function, arguments, limit = pickle.loads(tasks.read(HEADER.unpack(header)[0]))
-        signal.setitimer(signal.ITIMER_REAL, limit + GRACE)  # nobody handles SIGALRM: it ends the process even inside a library
+        token, length = HEADER.unpack(header)
+        content = tasks.read(length)
         try:
-            answer = ("ok", function(*arguments))
+            function, arguments, limit = pickle.loads(content)
         except Exception as error:
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            answer = ("raised", f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})")
+            function, arguments, limit = _refuse, (f"the task cannot be read: {type(error).__name__}: {error}",), 60.0
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # it ends the process even inside a library
+        signal.setitimer(signal.ITIMER_REAL, limit + GRACE)
+        answer = _answered(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)
-        _send(answers, answer)
+        answers.write(HEADER.pack(token, len(answer)) + answer)
+        answers.flush()
+
+
+def _refuse(sentence: str) -> None:
+    raise ValueError(sentence)
 
 
 if __name__ == "__main__":

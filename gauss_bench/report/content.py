@@ -186,7 +186,7 @@ def status_cell(row: Row) -> Cell:
     """How the case ended, and whether it may count."""
     if row["status"] == "skip":
         return Cell("skip", "skip", "warn")
-    if row["status"] != "ok":
+    if row["status"] not in ("ok", "invalid"):
         return Cell(row["status"], row["status"], "bad")
     if row["control"]:
         return Cell("control", "control", "warn")

@@ -69,11 +69,12 @@ def grouped(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Ro
 
 
 def ok(row: Row) -> bool:
-    return bool(row["status"] == "ok")
+    """Whether it ended with a trajectory, valid or not."""
+    return row["status"] in ("ok", "invalid")
 
 
 def ranked(row: Row) -> bool:
-    """Whether a row may count: it ended ok, is valid, and is no negative control."""
+    """Whether a row may count: it ended, may be used, and is no negative control."""
     return ok(row) and bool(row["valid"]) and not row["control"]
 
 

@@ -9,13 +9,11 @@ import pandas as pd
 
 from gauss_bench.bench.cases import Case, cases
 from gauss_bench.bench.context import Alteration, Context
-from gauss_bench.bench.measure import OFF_ACCELERATION, OFF_DRIFT, measure, mechanism_of, reference_of
+from gauss_bench.bench.measure import measure, mechanism_of, reference_of
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
-
-GATES = {"acceleration": OFF_ACCELERATION, "drift": OFF_DRIFT}
 
 
 def exact(suite: Suite, context: Context) -> list[Task]:

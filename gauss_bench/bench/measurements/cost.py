@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.cases import adaptive, variants
+from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common, lasting, ratio, stepping
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
+from gauss_bench.bench.offers import offer
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
@@ -34,12 +35,16 @@ Make = Callable[[], Block]
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One race for each linkage."""
-    return [
-        context.task("untimed", race, (linkage, scenario, part), linkage, scenario)
-        for part in suite.cost
-        for linkage, scenario in part.linkages.items()
-    ]
+    """One race for each linkage, of the engines that can share a process: they have neither crashed nor hung on it."""
+    lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in (Status.CRASHED, Status.TIMEOUT)}
+    tasks = []
+    for part in suite.cost:
+        for linkage, scenario in part.linkages.items():
+            name = load(linkage, scenario or None).name
+            fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
+            chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
+            tasks.append(context.task("untimed", race, (linkage, scenario, chosen), linkage, scenario))
+    return tasks
 
 
 def race(linkage: str, scenario: str, part: Cost) -> Tables:
@@ -68,23 +73,23 @@ def race(linkage: str, scenario: str, part: Cost) -> Tables:
 
 def entries(mechanism: Mechanism, part: Cost) -> Iterator[tuple[Key, Make]]:
     """What is timed, and how its block is made."""
-    for name in part.engines or names():
-        engine = get(name)
-        for number, (settings, integrator, stabilization) in enumerate(variants(engine, part.integrators, name in part.plain)):
-            if adaptive(engine, integrator):
+    for name in part.engines:
+        engine, told = get(name), offer(name)
+        for number, (settings, integrator, stabilization) in enumerate(variants(told, part.integrators, name in part.plain)):
+            if integrator in told.adaptive:
                 continue
             choice = Choice(settings, integrator, stabilization, part.step)
             model = cache(partial(_model, engine, mechanism, choice))
             words = (name, settings, integrator, stabilization)
-            if (integrator, stabilization) == (engine.integrators[0], "none"):
+            if (integrator, stabilization) == (told.integrators[0], "none"):
                 yield Key(BUILD, *words), partial(_building, engine, mechanism, choice)
                 yield Key(ACCELERATION, *words), partial(_accelerating, model, mechanism)
                 if name in part.bare:
                     for which, quantity in enumerate((BARE, EMPTY)):
                         yield Key(quantity, *words), partial(_bare, model, which)
-            if engine.python_loop:
+            if told.python_loop:
                 yield Key(STEP, *words), partial(_stepping, model, part.step, False)
-            if engine.native_loop:
+            if told.native_loop:
                 yield Key(NATIVE, *words), partial(_stepping, model, part.step, True)
             if name in part.batch and number == 0:
                 yield Key(BATCH, *words), partial(_batch, model, mechanism)

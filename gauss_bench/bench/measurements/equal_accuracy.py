@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.cases import adaptive
 from gauss_bench.bench.clock import BLOCK, Block, Measured, Race, Row, common, ratio, row, spread
 from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import Context
+from gauss_bench.bench.offers import offer
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
@@ -78,7 +78,7 @@ def ladder(linkage: str, scenario: str, way: Method, finest: float, cap: float, 
     if reason := engine.skip(mechanism, choice_of(way, FIRST)):
         return {"kernel_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
     reference = stored_reference(mechanism, AT, Path(store))
-    own_steps = adaptive(engine, way.integrator)
+    own_steps = way.integrator in offer(way.engine).adaptive
     rows: Rows = []
     for rung in range(1 if own_steps else RUNGS):
         rows.append(start | measured(mechanism, reference, way, FIRST / 2**rung, own_steps))

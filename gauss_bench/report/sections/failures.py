@@ -16,14 +16,14 @@ def section(run: Run) -> Section:
     invalid = [row | {"message": row.get("flag", "")} for row in map(dict, run.results) if ok(row) and not row["valid"]]
     lost = [row for row in run.table("untimed") if row["status"] != "skip"]
     if not failed and not invalid and not lost:
-        return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended ok and is valid."),))
+        return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended and is valid."),))
     blocks: list[Block] = [Text("Cases that ended for the same reason share a line; none of them is in a figure or a ranking.")]
     for skipped, title in ((False, "Failed"), (True, "Skipped: not modelled, with the adapter's reason")):
         rows = [row for row in failed if (row["status"] == "skip") == skipped]
         if rows:
             blocks.append(reasons(title, rows))
     if invalid:
-        blocks.append(reasons("Ended, but not valid: the gate's reason", invalid, "not valid"))
+        blocks.append(reasons("Ended, but not valid: the judge's reason", invalid, "not valid"))
     if lost:
         blocks.append(costs(lost))
     return Section("Skipped and failed cases", "failures", tuple(blocks))
@@ -62,7 +62,7 @@ def where(rows: Sequence[Row]) -> str:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [row for row in run.results if row["status"] not in ("ok", "skip")]
+    rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
     if rows:
         groups = grouped(rows, lambda r: (r["engine"], r["status"])).items()
         found = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)

@@ -31,8 +31,8 @@ LIMITATIONS = (
     "better; the place to do so is that engine's settings.",
     "**Few linkages, one degree of freedom, one redundant case, no contact, no friction**: nothing here is known of other systems. "
     "Dry friction runs in the numpy formulations alone; it is neither compiled nor certified.",
-    "**The validity gate is coarse.** It refuses another model, open loops, and a link that ends up a radian or a metre away; what "
-    "is off by less is for the error columns to tell.",
+    "**Valid is not exact.** The judge refuses missing samples, another model, open loops, lost energy, and a link that is off by "
+    "a twentieth of a radian or of the linkage's size; how exact a valid run is, the error columns tell.",
     "**Errors end at the reference's own bar, or at the floor of rounded parameters.** What is smaller is printed as below it and "
     "ranks equal.",
 )

@@ -114,7 +114,9 @@ def statements(run: Run) -> Iterator[Finding]:
         return
     verdicts = grouped(run.table("audit"), lambda row: str(row["verdict"]))
     papers = {row["paper"] for row in run.table("audit")}
-    counts = listed(f"{len(rows)} {'are ' if verdict == 'ok' else ''}{SAID.get(verdict, verdict)}" for verdict, rows in verdicts.items())
+    counts = listed(
+        f"{len(rows)} {'are ' if verdict == 'ok' else ''}{SAID.get(verdict, verdict)}" for verdict, rows in verdicts.items()
+    )
     wrong = grouped(verdicts.get("wrong", []), lambda row: f"{row['equation']} of {row['paper']}")
     fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
     text = f"Of {count(len(run.table('audit')), 'statement')} of {count(len(papers), 'paper')} that were computed, {counts}."

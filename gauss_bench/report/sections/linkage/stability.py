@@ -67,7 +67,7 @@ def common_step(rows: Sequence[Row]) -> float:
 
 def _histories(series: Sequence[Row], cases: Sequence[Row]) -> tuple[list[list[Row]], float]:
     """The histories at the common step, or at the engine's own, of cases that ended ok; with the flag of controls."""
-    fine = {_case(row): row for row in cases if row["status"] == "ok"}
+    fine = {_case(row): row for row in cases if row["status"] in ("ok", "invalid")}
     step = common_step(list(fine.values()))
     found: list[list[Row]] = []
     for key, rows in grouped(series, _case).items():

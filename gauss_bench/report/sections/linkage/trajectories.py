@@ -110,9 +110,9 @@ def section(run: Run, name: str) -> Section | None:
 
 def left_out(rows: list[Row], costs: bool = False) -> str:
     """How many rows no figure draws, in a sentence."""
-    failed = sum(row["status"] not in ("ok", "skip") for row in rows)
+    failed = sum(row["status"] not in ("ok", "invalid", "skip") for row in rows)
     skipped = sum(row["status"] == "skip" for row in rows)
-    invalid = sum(row["status"] == "ok" and not ranked(row) for row in rows)
+    invalid = sum(row["status"] in ("ok", "invalid") and not ranked(row) for row in rows)
     reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
     if costs:
         reasons.append((sum(ranked(row) and plain(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
@@ -263,13 +263,13 @@ def not_valid(run: Run) -> Iterator[Finding]:
         found = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",
-            f"{count(len(rows), 'case')} ended ok and did not pass the validity gate: {found}. They stay in the tables, marked, "
+            f"{count(len(rows), 'case')} ended and may not be used: {found}. They stay in the tables, marked, "
             "and are in no figure of error against cost and in no ranking.",
             "warn",
         )
 
 
 def _why(group: list[Row]) -> str:
-    """The gate's words for these rows, numbers taken out, in order of how often they were said."""
+    """The judge's words for these rows, numbers taken out, in order of how often they were said."""
     words = [re.sub(r" by \S+", "", str(row.get("flag") or "no reason given")) for row in group]
     return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))

@@ -1,0 +1,169 @@
+"""What engines offer, asked where asking is safe: own ones in this process, everything else in a worker.
+
+An engine that aborts, hangs, does not import or lacks a member is an offer with a reason, never an exception.
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
+from gauss_bench.engines.base import Choice
+from gauss_bench.trajectory import Status
+
+LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
+SAFE = (*OWN, *COMPILED, *FOREIGN)  # adapters of this package, which import their library only where they build
+ALIASES = {"euler": "semi_implicit_euler"}
+CALLED = ("version", "skip", "build")
+
+
+class ChoiceError(ValueError):
+    """A setting, integrator, stabilisation or time that cannot be had."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What an engine says of itself.
+
+    Attributes:
+        name: of the engine.
+        version: of the library that computes, or that it is not installed.
+        settings: label -> options; the first is the default.
+        integrators: the first is the default; empty where `status` is not OK.
+        stabilizations: "none" and others.
+        adaptive: the integrators that choose their own steps.
+        native_loop, python_loop: as in engines.base.
+        status, reason: OK, or why it cannot be used.
+    """
+
+    name: str
+    version: str = ""
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    integrators: tuple[str, ...] = ()
+    stabilizations: tuple[str, ...] = ()
+    adaptive: tuple[str, ...] = ()
+    native_loop: bool = False
+    python_loop: bool = False
+    status: Status = Status.OK
+    reason: str = ""
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be asked to run anything."""
+        return self.status is Status.OK
+
+    def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
+        """The choice for a run, with the engine's own defaults where nothing is asked for.
+
+        Raises:
+            ChoiceError: naming what the engine offers.
+        """
+        if not (np.isfinite(step) and step > 0):
+            raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
+        if not self.usable:
+            return Choice(settings or "default", integrator or "", stabilization or "none", step)
+        integrator = integrator.lower() if integrator else self.integrators[0]
+        if integrator not in self.integrators:
+            integrator = ALIASES.get(integrator, integrator)
+        chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization or "none", step)
+        offers = (
+            ("settings", chosen.settings, list(self.settings)),
+            ("integrator", chosen.integrator, self.integrators),
+            ("stabilization", chosen.stabilization, self.stabilizations),
+        )
+        for kind, value, offered in offers:
+            if value not in offered:
+                raise ChoiceError(f"{self.name} has no {kind} {value!r}; it offers {', '.join(offered)}")
+        return chosen
+
+
+def isolated(name: str) -> bool:
+    """Whether an engine runs in a worker process: all but the suite's own formulations."""
+    return name not in (*OWN, *COMPILED)
+
+
+_known: dict[str, Offer] = {}
+_asking = threading.Lock()
+
+
+def offer(name: str) -> Offer:
+    """What the engine of that name offers; asked once in a process.
+
+    Raises:
+        KeyError: there is no such engine.
+    """
+    return offers([name])[0]
+
+
+def offers(wanted: list[str] | None = None) -> list[Offer]:
+    """What the engines of these names offer, or all.
+
+    Raises:
+        KeyError: there is no such engine.
+    """
+    there = names()
+    wanted = there if wanted is None else wanted
+    for name in wanted:
+        if name not in there:
+            raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
+    with _asking:
+        others = [name for name in wanted if name not in _known and name not in SAFE]
+        _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
+        if others:
+            with Worker() as worker:
+                _known.update({name: _asked(worker, name) for name in others})
+        return [_known[name] for name in wanted]
+
+
+def _asked(worker: Worker, name: str) -> Offer:
+    try:
+        found = worker.call(describe, (name,), LIMIT)
+    except WorkerFailure as failure:
+        return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
+    return found if isinstance(found, Offer) else Offer(name, status=Status.ERROR, reason="it does not describe itself")
+
+
+def describe(name: str) -> Offer:
+    """What an engine offers, asked in this process."""
+    try:
+        engine: Any = get(name)
+    except ImportError as error:
+        return Offer(name, "not installed", status=Status.SKIP, reason=f"not installed: {error}")
+    except Exception as error:
+        return _broken(name, error)
+    try:
+        lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
+        if lacking:
+            raise TypeError(f"it has no method {', '.join(lacking)}")
+        settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
+        integrators, stabilizations = (tuple(map(str, x)) for x in (engine.integrators, engine.stabilizations))
+        for word, offered in (("settings", settings), ("integrators", integrators), ("stabilizations", stabilizations)):
+            if not offered:
+                raise TypeError(f"it offers no {word}")
+        adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
+        loops = bool(engine.native_loop), bool(engine.python_loop)
+    except Exception as error:
+        return _broken(name, error)
+    return Offer(name, _version(engine.version), settings, integrators, stabilizations, adaptive, *loops)
+
+
+def _broken(name: str, error: Exception) -> Offer:
+    return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {error}")
+
+
+def _version(asked: Callable[[], object]) -> str:
+    try:
+        return str(asked())
+    except ImportError:
+        return "not installed"
+    except Exception as error:
+        return f"unknown ({type(error).__name__}: {error})"
+
+
+def _plain(value: object) -> object:
+    """Options as they are printed: what is no plain value is its text."""
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

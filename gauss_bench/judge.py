@@ -1,0 +1,155 @@
+"""Whether a finished run may be used: one judge for every verb, from what our own code found in the trajectory.
+
+A run is valid where nothing is objected to: it has every sample that was asked for, its loops stay closed, its energy balances, its
+accelerations are those of this linkage, and, where a truth is known, it is where it should be. Each limit asks "is this still the
+motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from gauss_bench import metrics
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference, Trajectory
+
+OFF_TIME = 1e-9  # [s] a sample this far from its time is another sample: a million times rounding, a thousandth of any step
+OFF_DRIFT = 1e-2  # of the linkage's size, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
+OFF_ENERGY = 1e-2  # of the energy that moves: half a per cent of every speed, more than any integrator leaves that resolves them
+OFF_ACCELERATION = 1e-2  # of the largest acceleration: an engine 1 % off at the same state solves another problem
+OFF_MOTION = 5e-2  # [rad], and of the linkage's size: a link turned by so much has its far end off by 5 % of its length
+HUGE = 1e100  # what is larger has no square, and counts as not finite
+LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
+
+
+class Subject(StrEnum):
+    """What an objection is about, in the order in which they are looked for."""
+
+    COMPLETENESS = "completeness"
+    NUMBERS = "numbers"
+    MODEL = "model"
+    LOOPS = "loops"
+    ENERGY = "energy"
+    MOTION = "motion"
+
+
+@dataclass(frozen=True)
+class Objection:
+    """One reason not to use a run: the value found, the limit it broke, and a sentence that names both."""
+
+    subject: Subject
+    value: float
+    limit: float
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the judge says of a run that has ended."""
+
+    objections: tuple[Objection, ...] = ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether the run may be used."""
+        return not self.objections
+
+    @property
+    def sentence(self) -> str:
+        """All objections, or an empty text."""
+        return "; ".join(x.sentence for x in self.objections)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What our own code found in a complete trajectory.
+
+    Attributes:
+        size: of the linkage [m].
+        drift: metrics.Drift of every sample.
+        energy: (k,) energy gained beyond the work done [J]; energy_bar: the error bar of that work; energy_scale: the energy that
+            moves [J].
+        errors: against the truth, or None where there is none.
+        acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
+    """
+
+    size: float
+    drift: metrics.Drift
+    energy: Array
+    energy_bar: float
+    energy_scale: float
+    errors: metrics.Errors | None = None
+    acceleration_error: float | None = None
+
+
+def completeness(trajectory: object, times: Array, n: int) -> Judgement:
+    """Whether what an engine returned is a trajectory of n coordinates at exactly the times (k,) asked for, all of it finite."""
+
+    def refused(subject: Subject, value: float, limit: float, sentence: str) -> Judgement:
+        return Judgement((Objection(subject, value, limit, sentence),))
+
+    if not isinstance(trajectory, Trajectory):
+        return refused(Subject.COMPLETENESS, 0, len(times), f"the engine returned {type(trajectory).__name__}, not a trajectory")
+    try:
+        t = np.asarray(trajectory.t, dtype=float)
+        shapes = [np.asarray(x, dtype=float).shape for x in (trajectory.q, trajectory.v, trajectory.a)]
+    except (TypeError, ValueError) as error:
+        return refused(Subject.COMPLETENESS, 0, len(times), f"the samples are not numbers: {error}")
+    if t.shape != times.shape:
+        text = f"{t.size} of {len(times)} samples that were asked for"
+        return refused(Subject.COMPLETENESS, t.size, len(times), text)
+    if not np.isfinite(t).all() or (off := float(np.abs(t - times).max(initial=0.0))) > OFF_TIME:
+        off = float("nan") if not np.isfinite(t).all() else off
+        return refused(Subject.COMPLETENESS, off, OFF_TIME, f"samples up to {off:.2g} s away from the times that were asked for")
+    wrong = [shape for shape in shapes if shape != (len(times), n)]
+    if wrong:
+        text = f"samples of shape {wrong[0]} where ({len(times)}, {n}) was asked for"
+        return refused(Subject.COMPLETENESS, wrong[0][-1] if wrong[0] else 0, n, text)
+    lost = ~np.all([(np.abs(np.asarray(x)) < HUGE).all(axis=1) for x in (trajectory.q, trajectory.v, trajectory.a)], axis=0)
+    if lost.any():
+        first = float(times[int(np.flatnonzero(lost)[0])])
+        return refused(Subject.NUMBERS, first, float(times[-1]), f"not finite at t = {first:.6g} s; a smaller step may help")
+    return Judgement()
+
+
+def examine(
+    evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
+) -> Evidence:
+    """The evidence of a complete trajectory, all of it from our own evaluation in absolute coordinates."""
+    mechanism = evaluator.mechanism
+    with np.errstate(all="ignore"):
+        drift = metrics.drift(evaluator, trajectory)
+        energy, bar = metrics.energy_error(evaluator, trajectory)
+        scale = metrics.energy_scale(evaluator, trajectory)
+        errors = metrics.state_errors(mechanism, trajectory, reference) if reference else None
+    return Evidence(size_of(mechanism), drift, energy, bar, scale, errors, acceleration_error)
+
+
+def judge(evidence: Evidence) -> Judgement:
+    """Every objection to a complete run; a figure that is not finite is one."""
+    x = evidence
+    found: list[tuple[Subject, float, float, str]] = []
+    if x.acceleration_error is not None:
+        said = f"accelerations off by {x.acceleration_error:.2g} at the same state (median)"
+        found.append((Subject.MODEL, x.acceleration_error, OFF_ACCELERATION, said))
+    opened = float(x.drift.position.max(initial=0.0))
+    found.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
+    gained = float(np.abs(x.energy).max(initial=0.0))
+    said = f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
+    found.append((Subject.ENERGY, gained, OFF_ENERGY * x.energy_scale + x.energy_bar, said))
+    if x.errors is not None:
+        length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
+        found.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
+        found.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
+    return Judgement(tuple(Objection(*item) for item in found if not item[1] <= item[2]))
+
+
+def size_of(mechanism: Mechanism) -> float:
+    """The largest distance [m] of two points of one link, or of the ground; 1 where no link has two."""
+    parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in mechanism.links]
+    parts.append([np.asarray(p, dtype=float) for p in mechanism.ground_points.values()])
+    largest = max((float(np.hypot(*(a - b))) for points in parts for a in points for b in points), default=0.0)
+    return largest or 1.0
