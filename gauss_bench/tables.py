@@ -191,6 +191,11 @@ TABLES: dict[str, Table] = {
         8,
         "parquet",
     ),
+    "lost": Table(
+        "a task whose worker was lost, of tables whose rows have no status",
+        (text("table", "that it was to fill"), *WHERE, *OUTCOME),
+        3,
+    ),
     "untimed": Table("what could not be timed", (*WHERE, *METHOD, text("quantity", "what was to be timed"), *OUTCOME), 7),
     "agreement": Table(
         "kinematics of a driven turn, one way against another",
@@ -690,14 +695,16 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     return ()
 
 
-def read_file(name: str, path: Path, form: int = FORMAT) -> tuple[dict[str, Any], ...]:
-    """Rows of a table in a file of the given format.
+def read_file(name: str, path: Path, form: int | None = None) -> tuple[dict[str, Any], ...]:
+    """Rows of a table in a file of the given format, or of the one that its own column `format` tells.
 
     Raises:
         TableError: as `read_table`.
     """
     table = TABLES[name]
     head, lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    if form is None:
+        form = _own_format(path, head, lines)
     if form < FORMAT:
         head, lines = migrated(name, head, lines)
     lacking = [c.name for c in (table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
@@ -715,10 +722,23 @@ def read_file(name: str, path: Path, form: int = FORMAT) -> tuple[dict[str, Any]
     return tuple(rows)
 
 
+def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int:
+    """What the column `format` says, or 1 where there is none."""
+    try:
+        told = {int(float(line["format"])) for line in lines} if "format" in head else {1}
+    except (TypeError, ValueError) as error:
+        raise TableError(f"{path}: column 'format': {error}") from error
+    return checked(max(told, default=FORMAT), path)
+
+
 def migrated(name: str, head: list[str], lines: list[dict[str, Any]]) -> tuple[list[str], list[dict[str, Any]]]:
     """What a file of format 1 says, under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
-    return [names.get(x, x) for x in head], [{names.get(k, k): x for k, x in line.items()} for line in lines]
+    fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
+    if name == "baseline":  # whose rows tell of columns
+        metrics = RENAMED.get("results", {}) | RENAMED.get("references", {})
+        fresh = [line | {"metric": metrics.get(line.get("metric", ""), line.get("metric", ""))} for line in fresh]
+    return [names.get(x, x) for x in head], fresh
 
 
 def _csv_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:

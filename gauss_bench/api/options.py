@@ -91,7 +91,8 @@ def _verify(verb: argparse.ArgumentParser) -> None:
 
 def _run(verb: argparse.ArgumentParser) -> None:
     _suite(verb)
-    verb.add_argument("--suite", choices=("quick", "full", "gate", "kernel"), default="quick")
+    verb.add_argument("--suite", action="append", metavar="NAME", help="a suite's name or .toml file; may be given again (quick)")
+    verb.add_argument("--report", action="store_true", help="write the pages too")
     verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
     verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
     verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")

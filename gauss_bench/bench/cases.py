@@ -73,11 +73,11 @@ def crossed(
                     yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)
 
 
-def cases(suite: Suite, engines: Sequence[str] = ()) -> list[Case]:
-    """The cases of a suite, each once, without those that it leaves out; of the given engines, where any are given."""
+def cases(suite: Suite) -> list[Case]:
+    """The cases of a suite, each once, without those that it leaves out."""
     found: dict[Case, None] = {}
     for part in suite.accuracy:
-        chosen = engines or part.engines or names()
+        chosen = part.engines or names()
         found |= dict.fromkeys(crossed(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
     return [case for case in found if not any(left_out(case, x) for x in suite.left_out)]
 

@@ -1,8 +1,8 @@
 """Runs a suite: what no clock decides in parallel workers, then what is timed, alone; then the tables. All of it is resumable.
 
-A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts; `timed(suite,
-context, tables)`, tasks that run one after the other, given the tables so far; and `complete(suite, tables)`, which fills in what
-follows from the rows of other tasks.
+A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts;
+`timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; and `complete(suite, tables)`, which
+fills in what follows from the rows of other tasks.
 """
 
 import json

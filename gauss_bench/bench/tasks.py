@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.tables import TABLES
 
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
@@ -37,7 +38,11 @@ class Task(NamedTuple):
 
     def lost(self, failure: WorkerFailure) -> Tables:
         """The answer of a task whose worker was lost."""
-        return {self.table: [{**self.start, "status": str(failure.status), "message": str(failure)}]}
+        told = {"status": str(failure.status), "message": str(failure)}
+        if "status" in TABLES[self.table].names:
+            return {self.table: [{**self.start, **told}]}
+        place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
+        return {"lost": [{"table": self.table, **place, **told}]}
 
 
 def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, Tables]:

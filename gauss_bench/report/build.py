@@ -16,16 +16,13 @@ from typing import Any
 
 from gauss_bench.report import sections as room
 from gauss_bench.report.content import AUTHORS, Block, Finding, Findings, Picture, Section, Text, count, listed
+from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import Run, ok, order
 from gauss_bench.tables import FORMAT, TABLES, TableError, format_of, read_table, write_text
 
 ENVIRONMENT = "environment.json"
 MANIFEST = "manifest.json"
-
-
-class NoRun(ValueError):
-    """A folder that holds no run."""
 
 
 def parts_of(package: ModuleType) -> list[ModuleType]:

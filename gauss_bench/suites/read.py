@@ -1,7 +1,7 @@
 """Suites by name or path: read, checked, joined with the suites they build on, and cut to what a user asks for."""
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,22 @@ def joined(suites: Iterable[Suite]) -> Suite:
             once += [x for x in getattr(suite, name) if x not in once]
         content[name] = tuple(once)
     return found[-1].model_copy(update=content | {"parts": ()})
+
+
+def scenario_of(suite: Suite, linkage: str) -> str | None:
+    """The scenario that a suite runs a linkage in, or None where it does not list it."""
+    parts = [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages) and x.any_linkage]
+    return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
+
+
+def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
+    """The suite with only these engines in its accuracy and cost parts."""
+
+    def kept(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
+        return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
+
+    return suite.model_copy(update={"accuracy": kept(suite.accuracy), "cost": kept(suite.cost)})
 
 
 def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:

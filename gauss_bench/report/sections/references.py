@@ -111,7 +111,8 @@ def findings(run: Run) -> Iterator[Finding]:
     if off:
         worst = min(off, key=lambda row: number(row, "true_digits"))
         digits = f"{number(worst, 'printed_digits'):g} digits, of which {number(worst, 'true_digits'):g} are true"
-        text = f"The IVP test set prints {count(len(run.table('published')), 'value')} for Andrews' squeezing mechanism, copied ever since; "
+        printed = count(len(run.table("published")), "value")
+        text = f"The IVP test set prints {printed} for Andrews' squeezing mechanism, copied ever since; "
         text += (
             f"{len(off)} are off by more than ten times what the certified motion leaves open: {worst['quantity']} is printed with "
         )

@@ -33,8 +33,11 @@ def findings(run: Run) -> Iterator[Finding]:
     called = [r for r in rows if r["own"] == "called from Python" and r["rival"] == "as called"]
     if inside and called:
         slower = sorted({str(r["mechanism"]) for r in called if number(r, "ratio") < 1})
-        text = f"Pinocchio's right-hand side, without its call from Python, takes {run_of_numbers(inside)} times as long as the kernel's in "
-        text += f"its own loop. Called from Python for one state, it takes {run_of_numbers([number(r, 'ratio') for r in called])} times as long"
+        outside = [number(r, "ratio") for r in called]
+        text = (
+            f"Pinocchio's right-hand side, without its call from Python, takes {run_of_numbers(inside)} times as long as the "
+            f"kernel's in its own loop. Called from Python for one state, it takes {run_of_numbers(outside)} times as long"
+        )
         yield Finding("One right-hand side", f"{text}{f': there the kernel is slower on {listed(slower)}' if slower else ''}.")
 
 
