@@ -735,6 +735,9 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]]) -> tuple[l
     """What a file of format 1 says, under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
     fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
+    if name == "results":  # in which stabilised runs were given the times of steps without stabilisation
+        timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
+        fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
     if name == "baseline":  # whose rows tell of columns
         metrics = RENAMED.get("results", {}) | RENAMED.get("references", {})
         fresh = [line | {"metric": metrics.get(line.get("metric", ""), line.get("metric", ""))} for line in fresh]

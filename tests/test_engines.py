@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gauss_bench.bench.cases import SCENARIOS, Case
+from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.worker import Worker
 from gauss_bench.engines import FOREIGN, get, names

@@ -115,12 +115,9 @@ def own_steps(row: Row) -> bool:
 
 
 def run_time(row: Row) -> float:
-    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one.
-
-    NaN for stabilised runs: steps are timed without stabilisation.
-    """
+    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "steps") if plain(row) else math.nan
+    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
 
 
 def method(row: Row) -> tuple[str, str, str, str]:

@@ -81,8 +81,8 @@ HEAD = (
     "status",
 )
 COSTED = (
-    "Cost is the measured time of a step, in the engine's own loop where it has one, times the steps; steps are timed without "
-    "stabilisation, so only such runs are drawn. Lines that coincide show as stripes."
+    "Cost is the measured time of a step, in the engine's own loop where it has one, times the steps. Lines that coincide show as "
+    "stripes."
 )
 NOTE = (
     "Errors against the reference: of the crank angle [rad] at three times, and the worst over the run of any position [m, "
@@ -115,7 +115,7 @@ def left_out(rows: list[Row], costs: bool = False) -> str:
     invalid = sum(row["status"] in ("ok", "invalid") and not ranked(row) for row in rows)
     reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
     if costs:
-        reasons.append((sum(ranked(row) and plain(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
+        reasons.append((sum(ranked(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
     parts = [f"{n} {word}" for n, word in reasons if n]
     return f" Left out: {', '.join(parts)}." if parts else ""
 
@@ -154,7 +154,7 @@ def best(title: str, rows: list[Row]) -> Table:
 
 
 def work_precision(rows: Sequence[Row]) -> str:
-    """Crank error at the end against the time of the whole run, of runs without stabilisation; empty without costs."""
+    """Crank error at the end against the time of the whole run; empty without costs."""
     timed = [row for row in rows if known(run_time(row))]
     return _errors(timed, run_time, "time of the run [s]") if any(ranked(row) for row in timed) else ""
 
