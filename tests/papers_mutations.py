@@ -399,6 +399,7 @@ LOOPS: dict[str, Wrong] = {
         "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
         "whole wave of cosine": lambda: lo.textbook() | {"cosine": lambda u: (1 - np.cos(2 * np.pi * u)) / 2},
         "names exchanged": lambda: lo.textbook() | {"sine": lo.textbook()["cosine"], "cosine": lo.textbook()["sine"]},
+        "of the sum": lambda: lo.textbook() | {"poly345": lambda u: 10 * u**3 + 15 * u**4 + 6 * u**5},
         "third order": lambda: lo.textbook() | {"poly345": lambda u: 3 * u**2 - 2 * u**3},
     },
 }
@@ -410,12 +411,6 @@ def upside_down(O1: complex, A: complex, B: complex) -> float:
 
 def size_of_the_shaper() -> float:
     return abs(po.shapers()[0].C - po.shapers()[0].O1)
-
-
-def farthest_move(positions: int) -> float:
-    """The farthest that B or C moves in so many positions of the turn."""
-    before = [*po.shapers()[positions:], *po.shapers()[:positions]]
-    return max(max(abs(x.B - y.B), abs(x.C - y.C)) for x, y in zip(po.shapers(), before, strict=True))
 
 
 LINE: Wrong = {
@@ -444,14 +439,13 @@ POINTS: dict[str, Wrong] = {
         "O2 A B": lambda: "O2 A B",
         "O1 O2 A": lambda: "O1 O2 A",
         "A B C": lambda: "A B C",
+        "O2 B C": lambda: "O2 B C",
     },
     "line as a quotient": LINE,
     "line as a quotient in a search": LINE,
     "insensitive to the start of the search": {
-        "from anywhere in the size of the linkage": size_of_the_shaper,
         "half the size": lambda: size_of_the_shaper() / 2,
         "twice the size": lambda: 2 * size_of_the_shaper(),
-        "a quarter of a turn before": lambda: farthest_move(po.POSITIONS // 4),
     },
 }
 MUTATIONS: dict[str, Wrong] = METHOD | PROJECTOR | EXAMPLE | LINK_UNITS | LOOPS | POINTS

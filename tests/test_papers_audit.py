@@ -249,6 +249,7 @@ def test_a_computer_inverts_the_singular_projector_to_noise() -> None:
         assert np.abs(problem.J @ a - problem.g).max() > 1.0
 
 
+@pytest.mark.slow
 def test_the_misprints_by_symbols() -> None:
     sp = pytest.importorskip("sympy")
     t, l1, l2, e = sp.symbols("t l1 l2 e")

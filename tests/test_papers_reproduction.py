@@ -17,10 +17,10 @@ from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
+from gauss_bench.papers.forms.example import SHOWN, shown
 from gauss_bench.papers.reproduction import claims, heavier, paper_motion
 from gauss_bench.papers.rest import bound, equilibria, settles, torque_range
-from gauss_bench.papers.running import first_turn, regime, turn
-from gauss_bench.reference.build import build_reference
+from gauss_bench.papers.running import first_turn, turn
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.trajectory import Reference
 from tests.papers_tables import reproduced
@@ -40,7 +40,7 @@ def rows() -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def reference() -> Reference:
-    return build_reference(linkage(), 0.4)
+    return shown()
 
 
 def twisted(torque: float) -> Mechanism:
@@ -85,7 +85,7 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankM
 
 
 def test_the_motion_is_that_of_the_reference(motion: CrankMotion, reference: Reference) -> None:
-    course = motion.run(0.4)
+    course = motion.run(SHOWN)
     assert course.theta[-1] == pytest.approx(reference.q[-1, 2], abs=1e-9)  # the tolerance, a few steps
     assert course.w[-1] == pytest.approx(reference.v[-1, 2], abs=1e-7)
 
@@ -116,6 +116,7 @@ def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
     assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1e-4, -1e-4])
 def test_the_bound_of_the_torque_is_that_of_the_general_library(rows: dict[str, dict[str, Any]], side: float) -> None:
     torque = rows["settles_above"]["value"] + side
@@ -143,12 +144,13 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
 
 
 def test_turns_of_the_printed_motion_get_ever_faster_up_to_the_regime(motion: CrankMotion) -> None:
-    speeds = [abs(regime(motion).first_speed)]
+    speeds = [abs(first_turn(motion)[1])]
     while len(speeds) < 20:
         speeds.append(float(turn(motion, -speeds[-1])[0, -1]))
     assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
+@pytest.mark.slow
 def test_the_regime_is_that_of_a_long_run(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
     course = motion.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]

@@ -201,6 +201,8 @@ def line_of(path: Path, paper: Paper, chapter: Chapter, entry: LineEntry) -> Lin
         sentence=entry.remark,
         cause=cause,
         example=example,
+        cited=f"{paper.authors}: {paper.title}. {paper.source}. {paper.extract}",
+        assumed=paper.assumed,
     )
 
 

@@ -65,6 +65,7 @@ class Line:
 
     Attributes:
         paper, equation, name: what is audited; `name` is unique in the audit.
+        cited, assumed: where the paper is to be found and how it was read; what its numbers need that it does not give.
         printed, intended: what stands there and what is right, in words or letters; `intended` is empty where that is the same.
         verdict: what is to be said of it, which `judge` holds against the measurement: ok without a cause, else the cause's kind.
         printed_form, intended_form: both as functions that `measure` takes.
@@ -88,6 +89,8 @@ class Line:
     sentence: str
     cause: Cause | None = None
     example: Example | None = None
+    cited: str = ""
+    assumed: str = ""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ def row(line: Line) -> dict[str, Any]:
     is known. `stands` tells whether the line itself says the same.
     """
     judged = judge(line)
-    words = ("paper", "equation", "name", "printed", "intended", "measured", "reason", "sentence")
+    words = ("paper", "equation", "name", "printed", "intended", "measured", "reason", "sentence", "cited", "assumed")
     off = Verdict.WRONG if line.cause is None else line.cause.kind
     example: dict[str, Any] = {"example": "", "example_printed": None, "example_intended": None, "example_true": None}
     if line.example is not None:

@@ -23,6 +23,7 @@ from gauss_bench.trajectory import Reference
 COARSE = 1e2  # of the tolerance: what a run with it differs by is more than what the finer one is off
 ASKED = (-0.2, 0.2, 0.5)  # [N m] torques that let it settle; the last is the printed one the other way round
 STATIC_WIDTH = 1e-6  # relative: below it the first swing sinks into the integrator's absolute tolerance
+CORNER_WIDTH = 1e-6  # relative: the bounds of other inertias are quoted to six digits
 INERTIAS = (0.0, 1.0, 2.0, 3.0)  # of a uniform bar's, centre of mass in the middle: 0 all of it there, 3 half at either end
 CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # of crank and rod
 SAME = 1e-6  # relative: far above rounding, far below any difference of formulas
@@ -132,7 +133,7 @@ def settling(motion: CrankMotion) -> list[Quantity]:
         bounded("settles_below", "settles from rest at theta = 0 for torques below", upper, "N m"),
         bounded("damping", f"settles at {motion.torque:g} N m for dampers above", least, "N s/m"),
     ]
-    others = [bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque) for corner in CORNERS]
+    others = [bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     for word, chosen in (("lowest", min), ("highest", max)):
         words = f"the {word} of these bounds with the least or the most inertia of crank and rod"
         quantities.append(bounded(f"settles_above_{word}", words, chosen(others, key=lambda x: x.value), "N m"))

@@ -17,6 +17,7 @@ from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, Number
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
 from gauss_bench.reference.build import build_reference
 from gauss_bench.terms import Array, Terms
+from gauss_bench.trajectory import Reference
 
 DIMENSION = L1 + L2  # [m] size of the linkage, to which residuals of positions are compared
 SHOWN = 0.5  # [s] of the motion, over which integrators are compared: most of the first turn
@@ -234,14 +235,13 @@ def high_order(motion: CrankMotion) -> float:
 
 
 @cache
-def true_angle() -> float:
-    """From the reference of the linkage file, two other integrators of high order."""
-    theta: Array = build_reference(linkage(), SHOWN).q[:, CRANK]
-    return float(theta[-1])
+def shown() -> Reference:
+    """The motion as far as SHOWN from the linkage file, by two other integrators of high order."""
+    return build_reference(linkage(), SHOWN)
 
 
 def integrator_off(form: Callable[[CrankMotion], float]) -> float:
-    return abs(form(motion_of(linkage())) - true_angle())
+    return abs(form(motion_of(linkage())) - float(shown().q[-1, CRANK]))
 
 
 def crank_with_inertias(form: Callable[[], tuple[float, float]]) -> float:

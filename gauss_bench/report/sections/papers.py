@@ -1,21 +1,23 @@
-"""The three papers, statement by statement: what is printed, what is right, and how far off each is when computed."""
+"""The three papers, line by line: what is printed, what is right, how far off each is when computed, and why it fails."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
 PLACE = 70
 TABLES = ("audit",)
+SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out", "unreadable": "unreadable in our text"}
 WORDS = (
     "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "
-    "fails, as it should read, both against a truth that knows neither. The verdict follows from the two discrepancies. The papers "
-    "were read as texts taken from their pages, so that a **misprint** may be the extraction's; **wrong** is what fails as a "
-    "statement, **loose** what holds under a condition that is not stated, **not given** what is left out and assumed here."
+    "fails, as it should read, both against a truth that knows neither. Whether a line holds follows from the two discrepancies. "
+    "Lines that fail for one and the same reason have one **cause** and are one mistake. **Wrong** is what fails as a statement, "
+    "**misprint** a slip whose meaning is clear, **loose** what holds under a condition that is not stated, **not given** what is "
+    "left out and assumed here. The papers were read as texts extracted from their pages: **unreadable** is what fails in our text "
+    "by a mark that the extraction is likely to have lost or added, and is not held against the paper."
 )
 NOTE = "Off: discrepancy of the form when computed; what it is and why the tolerance is what it is stands in `audit.csv`."
 BY_HAND = "Single numbers that follow from the forms, for a reader who wants to check one."
-SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out"}
 TONES = {"ok": "good", "wrong": "bad", "misprint": "warn", "loose": "warn"}
 
 
@@ -26,6 +28,10 @@ def section(run: Run) -> Section:
     for paper, rows in grouped(run.table("audit"), lambda row: str(row["paper"])).items():
         off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
         sound = [row for row in rows if row not in off]
+        told = [str(rows[0][key]) for key in ("cited", "assumed") if rows[0].get(key)]
+        blocks.append(Text(f"**{paper}.** {' '.join(told)}"))
+        if any(row.get("cause") for row in off):
+            blocks.append(reasons(f"{paper}: causes", off))
         if off:
             blocks.append(faulty(f"{paper}: what is not right as printed", off))
         if sound:
@@ -37,12 +43,11 @@ def section(run: Run) -> Section:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """How many statements of each paper came out how, and whether a verdict does not agree with its measurement."""
-    parts = []
-    for paper, group in grouped(rows, lambda row: str(row["paper"])).items():
-        verdicts = grouped(group, lambda row: str(row["verdict"]))
-        counts = listed(f"{len(found)} {SAID.get(verdict, verdict)}" for verdict, found in verdicts.items())
-        parts.append(f"{paper}: {count(len(group), 'statement')}, {counts}.")
+    """How many lines and causes of each paper came out how, and whether a verdict does not agree with its measurement."""
+    parts = [
+        f"{paper}: {count(len(group), 'line')}; {verdicts(group)}."
+        for paper, group in grouped(rows, lambda row: str(row["paper"])).items()
+    ]
     fallen = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
     return " ".join(parts) + (f" **Verdicts that the measurement contradicts: {listed(fallen)}.**" if fallen else "")
 
@@ -58,12 +63,29 @@ def off_cell(row: Row, column: str) -> Cell:
     return Cell("0" if x == 0 else error(x), x if known(x) else "")
 
 
+def reasons(title: str, rows: Sequence[Row]) -> Table:
+    """Each cause once, with the lines that fail for it."""
+    head, numeric = columns(("cause", "verdict", "lines", "where", "why it fails", "may the extract be at fault?"), 2, last_text=3)
+    cells = tuple(
+        (
+            text_cell(cause),
+            text_cell(SAID.get(str(group[0]["verdict"]), group[0]["verdict"]), TONES.get(str(group[0]["verdict"]), "")),
+            Cell(str(len(group)), len(group)),
+            text_cell(", ".join(dict.fromkeys(str(row["equation"]) for row in group))),
+            text_cell(group[0]["cause_text"]),
+            text_cell(group[0]["doubt"]),
+        )
+        for (_, cause), group in causes(rows).items()
+    )
+    return Table(title, head, cells, numeric)
+
+
 def faulty(title: str, rows: Sequence[Row]) -> Table:
-    names = ("equation", "what", "printed", "right", "verdict", "printed off", "right off", "tolerance", "remark")
-    head, numeric = columns(names, 5, last_text=1)
+    names = ("equation", "what", "cause", "printed", "right", "verdict", "printed off", "right off", "tolerance", "remark")
+    head, numeric = columns(names, 6, last_text=1)
     lines = tuple(
         (
-            *(text_cell(row[key]) for key in ("equation", "name", "printed", "intended")),
+            *(text_cell(row[key]) for key in ("equation", "name", "cause", "printed", "intended")),
             verdict_cell(row),
             *(off_cell(row, key) for key in ("printed_off", "intended_off", "tolerance")),
             text_cell(row["sentence"]),
@@ -103,26 +125,37 @@ def value_cell(x: float) -> Cell:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """How many statements hold, and the fault that no residual gives away."""
+    """How many lines hold, and the fault that no residual gives away."""
     yield from statements(run)
     yield from unseen(run)
 
 
+def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
+    """(paper, cause) -> its lines; lines without a cause are left out."""
+    return grouped((row for row in rows if row.get("cause")), lambda row: (str(row["paper"]), str(row["cause"])))
+
+
+def verdicts(rows: Iterable[Row]) -> str:
+    """How many lines came out how, and for how many causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    parts = []
+    for verdict, group in grouped(rows, lambda row: str(row["verdict"])).items():
+        reasons = len(causes(group))
+        parts.append(f"{len(group)} {SAID.get(verdict, verdict)}" + (f" ({count(reasons, 'cause')})" if reasons else ""))
+    return listed(parts)
+
+
 def statements(run: Run) -> Iterator[Finding]:
-    """How many printed statements hold, and which are wrong."""
+    """How many printed lines hold, for how many causes the others do not, and which are wrong."""
     if not run.table("audit"):
         return
-    verdicts = grouped(run.table("audit"), lambda row: str(row["verdict"]))
     papers = {row["paper"] for row in run.table("audit")}
-    counts = listed(
-        f"{len(rows)} {'are ' if verdict == 'ok' else ''}{SAID.get(verdict, verdict)}" for verdict, rows in verdicts.items()
-    )
-    wrong = grouped(verdicts.get("wrong", []), lambda row: f"{row['equation']} of {row['paper']}")
+    off = [row for row in run.table("audit") if row["verdict"] != "ok"]
+    wrong = grouped((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
     fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
-    text = f"Of {count(len(run.table('audit')), 'statement')} of {count(len(papers), 'paper')} that were computed, {counts}."
+    text = f"Of {count(len(run.table('audit')), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(run.table('audit'))}."
     text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
     text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
-    yield Finding("What the papers print", text, "bad" if fallen else "warn" if set(verdicts) - {"ok"} else "good")
+    yield Finding("What the papers print", text, "bad" if fallen else "warn" if off else "good")
 
 
 def unseen(run: Run) -> Iterator[Finding]:

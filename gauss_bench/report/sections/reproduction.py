@@ -83,7 +83,7 @@ def verdict(rows: Mapping[str, Row]) -> str:
     if rows["stops"]["verdict"] != "refuted":
         return f"The paper says that {rows['stops']['quantity']}: with the data of this run it does."
     return (
-        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** Under '
+        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** {assumed(rows)} Under '
         f"{value(rows, 'torque')} the crank, at rest at first, comes round after {value(rows, 'first_time')} with "
         f"{value(rows, 'first_speed')} and goes on. From {value(rows, 'steady_after')} on its turns are alike within 1 %: "
         f"{value(rows, 'mean')} on average, between {value(rows, 'slowest')} and {value(rows, 'fastest')}. Each turn takes "
@@ -202,6 +202,13 @@ def findings(run: Run) -> Iterator[Finding]:
         "The paper's mechanism never stops",
         f'"{str(rows["stops"]["quantity"]).capitalize()}", says the first paper of its example. With the printed data it settles '
         f"into turning at {mean:.4g} rad/s on average; from the printed start it comes to rest only for torques between "
-        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed.",
+        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed. {assumed(rows)}",
         "warn",
     )
+
+
+def assumed(rows: Mapping[str, Row]) -> str:
+    """What the example's numbers need that the paper does not give, from the reproduction's rows by key."""
+    left_out = (rows[key] for key in ("inertias", "gravity") if key in rows)
+    taken = (f"the {row['quantity']} ({str(row['statement']).partition(';')[0]})" for row in left_out)
+    return f"The paper does not give {listed(taken)}."

@@ -53,7 +53,6 @@ from gauss_bench.report.rows import (
     number,
     ok,
     own_steps,
-    plain,
     ranked,
     run_time,
 )
