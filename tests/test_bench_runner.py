@@ -105,7 +105,7 @@ def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
 def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:
     case = Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "projection", 1e-3, 0.1)
     row = measure(case, str(tmp_path))["row"]
-    assert row["status"] == "ok"
+    assert row["status"] == "invalid"
     assert row["control"]
     assert not row["valid"]
     assert row["acceleration_error_median"] > 0.1

@@ -9,7 +9,7 @@ import pytest
 from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import batch
-from gauss_bench.bench.measurements.cost import BARE, EMPTY, race
+from gauss_bench.bench.measurements.cost import BARE, race
 from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, ladder, lead_time
 from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
 from gauss_bench.bench.measurements.limits import bounded
@@ -18,6 +18,10 @@ from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, proc
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
 from gauss_bench.bench.measurements.turns import turn
 from gauss_bench.bench.runner import completed
+from gauss_bench.compiler.chains.kernel import LargeKernel
+from gauss_bench.compiler.closure import Closure
+from gauss_bench.compiler.kernel import Kernel
+from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
@@ -115,7 +119,7 @@ def test_a_right_hand_side_is_a_quarter_of_a_step_of_runge_and_kutta(costs: dict
 def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> None:
     keys = {Key("native_step", "gauss-native"): STEP, Key("acceleration", "gauss-native"): CALL}
     for settings in ("default", "one_iteration"):
-        keys |= {Key(BARE, "pinocchio", settings): 1e-6, Key(EMPTY, "pinocchio", settings): 2e-6}
+        keys |= {Key(BARE, "pinocchio", settings): 1e-6, Key("empty call", "pinocchio", settings): 2e-6}
     rows = rhs_rows(("four_bar", "torque"), SUITE.right_hand_side[0], Measured({key: np.full(5, x) for key, x in keys.items()}, {}))
     net = [row for row in rows if row["rival"] == "less the call"]
     assert len(net) == 4

@@ -241,7 +241,7 @@ def test_an_engine_that_is_off_by_a_known_amount_is_told_so(
 def test_a_loop_that_opens_by_a_hundredth_of_its_size_is_not_this_linkage(
     gap: float, shut: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """The crank is turned about its centre, half its length from the pins, so far that they open by the gap; the ground is 0.36 m long."""
+    """The crank turns about its centre, half its length from the pins, so far that they open by the gap; the ground is 0.36 m."""
     a, b = load("four_bar", "torque").links[0].points.values()
     arm = float(np.hypot(*(a - b))) / 2
     row = of(tmp_path_factory, off_position=gap / arm)
