@@ -2,10 +2,11 @@
 PYTHON ?= python3
 BIN := .venv/bin
 JOBS ?= 2
+BESIDE := -n $(JOBS) --dist worksteal
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench report test check verify certificates lint drawings setup clean
+.PHONY: bench report test test-all check verify certificates lint drawings setup clean
 
 bench: setup           ## run the quick suite and the kernel suite, and write reports/
 	$(BIN)/gauss-bench run --suite quick --jobs $(JOBS) --out reports
@@ -15,8 +16,11 @@ bench: setup           ## run the quick suite and the kernel suite, and write re
 report: setup          ## write the pages again from the stored tables
 	$(BIN)/gauss-bench report --out reports
 
-test: setup            ## the tests
-	$(BIN)/python -m pytest
+test: setup            ## the tests, within 5 minutes on 2 cores
+	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
+
+test-all: test         ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
+	$(BIN)/python -m pytest -m slow $(BESIDE)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)

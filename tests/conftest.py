@@ -1,7 +1,11 @@
-"""Linkages the tests share: the built-in ones, one with every kind of joint and force, and one with a redundant row."""
+"""What the tests share: linkages, one with every kind of joint and force and one with a redundant row, and tools they need."""
 
+import os
+import shutil
 import tomllib
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +14,24 @@ from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
+
+
+def needs(*tools: str) -> Any:
+    """The first of these modules or programs that is there: the module, or the program's path; for tests, fixtures and files.
+
+    Where there is none the test is skipped, and what it needs named; in CI, where everything should be installed, it fails.
+    """
+    for tool in tools:
+        if program := shutil.which(tool):
+            return program
+        try:
+            return import_module(tool)
+        except ImportError:
+            pass
+    reason = f"needs {' or '.join(tools)}, not installed here"
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason, allow_module_level=True)
 
 
 def everything(scenario: str = "free") -> Mechanism:

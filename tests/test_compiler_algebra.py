@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.elimination import search as attempts
+from gauss_bench.compiler.elimination import program as attempts
 from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, generate, partitions

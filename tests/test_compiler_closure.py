@@ -13,8 +13,8 @@ from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
 from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.judge import with_numbers
-from gauss_bench.compiler.turns.runners import Course
+from gauss_bench.compiler.turns.follow import Course
+from gauss_bench.compiler.turns.tracker import with_numbers
 from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion

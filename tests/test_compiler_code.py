@@ -10,12 +10,13 @@ import pytest
 
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel
-from gauss_bench.compiler.kernel import compile as compile_kernel
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import native_code, object_cache, trigonometry
+from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine.native_code import address
+from gauss_bench.compiler.stepping import driver, programs, steps
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping import runners, steps
 from gauss_bench.compiler.stepping.driver import before
 from gauss_bench.integrate.fixed_step import semi_implicit_euler
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -67,8 +68,8 @@ def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     listing = loops.evaluation(g, roots, inputs, {"%y": x.shape[1], "%p": 0, "%t": 1}, 1)
     code = native_code.compile_text(listing.text, "accelerate", listing.operations, cached=False)
     out = np.empty((len(x), len(roots)))
-    y = runners.address(x)
-    code.call(y, y, y, runners.address(out), len(x))
+    y = address(x)
+    code.call(y, y, y, address(out), len(x))
     return out
 
 
@@ -290,7 +291,7 @@ def test_lanes_that_stop_do_not_disturb_the_others() -> None:
 def test_without_another_partition_the_rank_decides() -> None:
     q, v = running("crank_slider", 1500)
     bad = compile_kernel(mechanism("crank_slider"), "gauss", "projection", independent=(6,), cache=False)
-    bad._driver.choices._more = iter(())
+    bad._programs._more = iter(())
     found = np.concatenate(bad.rollout(q, v, H, 4000))
     expected = np.concatenate(kernel("crank_slider", "projection").rollout(q, v, H, 4000))
     # next to the dead centre a projection that keeps the slider moves the crank, up to the inverse of the pivot's threshold
@@ -360,12 +361,12 @@ def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integr
 @pytest.mark.parametrize("reach", range(3))
 def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: int) -> None:
     m = mechanism("six_bar")
-    code = steps.read_code(generate(m), stabilization)
-    batch = runners.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
+    code = read_code(generate(m), stabilization)
+    batch = driver.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
     found = []
     for longest in (10**6, 0):
         listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][reach], 4, longest)
-        runner = runners.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
+        runner = programs.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
         runner.loaded[4] = native_code.compile_text(listing.text, "rollout", listing.operations, cached=False)
         outcome = runner.run(batch)
         assert outcome.complete.all()
@@ -478,7 +479,7 @@ def test_unknown_names_are_refused(wrong: dict[str, object]) -> None:
 def test_the_code_of_a_long_chain_stays_short() -> None:
     """Sixteen windows would need 7000 operations written out."""
     m = load("n_four_bar_16")
-    code = steps.read_code(generate(m), "none")
+    code = read_code(generate(m), "none")
     listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][0], 1)
     assert listing.operations < 2 * code.acceleration.operations + 13 * m.n
     assert 4 * code.acceleration.operations > loops.WRITTEN_OUT

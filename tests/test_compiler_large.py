@@ -8,23 +8,32 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.measurements.growth import exponent, scaling
-from gauss_bench.compiler.chains.kernel import LargeKernel, large_kernel
-from gauss_bench.compiler.chains.program import generate_large
-from gauss_bench.compiler.elimination.check import acceleration_error
+from gauss_bench.compiler.chains.looped import LoopedCode
 from gauss_bench.compiler.elimination.formulations import Plan
 from gauss_bench.compiler.elimination.partition import study
+from gauss_bench.compiler.elimination.rank import acceleration_error
+from gauss_bench.compiler.elimination.rounds import generate_in_rounds
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import Kernel, compile_kernel, form_for
+from gauss_bench.compiler.machine.loops import looped
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.exact import closed_form
+from tests.conftest import needs
 
-pytest.importorskip("llvmlite")
+needs("llvmlite")
 
 FORMULATIONS = ("gauss", "lagrange")
 EXACT = 1e-10  # relative: 1e-13 is usual; pivots as small as the guard's thousandth of their row may cost three digits more
 ROUNDING = 1e-13  # relative: the same operations, long sums in another order
+
+
+def large_kernel(mechanism: Mechanism, formulation: str = "gauss", **more: Any) -> Kernel:
+    return compile_kernel(mechanism, formulation, form="looped", **more)
 
 
 def every_linkage() -> Iterator[Mechanism]:
@@ -77,7 +86,7 @@ def bar(length: float, mass: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def four_bars() -> dict[int, LargeKernel]:
+def four_bars() -> dict[int, Kernel]:
     """Kernels of N-four-bars by N."""
     return {count: large_kernel(load(f"n_four_bar_{count}")) for count in (1, 16, 64)}
 
@@ -111,7 +120,7 @@ def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 16, 64])
-def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, LargeKernel], count: int) -> None:
+def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel], count: int) -> None:
     kernel = four_bars[count]
     motion = closed_form(kernel.mechanism, ["0.5"])
     assert motion is not None
@@ -122,7 +131,7 @@ def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, LargeKe
 
 
 @pytest.mark.parametrize("count", [1, 16])
-def test_a_singular_position_is_passed(four_bars: dict[int, LargeKernel], count: int) -> None:
+def test_a_singular_position_is_passed(four_bars: dict[int, Kernel], count: int) -> None:
     """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
     kernel = four_bars[count]
     motion = closed_form(kernel.mechanism, ["1.5"])
@@ -137,7 +146,7 @@ def test_a_partition_fails_where_its_coordinate_stands_still() -> None:
     """The slider of a slider-crank has no speed at the dead centre, whatever the crank does."""
     mechanism = load("crank_slider", "conservative")
     slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
-    program = generate_large(study(mechanism), Plan("gauss", (3 * slider,)))
+    program = LoopedCode(looped(generate_in_rounds(study(mechanism), Plan("gauss", (3 * slider,)))), cache=True)
     states = manifold_states(mechanism, 400)
     sound = np.array([program.acceleration(0.0, q, v)[1] for q, v in zip(states.q, states.v, strict=True)])
     share = np.abs(states.v[:, 3 * slider]) / np.abs(states.v).max(axis=1)
@@ -149,7 +158,9 @@ def test_where_one_partition_fails_another_serves() -> None:
     mechanism = load("crank_slider", "conservative")
     kernel, evaluator = large_kernel(mechanism), Evaluator(mechanism)
     slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
-    kernel.programs.insert(0, generate_large(kernel.study, Plan("gauss", (3 * slider,))))
+    slow = LoopedCode(looped(generate_in_rounds(study(mechanism), Plan("gauss", (3 * slider,)))), cache=True)
+    kernel._programs.codes.insert(0, slow)
+    kernel._programs.runners.clear()
     states = manifold_states(mechanism, 60)
     for q, v in zip(states.q, states.v, strict=True):
         assert acceleration_error(evaluator, 0.0, q, v, kernel.acceleration(q, v)) <= EXACT
@@ -185,11 +196,41 @@ def test_what_cannot_go_on_is_not_a_number() -> None:
 
 
 def test_code_does_not_grow_with_the_linkage_and_operations_do_in_proportion() -> None:
-    programs = [generate_large(study(m), Plan("gauss", (2,))) for m in (load("n_four_bar_32"), load("n_four_bar_128"))]
+    programs = [looped(generate_in_rounds(study(load(f"n_four_bar_{n}")), Plan("gauss", (2,)))) for n in (32, 128)]
     operations, groups, loops = zip(*((p.operations, len(p.groups.groups), len(p.loops)) for p in programs), strict=True)
     assert operations[1] < 4.1 * operations[0]
     assert groups[1] < 1.4 * groups[0]  # one round more
     assert loops[1] < 1.4 * loops[0]
+
+
+@pytest.mark.parametrize("name", ["n_four_bar_4", "n_four_bar_6", "n_four_bar_40"])
+def test_the_engine_and_the_library_choose_the_same_form(name: str) -> None:
+    mechanism = load(name)
+    taken = compile_kernel(mechanism, "gauss").form
+    assert get("gauss-native").build(mechanism, Choice(step=1e-3)).kernel.form == taken
+    assert taken == form_for(len(mechanism.links)) == ("straight line" if name == "n_four_bar_4" else "looped")
+
+
+def test_the_form_depends_on_the_number_of_links_once() -> None:
+    """Straight-line code up to one number of links, loops beyond it, and loops never where they cannot do what is asked for."""
+    forms = [form_for(links) for links in range(1, 200)]
+    assert forms == sorted(forms, reverse=True)
+    assert set(forms) == {"straight line", "looped"}
+    for more in ({"stabilization": "projection"}, {"open_numbers": True}, {"backend": "numpy"}):
+        assert {form_for(links, **more) for links in range(1, 200)} == {"straight line"}  # type: ignore[arg-type]
+    with pytest.raises(KernelError, match="looped"):
+        compile_kernel(load("four_bar"), stabilization="projection", form="looped")
+
+
+def test_loops_take_steps_of_semi_implicit_euler_and_know_forces_and_energy() -> None:
+    mechanism = load("n_four_bar_5")
+    loops, straight = (compile_kernel(mechanism, "gauss", form=form) for form in ("looped", "straight line"))
+    one, other = (k.rollout(mechanism.q0, mechanism.v0, 1e-3, 300, integrator="semi_implicit_euler") for k in (loops, straight))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(loops.energy(*one), straight.energy(*other), rtol=1e-12)
+    terms, a = Evaluator(mechanism).terms(0.0, *one), loops.acceleration(*one)
+    for kernel in (loops, straight):
+        assert np.abs(terms.M @ a + terms.J.T @ kernel.forces(*one) - terms.Q).max() < 1e-9 * np.abs(terms.Q).max()
 
 
 def test_what_there_is_no_kernel_for_is_refused() -> None:

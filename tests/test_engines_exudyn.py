@@ -15,9 +15,10 @@ from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.conftest import needs
 from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, document, linkage, ran, relative_error, torque_error
 
-exu = pytest.importorskip("exudyn")
+exu = needs("exudyn")
 
 ENGINE = Exudyn()
 INTEGRATORS = ENGINE.integrators

@@ -16,9 +16,10 @@ from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
+from tests.conftest import needs
 from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran, torque_error
 
-mujoco = pytest.importorskip("mujoco")
+mujoco = needs("mujoco")
 
 ENGINE = Mujoco()
 NAMES = [*LINKAGES, "loaded"]  # the last one is a four-bar with every force

@@ -20,11 +20,11 @@ from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import everything, redundant
+from tests.conftest import everything, needs, redundant
 from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error
 from tests.engine_runs import ran as ran_in
 
-pinocchio = pytest.importorskip("pinocchio")
+pinocchio = needs("pinocchio")
 
 ENGINE = Pinocchio()
 

@@ -15,7 +15,7 @@ from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, effect_factors, link_type
 from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations, Variable
-from gauss_bench.kinematics.loops import Graph, find_graph
+from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load, load_document
@@ -134,7 +134,7 @@ def test_effect_factors_put_each_column_in_one_place() -> None:
 # Loops
 
 
-def cycles(graph: Graph) -> np.ndarray:
+def cycles(graph: LinkageGraph) -> np.ndarray:
     """(L, p): +1, -1 where a loop crosses a pair in the sense of the incidence matrix, or against it."""
     M, names = graph.incidence(), [pair.name for pair in graph.pairs]
     out = np.zeros((len(graph.loops), len(names)), dtype=int)

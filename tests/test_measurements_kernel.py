@@ -18,7 +18,6 @@ from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, proc
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
 from gauss_bench.bench.measurements.turns import turn
 from gauss_bench.bench.runner import completed
-from gauss_bench.compiler.chains.kernel import LargeKernel
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
@@ -247,9 +246,8 @@ def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, mon
 
 
 def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    for kernel in (Kernel, LargeKernel):
-        charge(monkeypatch, clock, kernel, "rollout", rolled(STEP))
-        charge(monkeypatch, clock, kernel, "acceleration", lambda *arguments, **options: CALL)
+    charge(monkeypatch, clock, Kernel, "rollout", rolled(STEP))
+    charge(monkeypatch, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
     for name in list(CONTENDERS):
         if name not in ("loops, gauss", "straight line, gauss"):
             monkeypatch.delitem(CONTENDERS, name)

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from gauss_bench.papers import crank_slider, forms
-from gauss_bench.papers.audit import FOLDER, PAPERS, lines, lines_of, papers
+from gauss_bench.papers.audit import FOLDER, PAPERS, lines, lines_of, read
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.loops import turnings
 from gauss_bench.papers.line import Cause, Line, Verdict, discrepancy, judge
 from gauss_bench.papers.line import row as measured_row
+from tests.conftest import needs
 from tests.papers_mutations import MUTATIONS
 from tests.papers_tables import audited
 
+PAPER_FILES = [read(FOLDER / f"{name}.toml") for name in PAPERS]
 LINES = {line.name: line for line in lines()}
 NOT_OK = {name for name, line in LINES.items() if line.verdict != Verdict.OK}
 
@@ -104,7 +106,7 @@ def test_another_verdict_is_rejected(name: str) -> None:
 
 def test_one_mistake_is_one_cause_however_many_lines_it_spoils() -> None:
     causes = {(row["paper"], row["cause"]) for row in audited() if row["cause"]}
-    assert len(causes) == sum(len(paper.cause) for paper in papers()) < len(READ)
+    assert len(causes) == sum(len(paper.cause) for paper in PAPER_FILES) < len(READ)
     assert {row["cause"] for row in audited() if row["verdict"] == "wrong"} == {"inverse of a projector"}
     assert all(row["doubt"] for row in audited() if row["verdict"] == "unreadable")
 
@@ -185,7 +187,7 @@ def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
                         for name in names_in(target):
                             defined.setdefault(name, set()).update(names_in(node.value))
     reached, waiting = set(), []
-    for paper in papers():
+    for paper in PAPER_FILES:
         for chapter in paper.chapter:
             waiting += [*chapter.measure, *(x.truth for x in paper.number.values())]
             for line in chapter.line:
@@ -201,7 +203,7 @@ def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
 
 def test_the_data_files_are_part_of_the_package() -> None:
     assert {path.stem for path in FOLDER.glob("*.toml")} == set(PAPERS)
-    assert [paper.paper for paper in papers()] == list(dict.fromkeys(row["paper"] for row in audited()))
+    assert [paper.paper for paper in PAPER_FILES] == list(dict.fromkeys(row["paper"] for row in audited()))
 
 
 def test_rows_are_flat_and_finite() -> None:
@@ -251,7 +253,7 @@ def test_a_computer_inverts_the_singular_projector_to_noise() -> None:
 
 @pytest.mark.slow
 def test_the_misprints_by_symbols() -> None:
-    sp = pytest.importorskip("sympy")
+    sp = needs("sympy")
     t, l1, l2, e = sp.symbols("t l1 l2 e")
     a1, x2, y2, a2, x3, phi, s = (sp.Function(name)(t) for name in ("a1", "x2", "y2", "a2", "x3", "phi", "s"))
     rod = y2 + l2 / 2 * sp.sin(a2)

@@ -15,6 +15,7 @@ from gauss_bench.reference.certificate import as_reference, certificate_path, ch
 from gauss_bench.reference.certify import certify
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.reference.verification import verify
+from tests.conftest import needs
 
 DATA = Path(__file__).parent / "data"
 
@@ -57,7 +58,7 @@ def test_where_a_motion_has_a_closed_form_both_pipelines_follow_it_until_they_st
 
 
 def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digits() -> None:
-    hy = pytest.importorskip("heyoka")
+    hy = needs("heyoka")
     motion = taylor_motion(decimal_document("squeezer"), "squeeze", ["0", "0.0001"])
     beta, theta = motion.a[0, 2], motion.a[0, 5] - motion.a[0, 2]
     # the problem's consistent start, printed with 30 digits of which the first 28 fit in the arithmetic
@@ -83,7 +84,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> A
 
 @pytest.fixture
 def needs_heyoka() -> None:
-    pytest.importorskip("heyoka")
+    needs("heyoka")
 
 
 @pytest.mark.usefixtures("needs_heyoka")
@@ -120,7 +121,7 @@ def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], t
 
 @pytest.mark.usefixtures("needs_heyoka")
 def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
-    mpmath = pytest.importorskip("mpmath")
+    mpmath = needs("mpmath")
     certificate = certify("projectile", until=0.5)
     with mpmath.workdps(40):
         t = mpmath.mpf("0.5")

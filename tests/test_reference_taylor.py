@@ -22,10 +22,11 @@ from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import loop_rows
-from gauss_bench.reference.taylor.samples import States, sampled
+from gauss_bench.reference.taylor.samples import LoopStates, sampled
 from gauss_bench.reference.taylor.solve import columns, stacked
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import loop_coordinates
+from tests.conftest import needs
 
 DATA = Path(__file__).parent / "data"
 LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
@@ -48,8 +49,8 @@ def decimals(end: str, count: int) -> list[str]:
 
 
 def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
-    pytest.importorskip("heyoka")
+    taylor = needs("gauss_bench.reference.taylor.series")
+    needs("heyoka")
     return taylor.taylor_motion(document_of(linkage, scenario), scenario, times, double)  # type: ignore[no-any-return]
 
 
@@ -80,7 +81,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
     a = stacked([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
-    here = sampled(rows, States(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
+    here = sampled(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
     wanted = AbsoluteCoordinates(mechanism).acceleration(np.zeros(1), mechanism.q0[None], mechanism.v0[None])
     assert off(here.q, mechanism.q0) < 1e-14
     assert off(here.v, mechanism.v0) < 1e-13 * (1.0 + np.abs(mechanism.v0).max())
@@ -151,7 +152,7 @@ def plain(item: Any) -> Any:
 
 def one_angle_crank_slider(times: Sequence[str]) -> Any:
     """Crank angle and speed (k, 2) of the paper's crank-slider from its one closed-form equation, in 128 bit."""
-    hy = pytest.importorskip("heyoka")
+    hy = needs("heyoka")
 
     def number(text: str) -> Any:
         return hy.real128(text)
@@ -195,7 +196,7 @@ def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_dig
     [("pendulum", "swing", "3"), ("projectile", "flight", "3"), ("sleigh", "glide", "3"), ("n_four_bar_3", "fall", "0.6")],
 )
 def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
-    pytest.importorskip("heyoka")
+    needs("heyoka")
     times = decimals(end, 6)
     found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
     assert exact is not None
@@ -264,7 +265,7 @@ def test_the_driving_torque_supplies_the_power_the_links_take_up() -> None:
 
 
 def test_starts_are_held_at_the_decimals_of_the_file() -> None:
-    hy = pytest.importorskip("heyoka")
+    hy = needs("heyoka")
     found = motion("five_bar", "spring", ["0"])
     degree = hy.real128("3.14159265358979323846264338327950288419716939937510") / 180
     assert off(found.q[0, [2, 11]], np.array([100 * degree, 80 * degree])) < 1e-33
@@ -299,8 +300,8 @@ LAWS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda x: x["law"])
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
-    pytest.importorskip("heyoka")
+    taylor = needs("gauss_bench.reference.taylor.series")
+    needs("heyoka")
     document = decimal_document("five_bar")
     document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
     times = decimals("0.2", 20)
@@ -317,7 +318,7 @@ def test_dry_friction_is_refused() -> None:
 
 
 def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
+    taylor = needs("gauss_bench.reference.taylor.series")
     times = decimals("0.5", 5)
     long, double = (motion("six_bar", "torque", times, kind) for kind in (False, True))
     assert off(long.q.astype(float), double.q) < 1e-12
@@ -328,7 +329,7 @@ def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -
 
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
+    taylor = needs("gauss_bench.reference.taylor.series")
     times = ["0", "0.1"]
     document = copy.deepcopy(document_of("crank_slider", "settles"))
     document["forces"]["motor"]["value"] = -0.3
@@ -337,8 +338,8 @@ def test_an_override_that_is_merged_is_not_merged_again() -> None:
 
 
 def test_progress_is_told_and_times_are_kept() -> None:
-    taylor = pytest.importorskip("gauss_bench.reference.taylor.series")
-    pytest.importorskip("heyoka")
+    taylor = needs("gauss_bench.reference.taylor.series")
+    needs("heyoka")
     reached: list[float] = []
     tell: Callable[[float], None] = reached.append
     found = taylor.taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, tell)

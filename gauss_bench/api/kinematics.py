@@ -17,8 +17,8 @@ from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPo
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.loops import find_graph
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.errors import Fault, LinkageError
 from gauss_bench.mechanism.forces import axis_state
 from gauss_bench.mechanism.load import document_of, load_document

@@ -13,15 +13,11 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.loop_program import closure_program
-from gauss_bench.compiler.equations.links import open_parameters as named_parameters
-from gauss_bench.compiler.equations.loops import loop_values
-from gauss_bench.compiler.equations.sampling import manifold_states
+from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.judge import Judge, Lost
-from gauss_bench.compiler.turns.runners import ArrayFollower, NativeFollower, Runner
-from gauss_bench.compiler.turns.tracker import Loss, Motion, Start, Status, Tracker, deformed_starts
+from gauss_bench.compiler.turns.follow import ArrayFollower, NativeFollower, Runner
+from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Mechanism, Point
@@ -33,7 +29,6 @@ __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 Statuses = NDArray[np.int8]
 
 BACKENDS = ("llvm", "numpy")
-SAMPLES = 48  # positions at which pivots are chosen
 PARTS = 32  # lanes of arrays: they share what a call of numpy costs
 
 
@@ -105,12 +100,6 @@ def _inputs(mechanism: Mechanism, inputs: Sequence[Input] | None) -> tuple[Input
     return (Input(constant(0.0, 1.0), link=mechanism.crank),)
 
 
-def _samples(mechanism: Mechanism, equations: LoopEquations) -> Array:
-    """Loop variables (k, TU + TK) at positions all over the motion."""
-    free = replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism
-    return np.array([loop_values(equations, mechanism, q) for q in manifold_states(free, SAMPLES).q])
-
-
 class Closure:
     """Compiled closure of one linkage.
 
@@ -133,13 +122,12 @@ class Closure:
     ):
         self.mechanism, self.backend, self.lanes = mechanism, backend, lanes
         equations = LoopEquations(mechanism, inputs)
-        parameters = named_parameters(mechanism, open_names)
-        self.parameters, self.values, self._points = parameters.names, parameters.values, len(points)
-        program = closure_program(equations, parameters, points, _samples(mechanism, equations))
+        program = closure_program(equations, open_names, points)
+        self.parameters, self.values, self._points = program.open_names, program.values, len(points)
         self._equations, self._program = equations, program
         self.unknowns = tuple(str(x) for x in equations.unknown)
         self._phases = np.array([0.0 if x.link is None else equations.phase[x.link] for x in inputs])
-        judge = self._judge = Judge(mechanism, inputs, self._phases, parameters, points)
+        judge = self._judge = Judge(mechanism, inputs, self._phases, self.parameters, points)
         judge.mechanism_with(self.values)  # refuses a number that is no dimension
         states: Runner = NativeFollower(program, "states", lanes, cache) if backend == "llvm" else ArrayFollower(program, "states")
         path: Runner = NativeFollower(program, "path", 1, cache) if backend == "llvm" else ArrayFollower(program, "path")

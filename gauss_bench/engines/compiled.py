@@ -5,7 +5,6 @@ Gauss and Lagrange come from the same eliminator, so that what differs between t
 
 from collections.abc import Callable
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
-CELLS = 12  # links: straight-line code outgrows the instruction cache at about 650 operations, and loops over cells are faster
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on"}}
 
 
@@ -55,30 +53,21 @@ class CompiledModel:
     """A mechanism compiled under one formulation, integrator and stabilisation."""
 
     def __init__(self, formulation: str, mechanism: Mechanism, choice: Choice):
-        from gauss_bench.compiler.chains.kernel import large_kernel
         from gauss_bench.compiler.errors import KernelError
-        from gauss_bench.compiler.kernel import compile
+        from gauss_bench.compiler.kernel import compile_kernel
 
         self.mechanism, self.choice = mechanism, choice
-        self.cells = len(mechanism.links) > CELLS and choice.stabilization == "none" and choice.integrator == "rk4"
+        damping = (BAUMGARTE_RATE, BAUMGARTE_RATE)
         try:
-            self.kernel: Any = (
-                large_kernel(mechanism, formulation)
-                if self.cells
-                else compile(
-                    mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=(BAUMGARTE_RATE, BAUMGARTE_RATE)
-                )
-            )
+            self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping)
         except KernelError as error:
             raise RunFailure(Status.ERROR, str(error)) from error
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        a: Array = self.kernel.acceleration(q, v, t)
-        return a
+        return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        if not self.cells:
-            self.kernel.prepare(self.choice.integrator)
+        self.kernel.prepare(self.choice.integrator)
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
         equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
         self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
@@ -101,12 +90,12 @@ class CompiledModel:
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""
-        more = {} if self.cells else {"integrator": self.choice.integrator}
+        integrator = self.choice.integrator
         if n == every:
-            last = self.kernel.rollout(q, v, h, n, t, **more)
+            last = self.kernel.rollout(q, v, h, n, t, integrator=integrator)
             found = last[0][None], last[1][None]
         else:
-            found = self.kernel.rollout(q, v, h, n, t, every=every, **more)
+            found = self.kernel.rollout(q, v, h, n, t, every=every, integrator=integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
         return found
 

@@ -1,7 +1,8 @@
 """How far from the right assembly a first guess may be: random starts, three searches, any coordinates.
 
-The claim of Men, Feng, He (2009) that their form is insensitive to starting values is a matter of distance: near the solution every
-search finds it from everywhere, from anywhere no search picks the assembly.
+Men, Feng, He (2009) start from the assembly as drawn and then from the last position, and call the search insensitive to its start.
+Whether it is depends on the distance: from starts as near as those every search finds the assembly, and from starts anywhere in the
+size of the linkage none finds it always.
 """
 
 from collections.abc import Callable, Sequence

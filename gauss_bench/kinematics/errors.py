@@ -1,4 +1,4 @@
-"""Why a motion cannot go on, whichever way it is computed."""
+"""The exceptions with which a motion stops, by loops and by points alike."""
 
 from typing import Any
 

@@ -60,7 +60,7 @@ class _State:
 
 
 class _End(ArithmeticError):
-    """Halving has ended after the state x."""
+    """The motion cannot be followed beyond the state x, however short the step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
         self.singular, self.x = singular, x
@@ -109,7 +109,7 @@ def _first(equations: LoopEquations) -> _State:
 
 
 def _check_regular(equations: LoopEquations, state: _State) -> None:
-    """Rates are wanted here, so the position must be further from a singular one than it need be in passing."""
+    """Refuse a sample near a singular position: its rates would be lost, although a search may still pass by it."""
     try:
         equations.check_rank(state.J, REGULAR)
     except Stopped as error:
@@ -160,7 +160,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _ended(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Why the way ends after the last state: at a limit if the loops close nowhere near beyond it."""
+    """What stops the motion after the last state: a limit, if the loops close nowhere near beyond it, else a singularity."""
     TU, x = len(equations.unknown), last.x
     gone = float(np.abs(x - first)[TU:].max())
     guess = x + (x - first) * (BEYOND / gone if gone else 0.0)

@@ -24,7 +24,7 @@ import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
-from gauss_bench.kinematics.loops import Levels, absolute_states, find_graph, shared_angles
+from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.mechanism.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.forces import axis_state, position
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
@@ -77,7 +77,7 @@ class PlacedWay:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class LoopGroup:
     """Loops that only together determine their unknowns (an Assur group): rows and columns of J."""
 
     rows: list[int]
@@ -237,7 +237,7 @@ class LoopEquations:
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)
 
-    def _groups(self) -> list[Group]:
+    def _groups(self) -> list[LoopGroup]:
         """Smallest sets of loops with no more unknowns than equations, when those of the sets before are solved."""
         TU = len(self.unknown)
         needs = [{int(k) for p in ways for k in np.flatnonzero(p.factors[:, :TU].any(axis=0))} for ways in self.ways]
@@ -246,7 +246,7 @@ class LoopEquations:
             sets = (c for size in range(1, LARGEST_GROUP + 1) for c in combinations(left, size))
             own = next((c for c in sets if len(set().union(*(needs[l] for l in c))) <= 2 * len(c)), tuple(left))
             columns = set().union(*(needs[l] for l in own))
-            groups.append(Group([2 * l + i for l in own for i in (0, 1)], sorted(columns)))
+            groups.append(LoopGroup([2 * l + i for l in own for i in (0, 1)], sorted(columns)))
             left = [l for l in left if l not in own]
             needs = [need - columns for need in needs]
         return groups

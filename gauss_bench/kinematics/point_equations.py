@@ -49,7 +49,7 @@ class Equation:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class PointGroup:
     """Points that only their equations together determine (an Assur group): its name, rows and columns of the Jacobian.
 
     The sign of its determinant tells assemblies apart: that of a dyad is the side on which its middle point lies. It can change
@@ -79,11 +79,11 @@ class _Writer:
         return Equation("length", self.name(A, B), bar, bar, -L / 2 * self.one)
 
     def vanishing(self, kinds: tuple[str, str], about: str, row: Vectors) -> list[Equation]:
-        """Both components of a vector that is linear in z."""
+        """Two equations: both components of a vector that is linear in z are zero."""
         return [Equation(kind, about, self.none, self.none, c) for kind, c in zip(kinds, (row, -1j * row), strict=True)]
 
     def link(self, link: int) -> Iterator[Equation]:
-        """What keeps the points of one link together."""
+        """The equations that hold the points of one link at their places in it."""
         p = self.points
         root, anchor = p.frames[link][0], p.anchor[link]
         owner, A, B = p.base.get(root, (None, -1, -1))
@@ -118,7 +118,7 @@ class _Writer:
         return Equation("driven length", name, gap, gap, -p.unit(p.stretched[name]) / size**2)
 
     def line_kind(self, slide: Prismatic) -> str:
-        """What the line is to the link that carries it, or to the world's axes."""
+        """Name of a slide's equation, by how its line lies in the link that carries it or to the world's axes."""
         p, link = self.points, slide.guide.link
         u = exp(1j * (slide.angle + (p.frames[link][1] if p.frames[link][0] == GROUND else 0.0)))
         if p.frames[link][0] == GROUND:
@@ -202,7 +202,7 @@ class PointModel:
         return np.array(found, dtype=int)
 
 
-def groups(model: PointModel) -> tuple[Group, ...]:
+def groups(model: PointModel) -> tuple[PointGroup, ...]:
     """The groups that have more than one assembly, in an order in which they can be solved.
 
     Equations and unknowns are matched; an equation points from its unknown to the others in it, and unknowns that reach each
@@ -228,5 +228,5 @@ def groups(model: PointModel) -> tuple[Group, ...]:
         rows = sorted(row_of[k] for k in columns)
         if curved[rows].any() and not part & spoiled:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
-            found.append(Group(name, np.array(rows), np.array(columns)))
+            found.append(PointGroup(name, np.array(rows), np.array(columns)))
     return tuple(found)

@@ -32,7 +32,7 @@ class BasicPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class PlacedPoint:
     """A known point: z[entry] = along z, plus z[slide] (direction z) where a driven slide places it."""
 
     entry: int
@@ -46,7 +46,7 @@ def place(point: Point) -> complex:
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Link -> (root, phase) with theta = theta_root + phase: partners in a slide keep their angles alike. GROUND is a root."""
+    """Link -> (root, phase) with theta = theta_root + phase: links joined by a slide turn by the same angle. GROUND is a root."""
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
     found: dict[int, tuple[int, float]] = {}
     for root in range(GROUND, len(mechanism.links)):
@@ -135,7 +135,7 @@ class Points:
             if not entries and link != GROUND:
                 raise ValueError(f"{mechanism.name}: {mechanism.link_name(link)} has no joint, so that nothing places it")
         self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
-        self.placements: list[Placement] = []
+        self.placements: list[PlacedPoint] = []
         self.placed_by: dict[int, int | str] = {}
         self._place()
         self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
@@ -197,11 +197,11 @@ class Points:
         """Place the points of a link whose direction and one point are known."""
         for entry in self.of[link]:
             if entry not in self.placed_by:
-                self.placements.append(Placement(entry, self.point(link, self.local(link, entry)), self.unit(0)))
+                self.placements.append(PlacedPoint(entry, self.point(link, self.local(link, entry)), self.unit(0)))
                 self.placed_by[entry] = link
 
     def _place(self) -> None:
-        """Place points until nothing more follows from pivots and inputs."""
+        """Find every point whose place follows from pivots and inputs alone, one after the other."""
         self._carry(GROUND)
         posed, count = {GROUND}, -1
         while count != len(posed) + len(self.placements):
@@ -218,7 +218,7 @@ class Points:
                 if guide in posed and block not in self.placed_by:
                     u = exp(1j * slide.angle) * self.direction(guide)
                     self.placements.append(
-                        Placement(block, self.point(guide, place(slide.guide)) + 1j * slide.offset * u, u, entry)
+                        PlacedPoint(block, self.point(guide, place(slide.guide)) + 1j * slide.offset * u, u, entry)
                     )
                     self.placed_by[block] = name
 

@@ -35,7 +35,7 @@ class ChangePoint(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinate:
+class DrivingCoordinate:
     """A coordinate that may drive the linkage: its value and gradient (n,) at q."""
 
     name: str
@@ -60,16 +60,16 @@ class Singular:
     q: Array
 
 
-def driving_coordinates(mechanism: Mechanism) -> list[Coordinate]:
+def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
     """Angles of links with a pin on the ground, and places along slides on the ground: what a motor or a cylinder can hold."""
-    found: list[Coordinate] = []
+    found: list[DrivingCoordinate] = []
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             if GROUND in (joint.guide.link, joint.block.link):
-                found.append(Coordinate(joint.name, _slide(mechanism.n, joint)))
+                found.append(DrivingCoordinate(joint.name, _slide(mechanism.n, joint)))
         elif GROUND in (joint.a.link, joint.b.link):
             link = max(joint.a.link, joint.b.link)
-            found.append(Coordinate(mechanism.links[link].name, _angle(mechanism.n, link)))
+            found.append(DrivingCoordinate(mechanism.links[link].name, _angle(mechanism.n, link)))
     return found
 
 
@@ -131,7 +131,7 @@ class Curve:
                 break
         return q
 
-    def refine(self, coordinate: Coordinate, q: Array, x: Array) -> Array:
+    def refine(self, coordinate: DrivingCoordinate, q: Array, x: Array) -> Array:
         """The position near q at which g . x = 0.
 
         Raises:
@@ -156,7 +156,7 @@ class Curve:
         raise ChangePoint(f"no isolated singular position of {coordinate.name} near here: the curve forks")
 
 
-def singular_positions(mechanism: Mechanism, coordinates: list[Coordinate] | None = None) -> list[Singular]:
+def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate] | None = None) -> list[Singular]:
     """All positions at which a driving coordinate reverses, in the order in which the curve from q0 meets them.
 
     Raises:
@@ -188,7 +188,7 @@ def singular_positions(mechanism: Mechanism, coordinates: list[Coordinate] | Non
     return _distinct(found)
 
 
-def _singular(curve: Curve, coordinate: Coordinate, q: Array, x: Array, crank: int) -> Singular:
+def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, crank: int) -> Singular:
     at = curve.refine(coordinate, q, x)
     name = curve.mechanism.links[crank // 3].name
     kind = "limit" if coordinate.name == name else "dead centre"
@@ -202,7 +202,7 @@ def _closed(q: Array, start: Array, step: float) -> bool:
 
 
 def _distinct(found: list[Singular]) -> list[Singular]:
-    """Each position once: a start at a dead centre is met again when the curve closes."""
+    """Without repeated positions: a start at a dead centre is found a second time when the curve closes."""
     kept: list[Singular] = []
     for one in found:
         if not any(k.coordinate == one.coordinate and _closed(one.q.copy(), k.q, 1e-6) for k in kept):

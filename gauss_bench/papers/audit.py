@@ -21,20 +21,20 @@ PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
 ROOM = "gauss_bench.papers"
 
 
-class Table(BaseModel):
+class FileTable(BaseModel):
     """A table of a data file: no key is left unread."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class ToleranceTable(Table):
+class ToleranceTable(FileTable):
     """Largest discrepancy of a right form, and why."""
 
     value: float = Field(ge=0, allow_inf_nan=False)
     reason: str
 
 
-class CauseTable(Table):
+class CauseTable(FileTable):
     """See `line.Cause`."""
 
     kind: Verdict
@@ -42,21 +42,21 @@ class CauseTable(Table):
     doubt: str = ""
 
 
-class NumberTable(Table):
+class NumberTable(FileTable):
     """A number that a reader can check by hand: what it is, with its unit, and the function that gives its true value."""
 
     text: str
     truth: str
 
 
-class ExampleEntry(Table):
+class ExampleEntry(FileTable):
     """Which number a form gives, and the function that computes it from the form."""
 
     number: str
     of: str
 
 
-class LineEntry(Table):
+class LineEntry(FileTable):
     """A line: right as printed, with one `form`, or not, with `intended`, a `cause` and both forms."""
 
     place: str
@@ -73,7 +73,7 @@ class LineEntry(Table):
     example: ExampleEntry | None = None
 
 
-class Chapter(Table):
+class Chapter(FileTable):
     """Lines whose functions are those of one module of `forms`; `measure` says in words what each measure gives."""
 
     title: str
@@ -82,7 +82,7 @@ class Chapter(Table):
     line: tuple[LineEntry, ...]
 
 
-class Paper(Table):
+class Paper(FileTable):
     """A data file.
 
     Attributes:
@@ -101,12 +101,6 @@ class Paper(Table):
     cause: dict[str, CauseTable]
     number: dict[str, NumberTable] = {}
     chapter: tuple[Chapter, ...]
-
-
-@cache
-def papers() -> tuple[Paper, ...]:
-    """The data files, in the order of the audit."""
-    return tuple(read(FOLDER / f"{name}.toml") for name in PAPERS)
 
 
 @cache

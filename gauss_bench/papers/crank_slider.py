@@ -35,7 +35,7 @@ START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class ExampleState:
     """A motion of the linkage file at one instant, in the seven coordinates, with its generalised applied force."""
 
     q: Array
@@ -51,13 +51,13 @@ def linkage() -> Mechanism:
 
 
 @cache
-def states(count: int = 24) -> tuple[State, ...]:
+def states(count: int = 24) -> tuple[ExampleState, ...]:
     """The paper's start and seeded random states at crank speeds up to 30 rad/s, with their true accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random = random_states(mechanism, count)
     rows = [start_state(mechanism), *zip(random.q, random.v, random.a, strict=True)]
-    return tuple(State(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
+    return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 
 def start_state(mechanism: Mechanism) -> tuple[Array, Array, Array]:

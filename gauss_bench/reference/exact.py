@@ -1,4 +1,4 @@
-"""Motions known in closed form, to forty digits: the third judge of the references, next to the two pipelines.
+"""Motions known in closed form, to forty digits: a third source of certificates, next to the two pipelines.
 
 A pendulum and the N-four-bar are elliptic functions, Chaplygin's sleigh is a hyperbola and a quadrature, a free body is a parabola.
 Each belongs to one linkage of the suite; a linkage that merely bears the name has none.

@@ -54,7 +54,7 @@ class MinimalCoordinate:
         self.rest()
 
     def rest(self) -> None:
-        """Forget the last position: the next closure starts from the assembled one."""
+        """Start the next closure from the assembled position, not from the last one closed."""
         still = np.zeros(self.mechanism.n)
         self.last = (self.mechanism.q0, still, still)
 

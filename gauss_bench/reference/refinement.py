@@ -66,7 +66,7 @@ def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
 
 
 def corrected(inverse: Array, residual: Array) -> Array:
-    """P r for a long residual r (..., k), in double: all the digits a correction needs."""
+    """P r in double precision for a residual r (..., k) in long double; a correction needs no more digits."""
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 

@@ -47,7 +47,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
 
 
 def perturbed(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
-    """A copy of the document with its numbers moved."""
+    """A copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1."""
     moved = copy.deepcopy(document)
     scenario = moved["scenarios"][mechanism.scenario]
     rigid = mechanism.redundant > 0

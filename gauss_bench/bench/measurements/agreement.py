@@ -16,7 +16,7 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import compile
+from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -90,7 +90,7 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
         Missing: one of them has no answer.
     """
     try:
-        kernel = compile(mechanism, formulation)
+        kernel = compile_kernel(mechanism, formulation)
         true, other = (_accelerations(mechanism, name, q, v) for name in judges(mechanism, formulation))
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error

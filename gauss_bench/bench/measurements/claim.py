@@ -10,9 +10,8 @@ from gauss_bench.bench.clock import Key, Measured, Missing, Row, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import ACCELERATION, BATCH, NATIVE, measured_by_linkage
 from gauss_bench.bench.tasks import Tables, Task
-from gauss_bench.compiler.elimination.program import costs
+from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.stepping.driver import known_program
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.schema import Claim, Suite
 

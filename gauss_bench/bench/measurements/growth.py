@@ -24,9 +24,8 @@ from gauss_bench.bench.clock import Block, interleaved, lasting
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.bench.tasks import Task as Request
-from gauss_bench.compiler.chains.kernel import large_kernel
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import compile as straight_line
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
@@ -126,19 +125,9 @@ def entered(wanted: Right, size: int) -> tuple[Rows, list[Block]]:
     return rows, blocks
 
 
-def _straight_line(wanted: Right) -> Contender:
-    start = time.perf_counter()
-    kernel = straight_line(wanted.mechanism, "gauss", cache=False)
-    found = _own(kernel, wanted)
-    compiling = kernel.compile_seconds
-    return Contender(
-        found, wanted.error(kernel.acceleration(wanted.q, wanted.v)), time.perf_counter() - start - compiling, compiling
-    )
-
-
-def _loops(formulation: str) -> Callable[[Right], Contender]:
+def _compiled(form: str, formulation: str) -> Callable[[Right], Contender]:
     def build(wanted: Right) -> Contender:
-        kernel = large_kernel(wanted.mechanism, formulation, cache=False)
+        kernel = compile_kernel(wanted.mechanism, formulation, cache=False, form=form)
         blocks = _own(kernel, wanted)
         error = wanted.error(kernel.acceleration(wanted.q, wanted.v))
         return Contender(blocks, error, kernel.generate_seconds, kernel.compile_seconds)
@@ -146,7 +135,7 @@ def _loops(formulation: str) -> Callable[[Right], Contender]:
     return build
 
 
-def _own(kernel: Any, wanted: Right) -> dict[str, Block]:
+def _own(kernel: Kernel, wanted: Right) -> dict[str, Block]:
     steps = lasting(None, lambda: kernel.rollout(wanted.q, wanted.v, STEP, LOOPED), 4 * LOOPED)
     return {"in its own loop": steps, "called from Python": lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))}
 
@@ -202,9 +191,9 @@ def _exudyn(wanted: Right) -> Contender:
 
 
 CONTENDERS: dict[str, Callable[[Right], Contender]] = {
-    "loops, gauss": _loops("gauss"),
-    "loops, lagrange": _loops("lagrange"),
-    "straight line, gauss": _straight_line,
+    "loops, gauss": _compiled("looped", "gauss"),
+    "loops, lagrange": _compiled("looped", "lagrange"),
+    "straight line, gauss": _compiled("straight line", "gauss"),
     "pinocchio, constraintDynamics": _pinocchio("constraintDynamics"),
     "pinocchio, lcaba": _pinocchio("lcaba"),
     "mujoco, sparse": _mujoco("sparse"),

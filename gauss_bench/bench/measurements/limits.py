@@ -16,13 +16,14 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, measured_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, named, processor_rows
 from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.schedule import period
+from gauss_bench.compiler.machine.code import read_code
+from gauss_bench.compiler.machine.graph import constant_values, leaves, period
 from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping.driver import known_program
-from gauss_bench.compiler.stepping.rollout import WrittenOut, constant_values, leaves
-from gauss_bench.compiler.stepping.steps import REACHES, read_code
+from gauss_bench.compiler.stepping.rollout import WrittenOut
+from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.schema import Suite
 

@@ -13,7 +13,7 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel, compile
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -58,7 +58,7 @@ def measured(mechanism: Mechanism, formulation: str, step: float, duration: floa
         Missing: the mechanism has no kernel, or the run did not end.
     """
     try:
-        trajectory = run(compile(mechanism, formulation, "projection"), step, duration)
+        trajectory = run(compile_kernel(mechanism, formulation, "projection"), step, duration)
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error
     if not np.isfinite(trajectory.q).all():

@@ -14,7 +14,7 @@ from gauss_bench.bench.clock import Block, Key, Measured, Row, lasting, row, spr
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.schedule import LATENCY
+from gauss_bench.compiler.machine.graph import LATENCY
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]

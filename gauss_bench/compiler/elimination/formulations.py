@@ -23,11 +23,12 @@ from typing import Protocol
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import USABLE, Study, conditions
-from gauss_bench.compiler.equations.constraints import Row, rows_of
-from gauss_bench.compiler.equations.forces import generalised_force
-from gauss_bench.compiler.equations.links import Links, Parameters, State
+from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
+from gauss_bench.compiler.equations.forces import energy, generalised_force
+from gauss_bench.compiler.equations.links import Links, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node, factored
+from gauss_bench.mechanism.model import Mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +217,21 @@ def _guards(factors: Factors) -> list[tuple[Node, float]]:
     return list(found.values())
 
 
+FORMULATIONS = ("auto", "gauss", "lagrange")
+
+
+def refuse(mechanism: Mechanism, formulation: str) -> None:
+    """What no program can be generated for.
+
+    Raises:
+        KernelError: an unknown formulation, or dry friction.
+    """
+    if formulation not in FORMULATIONS:
+        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    if mechanism.has_friction:
+        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
+
+
 @dataclass(frozen=True)
 class Plan:
     """A formulation and, for gauss, its independent coordinates."""
@@ -247,13 +263,47 @@ class Workspace:
             return Gauss(self.terms, self.plan.independent, search)
         return Lagrange(self.terms, search)
 
+    def residuals(self) -> dict[int, Node]:
+        """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
+        moved = rows_of(self._links_at_new())
+        kept = [moved[k] for k in self.kept]
+        return {k: row.phi for k, row in enumerate(kept) if row.phi is not None and not row.phi.zero}
 
-def workspace(found: Study, parameters: Parameters, plan: Plan) -> Workspace:
+    def rates(self) -> dict[int, Node]:
+        """phi' by kept row."""
+        rates = {k: rate_of(self.links, row) for k, row in enumerate(self.terms.rows)}
+        return {k: x for k, x in rates.items() if not x.zero}
+
+    def damped(self, alpha: float, beta: float) -> dict[int, Node]:
+        """gamma - 2 alpha phi' - beta^2 phi by kept row."""
+
+        def bias(row: Row) -> Node:
+            bent = row.gamma - rate_of(self.links, row) * (2 * alpha)
+            return bent if row.phi is None else bent - row.phi * beta**2
+
+        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bias(row)).zero}
+
+    def exact(self) -> tuple[list[Node], list[Node], Node]:
+        """phi of all holonomic rows, phi' of all rows, and energy, which hold off the constraints too: every angle for itself."""
+        links = self.links
+        plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
+        rows = rows_of(plain)
+        return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
+
+    def _links_at_new(self) -> Links:
+        """The links where a position correction starts from, inputs t_new and q_new: every angle for itself."""
+        links = self.links
+        there = replace(links.state, t="t_new", q="q_new", v="v_new")
+        return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
+
+
+def workspace(found: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
     """Terms of a mechanism for a plan.
 
     Raises:
-        KernelError: the plan's partition is singular at every sample.
+        KernelError: the plan's partition is singular at every sample, or a name the mechanism does not have.
     """
+    parameters = open_parameters(found.mechanism, open_names)
     states, mechanism = found.states, found.mechanism
     if plan.formulation == "gauss":
         states = states.part(conditions(found, plan.independent) > USABLE)
@@ -266,19 +316,6 @@ def workspace(found: Study, parameters: Parameters, plan: Plan) -> Workspace:
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
     terms = Terms(graph, tuple(mass), [rows[k] for k in found.kept], generalised_force(links))
     return Workspace(plan, links, rows, terms, found.kept, len(graph.trail))
-
-
-def plain_links(work: Workspace) -> Links:
-    """The links at the same state, every angle for itself: for energy and residuals, which must be right off the constraints."""
-    links = work.links
-    return Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
-
-
-def moved_links(work: Workspace) -> Links:
-    """The links at the state that a position correction starts from, inputs t_new and q_new: every angle for itself."""
-    links = work.links
-    there = replace(links.state, t="t_new", q="q_new", v="v_new")
-    return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
 
 
 def vector(graph: Graph, values: dict[int, Node], size: int) -> list[Node]:

@@ -26,23 +26,24 @@ equations).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Protocol
 
 import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function, function
-from gauss_bench.compiler.equations.links import Parameters
+from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.equations.loops import LoopExpressions
-from gauss_bench.compiler.equations.sampling import typical_length
+from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
-from gauss_bench.compiler.expressions.planar import Vector
-from gauss_bench.kinematics.loop_equations import REGULAR, Group, LoopEquations
-from gauss_bench.mechanism.model import Point
+from gauss_bench.compiler.expressions.node import Graph, Node, Vector
+from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, LoopGroup
+from gauss_bench.mechanism.forces import axis_state, position
+from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
 
+SAMPLES = 48  # positions at which pivots are chosen
 GOOD = 0.1  # sine of the angle between a pivot's columns at the worst sample: among such, the fewest operations decide
 
 Columns = dict[int, Vector]  # of one loop, by unknown
@@ -227,7 +228,7 @@ class Groups:
     `columns` are those of the unknowns, by loop.
     """
 
-    def __init__(self, graph: Graph, groups: Sequence[Group], columns: Sequence[Columns]):
+    def __init__(self, graph: Graph, groups: Sequence[LoopGroup], columns: Sequence[Columns]):
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()
@@ -289,19 +290,25 @@ class ClosureProgram:
             must not change their signs; what their squares must not fall below; by unknown, the way from this sample to the guess
             at the next; q, v, a of all links, then x, y and rates and second rates of each point.
         path: the same without the last.
-        n, points, parameters: coordinates of the linkage, points, open numbers.
+        n, points: coordinates of the linkage, points. open_names, values: of the open numbers, as in the file.
     """
 
     name: str
     n: int
     points: int
-    parameters: int
+    open_names: tuple[str, ...]
+    values: Array
     inputs: int
     angles: tuple[bool, ...]
     known_angles: tuple[bool, ...]
     lengths: tuple[float, ...]
     states: Function
     path: Function
+
+    @property
+    def parameters(self) -> int:
+        """Open numbers."""
+        return len(self.open_names)
 
     @property
     def unknowns(self) -> int:
@@ -317,12 +324,15 @@ class ClosureProgram:
         return len(self.states.outputs[-1])
 
 
-def closure_program(equations: LoopEquations, parameters: Parameters, points: Sequence[Point], samples: Array) -> ClosureProgram:
-    """The program of a linkage's loops, valued at states (k, TU + TK) of the loop variables.
+def closure_program(equations: LoopEquations, open_names: tuple[str, ...], points: Sequence[Point]) -> ClosureProgram:
+    """The program of a linkage's loops.
 
     Raises:
-        KernelError: loops that determine an unknown twice and another one not at all.
+        KernelError: loops that determine an unknown twice and another one not at all, or a name the mechanism does not have.
     """
+    mechanism, parameters = equations.mechanism, open_parameters(equations.mechanism, open_names)
+    free = replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism  # positions all over the motion
+    samples = np.array([loop_values(equations, mechanism, q) for q in manifold_states(free, SAMPLES).q])
     graph = Graph(len(samples))
     loops = LoopExpressions(graph, equations, parameters, samples)
     rates = _Rates(loops)
@@ -344,7 +354,8 @@ def closure_program(equations: LoopEquations, parameters: Parameters, points: Se
         name=equations.mechanism.name,
         n=equations.mechanism.n,
         points=len(points),
-        parameters=len(parameters.names),
+        open_names=parameters.names,
+        values=parameters.values,
         inputs=len(equations.known),
         angles=tuple(map(bool, equations.is_angle[:unknown])),
         known_angles=tuple(map(bool, equations.is_angle[unknown:])),
@@ -427,3 +438,17 @@ def _outputs(loops: LoopExpressions, v: list[Node], a: list[Node], points: Seque
         place = place + centres[point.link] if point.link >= 0 else place
         found += [x for w in (place.at, place.rate, place.second) for x in (w.x, w.y)]
     return found
+
+
+def loop_values(equations: LoopEquations, mechanism: Mechanism, q: Array) -> Array:
+    """x (TU + TK,) of an assembled state q (n,) of a mechanism with these loops, whatever its dimensions."""
+    values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic):
+            values[joint.name] = float(axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)[0])
+    names = [bar.name for bar in equations.bars]
+    for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver) and d.name in names):
+        x, y = position(q, bar.b) - position(q, bar.a)
+        values[len(mechanism.links) + names.index(bar.name)] = float(np.arctan2(y, x))
+        values[bar.name] = float(np.hypot(x, y))
+    return np.array([values[key] for key in equations.column])

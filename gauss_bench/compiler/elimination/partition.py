@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.compiler.equations.constraints import row_names
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array
 
 
@@ -76,6 +75,13 @@ class Study:
     dropped: tuple[str, ...]
     free: int
     bases: Array
+
+
+def row_names(mechanism: Mechanism) -> list[str]:
+    """Names of all rows in the file's order."""
+    parts = [(j.name, ("normal", "turn") if isinstance(j, Prismatic) else ("x", "y")) for j in mechanism.joints]
+    names = [f"{name}.{part}" for name, both in parts for part in both]
+    return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
 def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:

@@ -3,32 +3,130 @@
     linkage -> rows and forces (equations) -> factors (lu) -> accelerations (formulations) -> functions (function)
 
 The functions share their expressions: where several are evaluated at the same state, sines, Jacobian and factors are the same.
+
+The search for a cheap elimination: partitions and pivot orders are tried, and the cheapest acceleration is kept.
+
+Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
+operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
+trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
+its length depends on the linkage alone, so that a linkage always gives the same program.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.check import off_constraints_error, worst_error
-from gauss_bench.compiler.elimination.formulations import Workspace, moved_links, plain_links, vector
-from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, function, uses
-from gauss_bench.compiler.elimination.partition import Study, covering, study
-from gauss_bench.compiler.elimination.search import Best, cheapest
-from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
-from gauss_bench.compiler.equations.forces import energy as energy_of
-from gauss_bench.compiler.equations.links import open_parameters as named_parameters
-from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, vector, workspace
+from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
+from gauss_bench.compiler.elimination.lu import Search
+from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
+from gauss_bench.compiler.elimination.rank import CHECKED, error_off_constraints, error_on_constraints
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Node
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-__all__ = ["Costs", "KernelError", "Program", "costs", "generate", "partitions"]
+EFFORT = 2400  # attempts times unknowns, at most: about a second
+ATTEMPTS = 144
+REPEATED = 4  # ways that are repeated
+SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
+NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
+PLAIN = Search()
 
-FORMULATIONS = ("auto", "gauss", "lagrange")
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """A workspace, the search that served it best, and what it came to."""
+
+    work: Workspace
+    search: Search
+    costs: Costs
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is searched for: least `Costs.single` or `Costs.batch`, in so many attempts."""
+
+    aim: str
+    attempts: int
+
+    def price(self, costs: Costs) -> float:
+        return costs.single if self.aim == "single" else costs.batch
+
+
+def attempted(work: Workspace, searches: Iterable[Search]) -> list[Best]:
+    """Costs of the acceleration and its guards under several searches; those that find no usable pivots are left out.
+
+    Raises:
+        KernelError: none of them does.
+    """
+    found: list[Best] = []
+    failure = KernelError("no attempt was made")
+    for search in searches:
+        try:
+            algebra = work.algebra(search)
+        except KernelError as error:
+            failure = error
+            continue
+        costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
+        found.append(Best(work, search, costs))
+    if not found:
+        raise failure
+    return found
+
+
+def best_of(work: Workspace, wanted: Wanted) -> Best:
+    """The cheapest of several attempts."""
+    ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED)]
+    order = np.random.default_rng(0).permutation(len(ways))
+    various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
+    found = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
+    leaders, spare = found[:REPEATED], wanted.attempts - len(various)
+    again = [replace(leaders[k % len(leaders)].search, seed=100 + k) for k in range(spare)]
+    return min([found[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
+
+
+def cheapest(
+    found: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str
+) -> Best:
+    """The cheapest program of a mechanism among the formulations and partitions that are open.
+
+    A plain attempt at each tells which are worth a search.
+
+    Raises:
+        KernelError: no partition and no pivots are usable.
+    """
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (found.mechanism.n + len(found.kept)))))
+    plain, failure = [], KernelError(f"{found.mechanism.name}: no partition is usable")
+    for plan in _plans(found, formulation, independent):
+        try:
+            plain += attempted(workspace(found, open_parameters, plan), [PLAIN])
+        except KernelError as error:
+            failure = error
+    if not plain:
+        raise failure
+    plain = sorted(plain, key=lambda x: wanted.price(x.costs))
+    if wanted.attempts == 1:
+        return plain[0]
+    tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) <= HOPELESS * wanted.price(plain[0].costs)]
+    return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
+
+
+def _plans(found: Study, formulation: str, independent: tuple[int, ...] | None) -> list[Plan]:
+    """Partitions under gauss, and lagrange, as far as the formulation is open."""
+    plans = [Plan("lagrange", ())] if formulation != "gauss" else []
+    if formulation != "lagrange":
+        choices = (candidates(found) or covering(found)[:1]) if independent is None else [independent]
+        plans += [Plan("gauss", x) for x in choices]
+    return plans
+
+
+__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "generate", "known_program", "partitions"]
+
 AIMS = ("single", "batch")
-OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
-CHECKED = 1e-9  # relative; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,19 +194,18 @@ def generate(
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
     """
-    if formulation not in FORMULATIONS:
-        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    refuse(mechanism, formulation)
     if aim not in AIMS:
         raise KernelError(f"no aim {aim}; there are {', '.join(AIMS)}")
-    if mechanism.has_friction:
-        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
-    parameters = named_parameters(mechanism, open_parameters)
     found = study(mechanism)
     if independent is not None and (len(set(independent)) != found.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {found.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(found, cheapest(found, parameters, formulation, independent, aim), baumgarte)
+    program = _written(found, cheapest(found, open_parameters, formulation, independent, aim), baumgarte)
     check(program, mechanism)
     return program
+
+
+known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often compiled under several stabilisations
 
 
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
@@ -128,13 +225,11 @@ def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     n = mechanism.n
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
-    dq = vector(graph, algebra.correction(_residuals(work)), n)
-    dv = vector(graph, algebra.correction(_rates(work)), n)
-    stabilized = vector(graph, algebra.acceleration(_damped(work, *baumgarte)), n) if baumgarte else []
+    dq = vector(graph, algebra.correction(work.residuals()), n)
+    dv = vector(graph, algebra.correction(work.rates()), n)
+    stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = {work.kept[k]: x for k, x in algebra.multipliers(work.terms.gamma).items()}
-    plain = plain_links(work)
-    rows = rows_of(plain)
-    phi = [row.phi for row in rows if row.phi is not None]
+    phi, phi_dot, energy = work.exact()
     shared = uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
@@ -153,34 +248,11 @@ def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),
-        multipliers=function(at, [vector(graph, multipliers, len(rows))], shared),
-        energy=function(at[1:], [[energy_of(plain)]], shared),
-        residual=function(at, [phi, [rate_of(plain, row) for row in rows]], shared),
+        multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
+        energy=function(at[1:], [[energy]], shared),
+        residual=function(at, [phi, phi_dot], shared),
         stabilized=function(at, [stabilized, pivots], shared) if baumgarte else None,
     )
-
-
-def _residuals(work: Workspace) -> dict[int, Node]:
-    """phi by kept row at the position to be corrected; a knife edge has none, and its row keeps the correction along the edge."""
-    moved = rows_of(moved_links(work))
-    kept = [moved[k] for k in work.kept]
-    return {k: row.phi for k, row in enumerate(kept) if row.phi is not None and not row.phi.zero}
-
-
-def _rates(work: Workspace) -> dict[int, Node]:
-    """phi' by kept row."""
-    rates = {k: rate_of(work.links, row) for k, row in enumerate(work.terms.rows)}
-    return {k: x for k, x in rates.items() if not x.zero}
-
-
-def _damped(work: Workspace, alpha: float, beta: float) -> dict[int, Node]:
-    """gamma - 2 alpha phi' - beta^2 phi by kept row."""
-
-    def bias(row: Row) -> Node:
-        bent = row.gamma - rate_of(work.links, row) * (2 * alpha)
-        return bent if row.phi is None else bent - row.phi * beta**2
-
-    return {k: x for k, row in enumerate(work.terms.rows) if not (x := bias(row)).zero}
 
 
 def check(program: Program, mechanism: Mechanism) -> None:
@@ -189,19 +261,17 @@ def check(program: Program, mechanism: Mechanism) -> None:
     Raises:
         KernelError: the program is off by more than CHECKED, or usable at none of these states.
     """
-    states = manifold_states(mechanism, 9 if mechanism.n <= DENSE else 2, seed=1)
-    found = []
-    for t, q, v in zip(states.t, states.q, states.v, strict=True):
-        a, guard = program.acceleration([t], q, v, program.values)
-        if (np.abs(guard) >= program.thresholds).all():
-            found.append((float(t), q, v, a))
-    if not found:
-        raise KernelError(f"{program.name}: the {program.formulation} kernel is usable at none of {len(states)} positions")
-    error = worst_error(mechanism, found)
-    t, q, v, _ = found[-1]
-    q = q + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=len(q))
-    phi, phi_dot = program.residual([t], q, v, program.values)
-    energy = float(program.energy(q, v, program.values)[0][0])
-    error = max(error, off_constraints_error(mechanism, t, q, v, phi, phi_dot, energy))
+
+    def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
+        a, guard = program.acceleration(t, q, v, program.values)
+        return a, np.asarray((np.abs(guard) >= program.thresholds).all(axis=1))
+
+    def evaluate(t: float, q: Array, v: Array) -> Array:
+        return np.concatenate([*program.residual([t], q, v, program.values), program.energy(q, v, program.values)[0]])
+
+    error, count = error_on_constraints(mechanism, accelerate)
+    if not count:
+        raise KernelError(f"{program.name}: the {program.formulation} kernel is usable at no position that was tried")
+    error = max(error, error_off_constraints(mechanism, evaluate))
     if not error <= CHECKED:
         raise KernelError(f"{program.name}: the {program.formulation} kernel is off by {error:.1e}, which its condition explains")

@@ -18,15 +18,17 @@ in one link alone, and rounds find equal steps in all loops.
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.formulations import Plan, Workspace, workspace
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, workspace
 from gauss_bench.compiler.elimination.function import Function, numbered
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right
-from gauss_bench.compiler.elimination.partition import Study
+from gauss_bench.compiler.elimination.partition import Study, covering, study
+from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
 from gauss_bench.compiler.equations.constraints import Row
-from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -252,13 +254,67 @@ class RoundsProgram:
     dropped: tuple[str, ...]
 
 
+def programs_in_rounds(mechanism: Mechanism, formulation: str) -> Iterator[RoundsProgram]:
+    """The programs of a mechanism, the best first.
+
+    Raises:
+        KernelError: dry friction, an unknown formulation, no usable pivots, or a first program that is wrong.
+    """
+    refuse(mechanism, formulation)
+    known = study(mechanism)
+    made: list[RoundsProgram] = []
+    for program in _cheapest_first(_generated(known, formulation), 2 if formulation == "auto" else 1):
+        if not made:
+            check(program, mechanism)
+        made.append(program)
+        yield program
+    if not made:
+        raise KernelError(f"{mechanism.name}: no partition of the coordinates has usable pivots")
+
+
+def _generated(known: Study, formulation: str) -> Iterator[RoundsProgram]:
+    """Under the formulations that are open, and last under the other; partitions late, as many freedoms make them slow to find."""
+    lagrange = Plan("lagrange", ())
+    plans: Iterable[Plan] = (Plan("gauss", x) for x in covering(known))
+    if formulation == "auto":
+        plans = (plan for group in (islice(plans, 1), [lagrange], plans) for plan in group)
+    else:
+        plans = chain([lagrange], plans) if formulation == "lagrange" else chain(plans, [lagrange])
+    for plan in plans:
+        try:
+            yield generate_in_rounds(known, plan)
+        except KernelError:
+            continue  # not every partition can be eliminated everywhere
+
+
+def _cheapest_first(programs: Iterator[RoundsProgram], compared: int) -> Iterator[RoundsProgram]:
+    yield from sorted(islice(programs, compared), key=lambda p: p.acceleration.operations)
+    yield from programs
+
+
+def check(program: RoundsProgram, mechanism: Mechanism) -> None:
+    """Compare with the linkage's own evaluation.
+
+    Raises:
+        KernelError: the program is off by more than CHECKED, or usable nowhere.
+    """
+
+    def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
+        a, held = program.acceleration(t, q, v)
+        return a, held[:, 0] == program.guards
+
+    error, count = error_on_constraints(mechanism, accelerate)
+    if not (count and error <= CHECKED):
+        raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {count} states")
+
+
 def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:
     """The accelerations of a mechanism under a plan.
 
     Raises:
         KernelError: no pivots are usable.
     """
-    work = workspace(found, open_parameters(found.mechanism, ()), plan)
+    work = workspace(found, (), plan)
     graph, mechanism = work.terms.graph, found.mechanism
     rows = _starred(graph, mechanism, work)
     J: Matrix = {(r, c): e for r, row in enumerate(rows) for c, e in row.entries.items()}

@@ -21,15 +21,13 @@ import numpy as np
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
-from gauss_bench.compiler.expressions.planar import Vector
+from gauss_bench.compiler.expressions.node import Graph, Node, Vector
 from gauss_bench.mechanism.model import (
     GROUND,
     AngleDriver,
     Driver,
     KnifeEdge,
     LengthDriver,
-    Mechanism,
     Point,
     Prismatic,
     Revolute,
@@ -137,13 +135,6 @@ class Row:
     gamma: Node
     phi: Node | None
     phi_t: Node
-
-
-def row_names(mechanism: Mechanism) -> list[str]:
-    """Names of all rows in the file's order."""
-    parts = [(j.name, ("normal", "turn") if isinstance(j, Prismatic) else ("x", "y")) for j in mechanism.joints]
-    names = [f"{name}.{part}" for name, both in parts for part in both]
-    return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
 def rows_of(links: Links) -> list[Row]:

@@ -11,8 +11,7 @@ spring with a root is not finite (the linkage's own evaluation takes no directio
 from dataclasses import dataclass, field
 
 from gauss_bench.compiler.equations.links import Links
-from gauss_bench.compiler.expressions.node import Node
-from gauss_bench.compiler.expressions.planar import Vector
+from gauss_bench.compiler.expressions.node import Node, Vector
 from gauss_bench.mechanism.model import (
     GROUND,
     AxisSpringDamper,

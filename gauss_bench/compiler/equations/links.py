@@ -20,8 +20,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
-from gauss_bench.compiler.expressions.planar import Vector
+from gauss_bench.compiler.expressions.node import Graph, Node, Vector
 from gauss_bench.mechanism.model import (
     GROUND,
     AxisSpringDamper,

@@ -20,12 +20,10 @@ import numpy as np
 
 from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.equations.sampling import typical_length
-from gauss_bench.compiler.expressions.node import Graph, Node
-from gauss_bench.compiler.expressions.planar import Vector
+from gauss_bench.compiler.expressions.node import Graph, Node, Vector
 from gauss_bench.kinematics.link_units import Element
 from gauss_bench.kinematics.loop_equations import LoopEquations
-from gauss_bench.mechanism.forces import axis_state, position
-from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Revolute
 from gauss_bench.terms import Array
 
 AXIS = 1e-14  # of a unit vector: less is rounding of a right angle
@@ -207,17 +205,3 @@ def _local_vectors(loops: LoopExpressions, mechanism: Mechanism) -> dict[tuple[i
             name = f"{bar.name} at {p.name}"
             found |= {(p.link, name): loops.local(p), (k, name): loops.fixed(0j)}
     return found
-
-
-def loop_values(equations: LoopEquations, mechanism: Mechanism, q: Array) -> Array:
-    """x (TU + TK,) of an assembled state q (n,) of a mechanism with these loops, whatever its dimensions."""
-    values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic):
-            values[joint.name] = float(axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)[0])
-    names = [bar.name for bar in equations.bars]
-    for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver) and d.name in names):
-        x, y = position(q, bar.b) - position(q, bar.a)
-        values[len(mechanism.links) + names.index(bar.name)] = float(np.arctan2(y, x))
-        values[bar.name] = float(np.hypot(x, y))
-    return np.array([values[key] for key in equations.column])

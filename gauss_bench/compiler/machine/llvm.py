@@ -2,12 +2,23 @@
 
 The text is the same for one lane and for many but for its types. No instruction carries a flag that would allow rounding to change.
 Source: LLVM Language Reference Manual.
+
+Loops over lanes: several lanes at once for one trajectory, or one lane after the other for several trajectories.
+
+one trajectory      an element is a double, a vector holds neighbouring lanes: elements k, k + 1, ... of an array
+    W trajectories      an element is a vector with one double for each trajectory
+
+Operands that stand side by side are loaded as they stand, others through tables of places. The code is as long as there are
+different operations; how many lanes they have changes its tables alone.
 """
 
 import struct
 from collections.abc import Iterable
+from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine.graph import Graph, live, order, rewrite
+from gauss_bench.compiler.machine.loops import Group, Groups, Loop, Memory, needed_outside
+from gauss_bench.compiler.machine.trigonometry import sincos
 
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTEGER = {"and": "and", "plus": "add", "shl": "shl"}
@@ -19,6 +30,14 @@ CALLS = {"fma": ("fma", 3), "abs": ("fabs", 1), "sqrt": ("sqrt", 1)}
 def hexadecimal(x: float) -> str:
     """A double as LLVM writes it exactly."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """Code for native_code.py: the text of a module, and operations in one turn of the loop or in one evaluation."""
+
+    text: str
+    operations: int
 
 
 class Writer:
@@ -150,3 +169,287 @@ class Writer:
         return "\n".join(
             f"declare {self.real} @llvm.{name}.{self.suffix}({', '.join([self.real] * count)})" for name, count in CALLS.values()
         )
+
+
+class Text(Writer):
+    """Lines of a function in which the width changes from loop to loop, and the tables they refer to.
+
+    Attributes:
+        across: lanes of a loop that one vector holds; 1 where a vector holds trajectories.
+        element: type of one element of memory.
+    """
+
+    def __init__(self, across: int, trajectories: int):
+        super().__init__(trajectories)
+        self.across, self.trajectories = across, trajectories
+        self.element = self.real
+        self.tables: dict[str, str] = {}
+
+    def width(self, lanes: int) -> None:
+        """From here on, values of so many lanes."""
+        fresh = Writer(lanes)
+        self.lanes, self.real, self.integer, self.mask = fresh.lanes, fresh.real, fresh.integer, fresh.mask
+        self.suffix = fresh.suffix
+
+    def table(self, kind: str, values: list[str]) -> str:
+        """Name of a constant array, one for equal contents; its last entry is repeated to fill the last vector."""
+        values = values + values[-1:] * (-len(values) % 8)
+        text = f"private unnamed_addr constant [{len(values)} x {kind}] [{', '.join(f'{kind} {x}' for x in values)}], align 64"
+        return self.tables.setdefault(text, f"@table{len(self.tables)}")
+
+    def table_lines(self) -> list[str]:
+        return [f"{name} = {text}" for text, name in self.tables.items()]
+
+
+@dataclass(frozen=True, eq=False)
+class Wide:
+    """How one loop is written: its index k, how many lanes are done at once, and an element to waste."""
+
+    text: Text
+    k: str
+    lanes: int
+    at_once: int
+    spare: int
+
+    @property
+    def vector(self) -> bool:
+        """Whether a value holds several lanes."""
+        return self.at_once > 1
+
+    def element(self, first: int) -> str:
+        """Address of element `first` + k."""
+        row = self.k if not first else f"{first}" if self.k == "0" else self.text.let(f"add i64 {self.k}, {first}")
+        return self.text.address("%a", row, self.text.element)
+
+    def get(self, address: str) -> str:
+        return self.text.let(f"load {self.text.real}, ptr {address}, align 8")
+
+    def rest(self) -> str | None:
+        """Mask of the lanes that exist; None where all do."""
+        if not self.vector or self.lanes % self.at_once == 0:
+            return None
+        w = self.text
+        numbers = "<" + ", ".join(f"i64 {x}" for x in range(self.at_once)) + ">"
+        one = w.let(f"insertelement {w.integer} poison, i64 {self.k}, i32 0")
+        every = w.let(f"shufflevector {w.integer} {one}, {w.integer} poison, <{w.lanes} x i32> zeroinitializer")
+        return w.let(f"icmp ult {w.integer} {w.let(f'add {w.integer} {every}, {numbers}')}, {w.splat(str(self.lanes), 'i64')}")
+
+    def places(self, places: list[int], spare: int | None = None) -> list[str]:
+        """Addresses of this turn's elements; those of lanes that do not exist are `spare`, or the last one's."""
+        w = self.text
+        missing = -len(places) % self.at_once
+        table = w.address(
+            w.table("i32", [str(x) for x in places + [places[-1] if spare is None else spare] * missing]), self.k, "i32"
+        )
+        found = []
+        for lane in range(self.at_once):
+            entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
+            found.append(w.address("%a", w.let(f"sext i32 {entry} to i64"), w.element))
+        return found
+
+    def load(self, places: list[int]) -> str:
+        """The values at places by lane."""
+        w = self.text
+        if len(set(places)) == 1:
+            address = w.address("%a", places[0], w.element)
+            return w.broadcast(w.let(f"load double, ptr {address}, align 8")) if self.vector else self.get(address)
+        if _side_by_side(places):
+            return self.get(self.element(places[0]))
+        if not self.vector:
+            return self.get(self.places(places)[0])
+        found = "poison"
+        for lane, address in enumerate(self.places(places)):
+            one = w.let(f"load double, ptr {address}, align 8")
+            found = w.let(f"insertelement {w.real} {found}, double {one}, i32 {lane}")
+        return found
+
+    def numbers(self, values: list[float]) -> str:
+        """Numbers by lane."""
+        w = self.text
+        address = w.address(w.table("double", [hexadecimal(x) for x in values]), self.k, "double")
+        if self.vector:
+            return self.get(address)
+        return w.broadcast(w.let(f"load double, ptr {address}, align 8"))
+
+    def store(self, value: str, places: list[int], room: bool) -> None:
+        """Store by lane; `room` where nothing is lost behind the last."""
+        w = self.text
+        if not _side_by_side(places):
+            self._scatter(value, places)
+            return
+        mask = None if room else self.rest()
+        address = self.element(places[0])
+        if mask is None:
+            w.line(f"  store {w.real} {value}, ptr {address}, align 8")
+        else:
+            w.line(f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {address}, i32 8, {w.mask} {mask})")
+
+    def _scatter(self, value: str, places: list[int]) -> None:
+        w = self.text
+        for lane, address in enumerate(self.places(places, self.spare)):
+            one = w.let(f"extractelement {w.real} {value}, i32 {lane}") if self.vector else value
+            w.line(f"  store {w.element} {one}, ptr {address}, align 8")
+
+
+def _side_by_side(places: list[int]) -> bool:
+    return places == list(range(places[0], places[0] + len(places)))
+
+
+class LoopWriter:
+    """Writes loops one after the other into a function of the pointer %a."""
+
+    def __init__(self, text: Text, groups: Groups, found: list[Loop], memory: Memory):
+        self.text, self.groups, self.memory = text, groups, memory
+        self.needed = needed_outside(found)
+        self.block = "entry"
+        self.count = 0
+
+    def write(self, loop: Loop) -> None:
+        """One loop; without a branch where one turn does it."""
+        w, turns_by = self.text, min(self.text.across, 1 << (loop.lanes - 1).bit_length())
+        w.width(turns_by if w.across > 1 else w.trajectories)
+        body = _Body(self, loop)
+        self.count += 1
+        if loop.lanes <= turns_by:
+            sums = body.write(Wide(w, "0", loop.lanes, turns_by, self.memory.spare), {})
+        else:
+            sums = self._turns(body, loop, turns_by)
+        for value, total in sums.items():
+            self._keep_sum(value, total)
+
+    def _turns(self, body: "_Body", loop: Loop, at_once: int) -> dict[int, str]:
+        w, label = self.text, f"loop{self.count}"
+        w.line(f"  br label %{label}\n{label}:")
+        header = len(w.lines)
+        w.line("")
+        k, following = f"%k{self.count}", f"%n{self.count}"
+        before = {x: f"%s{self.count}_{i}" for i, x in enumerate(body.sums())}
+        sums = body.write(Wide(w, k, loop.lanes, at_once, self.memory.spare), before)
+        phis = [f"  {k} = phi i64 [0, %{self.block}], [{following}, %{label}]"]
+        zero = w.const(0.0)
+        phis += [f"  {name} = phi {w.real} [{zero}, %{self.block}], [{sums[x]}, %{label}]" for x, name in before.items()]
+        w.lines[header] = "\n".join(phis)
+        w.line(f"  {following} = add i64 {k}, {at_once}")
+        more = w.let(f"icmp ult i64 {following}, {loop.lanes}")
+        self.block = f"after{self.count}"
+        w.line(f"  br i1 {more}, label %{label}, label %{self.block}\n{self.block}:")
+        return sums
+
+    def _keep_sum(self, value: int, total: str) -> None:
+        """Add up the lanes of a vector, and store the sum."""
+        w = self.text
+        if value not in self.memory.place:
+            return
+        if w.across > 1 and w.lanes > 1:
+            half = w.lanes // 2
+            while half:
+                picks = ", ".join(f"i32 {x}" for x in [*range(half, 2 * half), *[0] * (w.lanes - half)])
+                moved = w.let(f"shufflevector {w.real} {total}, {w.real} poison, <{w.lanes} x i32> <{picks}>")
+                total = w.let(f"fadd {w.real} {total}, {moved}")
+                half //= 2
+            total = w.let(f"extractelement {w.real} {total}, i32 0")
+        address = w.address("%a", self.memory.place[value], w.element)
+        w.line(f"  store {w.element} {total}, ptr {address}, align 8")
+
+
+class _Body:
+    """The arithmetic of one loop as a graph, regrouped and fused."""
+
+    def __init__(self, writer: LoopWriter, loop: Loop):
+        self.writer, self.loop = writer, loop
+        self.graph = Graph()
+        self.made: dict[tuple[int, ...], int] = {}
+        self.leaves: dict[tuple[int, ...], str] = {}
+        self.kept: list[tuple[Group, int]] = []
+        for group in loop.groups:
+            value = self._value(group)
+            if group.operation not in ("SUM", "OUT"):
+                self.made[group.results] = value
+            if group.operation in ("SUM", "OUT") or writer.needed & set(group.results):
+                self.kept.append((group, value))
+        self.graph, roots = rewrite(self.graph, [x for _, x in self.kept])
+        self.kept = [(group, x) for (group, _), x in zip(self.kept, roots, strict=True)]
+        roots = list(dict.fromkeys(roots))
+        self.order = order(self.graph, live(self.graph, roots), {str(k): x for k, x in enumerate(roots)})
+
+    def sums(self) -> list[int]:
+        return [g.results[0] for g, _ in self.kept if g.operation == "SUM"]
+
+    def _operand(self, values: tuple[int, ...], negative: bool) -> int:
+        numbers, g = self.writer.groups.numbers, self.graph
+        if values in self.made:
+            found = self.made[values]
+        elif all(v in numbers for v in values) and len({numbers[v] for v in values}) == 1:
+            found = g.const(numbers[values[0]])
+        else:
+            found = g.leaf(self.leaves.setdefault(values, f"leaf{len(self.leaves)}"))
+        return g.neg(found) if negative else found
+
+    def _value(self, group: Group) -> int:
+        g = self.graph
+        x = [self._operand(*operand) for operand in zip(group.operands, group.negative, strict=True)]
+        match group.operation:
+            case "ADD":
+                return g.add(*x)
+            case "MUL":
+                return g.mul(*x)
+            case "INV":
+                return g.div(g.const(1.0), x[0])
+            case "SQRT":
+                return g.make("sqrt", x[0])
+            case "SIN" | "COS":
+                return sincos(g, x[0])[group.operation == "COS"]
+            case "FMIN":
+                return g.make("select", g.make("lt", x[0], x[1]), x[0], x[1])
+            case "FMAX":
+                return g.make("select", g.make("lt", x[1], x[0]), x[0], x[1])
+            case "LE":
+                return g.make("select", g.make("le", x[0], x[1]), g.const(1.0), g.const(0.0))
+            case "SUM" | "OUT" | "IS":
+                return x[0]
+        raise ValueError(f"no code for {group.operation}")
+
+    def write(self, wide: Wide, before: dict[int, str]) -> dict[int, str]:
+        """The lines of one turn; returns the sums after it, from those `before` it."""
+        w = wide.text
+        w.names = {}
+        leaf_of = {name: values for values, name in self.leaves.items()}
+        for x in self.order:
+            if self.graph.operation[x] == "leaf":
+                w.names[x] = self._load(wide, leaf_of[str(self.graph.payload[x])])
+        w.write(self.graph, self.order)
+        sums = {}
+        for group, x in self.kept:
+            if group.operation == "SUM":
+                sums[group.results[0]] = self._added(wide, w.names[x], before.get(group.results[0]))
+            else:
+                self._store(wide, group, w.names[x])
+        return sums
+
+    def _added(self, wide: Wide, value: str, before: str | None) -> str:
+        w, mask = wide.text, wide.rest()
+        value = value if mask is None else w.select(mask, value, w.const(0.0))
+        return value if before is None else w.let(f"fadd {w.real} {before}, {value}")
+
+    def _load(self, wide: Wide, values: tuple[int, ...]) -> str:
+        numbers, place = self.writer.groups.numbers, self.writer.memory.place
+        if values[0] in numbers:
+            return wide.numbers([numbers[v] for v in values])
+        return wide.load([place[v] for v in values])
+
+    def _store(self, wide: Wide, group: Group, value: str) -> None:
+        memory = self.writer.memory
+        if group.operation == "OUT":
+            places = [memory.a + memory.coordinate(j) for j in group.results]
+        else:
+            places = [memory.place[v] for v in group.results]
+        wide.store(value, places, memory.room(places))
+
+
+def declarations(widths: set[int]) -> list[str]:
+    """Of the functions of LLVM itself that the text may call."""
+    found = [Writer(1).declarations()]
+    for lanes in sorted(widths - {1}):
+        w = Writer(lanes)
+        found += [w.declarations(), f"declare void @llvm.masked.store.{w.suffix}.p0({w.real}, ptr, i32, {w.mask})"]
+    return found

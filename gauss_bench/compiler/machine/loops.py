@@ -26,6 +26,8 @@ from typing import NamedTuple
 from gauss_bench.compiler.elimination.function import Instruction
 from gauss_bench.compiler.elimination.rounds import RoundsProgram
 
+__all__ = ["WIDEST", "Group", "Groups", "Loop", "LoopedProgram", "Memory", "RoundsProgram", "looped", "needed_outside"]
+
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
 COMMUTATIVE = ("ADD", "MUL")
@@ -383,3 +385,28 @@ def _last_readers(found: list[Loop]) -> dict[int, int]:
             for values in group.operands:
                 read |= dict.fromkeys(values, number)
     return read
+
+
+@dataclass(frozen=True, eq=False)
+class LoopedProgram:
+    """Loops that compute accelerations, and where they keep their numbers; `guards` of them hold where the program serves."""
+
+    source: RoundsProgram
+    groups: Groups
+    loops: list[Loop]
+    memory: Memory
+
+    @property
+    def guards(self) -> int:
+        return self.source.guards
+
+    @property
+    def operations(self) -> int:
+        return self.groups.operations
+
+
+def looped(program: RoundsProgram) -> LoopedProgram:
+    """The loops of a program."""
+    groups = grouped(program)
+    order = loops(groups)
+    return LoopedProgram(program, groups, order, memory(program, groups, order))

@@ -7,13 +7,23 @@ may touch rounding.
 
 import ctypes
 import hashlib
+import threading
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gauss_bench.compiler.machine import object_cache
+from gauss_bench.terms import Array
+
+Flags = NDArray[np.bool_]
 
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
@@ -108,3 +118,41 @@ def _loaded(code: bytes, name: str, machine: Any) -> tuple[Any, Any]:
     engine.finalize_object()
     prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in SIGNATURES[name]))
     return prototype(engine.get_function_address(name)), engine
+
+
+def in_lanes(x: Array, lanes: int) -> Array:
+    """(k, rows) as (groups, rows, lanes); the last state is repeated to fill the last group."""
+    missing = -len(x) % lanes
+    full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
+    return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
+
+
+def out_of_lanes(x: Array, count: int) -> Array:
+    """(groups, ..., rows, lanes) as (k, ..., rows)."""
+    moved = np.moveaxis(x, -1, 1)
+    return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
+
+
+def shared(part: Callable[[int, int], None], groups: int, threads: int) -> None:
+    """Call part(low, high) for all groups, cut into as many runs as there are threads."""
+    runs = list(pairwise(np.linspace(0, groups, max(1, min(threads, groups)) + 1).astype(int).tolist()))
+    if len(runs) == 1:
+        part(*runs[0])
+        return
+    with ThreadPoolExecutor(len(runs)) as pool:
+        list(pool.map(lambda run: part(*run), runs))
+
+
+def address(x: Array) -> int:
+    return int(x.__array_interface__["data"][0])
+
+
+class Buffers(threading.local):
+    """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
+
+    call: Any
+
+    def put(self, call: Any, *sizes: int) -> None:
+        self.arrays = [np.empty(size) for size in sizes]
+        self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
+        self.call = call

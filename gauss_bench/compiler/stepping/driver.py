@@ -1,101 +1,110 @@
-"""What happens when a guard stops a trajectory: another reach, another partition, and last a rank decision at each step.
+"""What happens when a guard stops a trajectory: another reach, another partition, and last a rank decision at each step."""
 
-A partition is usable where its pivots stay away from zero; which ones do changes along the motion (the crank of a slider-crank
-always serves, its slider not at the dead centres). Programs for further partitions are generated when they are first needed.
-"""
-
-import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.program import Program, generate, partitions
-from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.stepping.arrays import NumpyRunner, on_arrays
-from gauss_bench.compiler.stepping.library import Library
-from gauss_bench.compiler.stepping.runners import Batch, NativeRunner, Outcome, Runner
-from gauss_bench.compiler.stepping.steps import REACHES, Code, read_code
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-MARGIN = 1.2  # on the way of the angles in a step, when the reach is chosen
+INTEGRATORS = ("rk4", "semi_implicit_euler")
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a mechanism becomes code; see kernel.compile."""
-
-    formulation: str
-    stabilization: str
-    open_parameters: tuple[str, ...]
-    independent: tuple[int, ...] | None
-    baumgarte: tuple[float, float]
-    backend: str
-    lanes: int
-    cache: bool
-
-
-known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often compiled under several stabilisations
-
-
-class Choices:
-    """The programs of one mechanism: the best first, further ones when asked for.
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What is to be stepped.
 
     Attributes:
-        codes: generated so far.
+        states: (k, 2n) q and v.
+        parameters: (k, n_p).
+        t0, h: start and step [s]; n: steps; every: steps between samples, at least 1.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options):
-        self.mechanism, self.options = mechanism, options
-        self.codes: list[Code] = []
-        self._evaluate: list[Callable[..., list[Array]]] = []
-        self._more = self._generated()
-        self.further()
+    states: Array
+    parameters: Array
+    t0: float
+    h: float
+    n: int
+    every: int
 
-    def _generated(self) -> Iterator[Program]:
-        o = self.options
-        damping = o.baumgarte if o.stabilization == "baumgarte" else None
-        first = known_program(self.mechanism, o.formulation, o.open_parameters, o.independent, damping)
-        yield first
-        others: list[tuple[str, tuple[int, ...] | None]] = [
-            ("gauss", p) for p in partitions(self.mechanism) if p != first.independent
-        ]
-        for formulation, independent in [*others, *([("lagrange", None)] if first.formulation != "lagrange" else [])]:
-            try:
-                yield known_program(self.mechanism, formulation, o.open_parameters, independent, damping)
-            except KernelError:
-                continue  # not every partition can be eliminated everywhere; the first one could
+    @property
+    def slots(self) -> int:
+        """Samples of each trajectory: every `every` steps and the last."""
+        return max(1, -(-self.n // self.every))
 
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a batch.
+
+    Attributes:
+        states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
+        samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
+        done: (k,) steps that count.
+        complete: (k,) whether that is all of them.
+        far: (k,) whether it stopped because the angles moved further than the code can follow, and for no other reason.
+    """
+
+    states: Array
+    samples: Array
+    done: NDArray[np.integer[Any]]
+    complete: NDArray[np.bool_]
+    far: NDArray[np.bool_]
+
+
+class Runner(Protocol):
+    """Steps trajectories by one program, integrator and reach."""
+
+    def run(self, batch: Batch, threads: int = 1) -> Outcome:
+        """All trajectories of a batch as far as their guards hold."""
+        ...
+
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
+        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
+        ...
+
+
+class Programs(Protocol):
+    """The programs of one mechanism, the best first; further ones are generated when they are asked for."""
+
+    @property
+    def n(self) -> int:
+        """Coordinates."""
+        ...
+
+    @property
+    def values(self) -> Array:
+        """(n_p,) open numbers of the file."""
+        ...
+
+    def __len__(self) -> int: ...
     def further(self) -> bool:
-        """Generate one more program; False where there is none."""
-        program = next(self._more, None)
-        if program is None:
-            return False
-        code = read_code(program, self.options.stabilization)
-        self.codes.append(code)
-        self._evaluate.append(on_arrays(program.acceleration))
-        return True
+        """Generate one more; False where there is none."""
+        ...
 
-    def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
-        """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
-        a, guard = self._evaluate[k](t[:, None], q, v, p)
-        with np.errstate(invalid="ignore"):
-            margin = np.abs(guard) / self.codes[k].program.thresholds
-        return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
+    def margin(self, k: int, t: float, state: Array, p: Array) -> float:
+        """How far one of them is from failing at a state; below 1 it does."""
+        ...
 
-    def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
-        """The program with the largest margin at a state, or None where none is usable there."""
-        n = self.mechanism.n
-        at = np.array([t]), state[None, :n], state[None, n:], p[None]
-        while True:
-            margins = {k: float(self.accelerations(k, *at)[1][0]) for k in range(len(self.codes)) if k not in without}
-            usable = [k for k, margin in margins.items() if margin >= 1.0]
-            if usable:
-                return max(usable, key=lambda k: margins[k])
-            if not self.further():
-                return None
+    def levels(self, integrator: str) -> int:
+        """Variants of the code, by how far angles may move in one step; the last has no limit."""
+        ...
+
+    def level(self, integrator: str, h: float, v: Array) -> int:
+        """The variant that the speeds v (..., n) allow."""
+        ...
+
+    def runner(self, k: int, integrator: str, level: int) -> Runner:
+        """Who steps by one program and variant."""
+        ...
+
+
+class ByRank(Protocol):
+    """Single steps of a mechanism with the numbers of its file, whatever the rank of its rows."""
+
+    def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]: ...
+    def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]: ...
 
 
 @dataclass
@@ -108,49 +117,31 @@ class Tally:
 
 
 class Driver:
-    """Steps batches to their end by whatever serves."""
+    """Steps batches to their end by whatever serves; `projected` where samples are to lie on the constraints."""
 
-    def __init__(self, mechanism: Mechanism, options: Options):
-        self.mechanism, self.options = mechanism, options
-        self.choices = Choices(mechanism, options)
-        self.runners: dict[tuple[int, str, int], Runner] = {}
+    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool):
+        self.programs, self.by_rank, self.projected = programs, by_rank, projected
         self.tally = Tally()
-        self._angles = list(self.choices.codes[0].angles)
-
-    @cached_property
-    def library(self) -> Library:
-        return Library(self.mechanism, self.options.baumgarte if self.options.stabilization == "baumgarte" else None)
 
     def nominal(self, p: Array) -> bool:
         """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
-        return bool((p == self.choices.codes[0].program.values).all())
+        return bool((p == self.programs.values).all())
 
-    def level(self, integrator: str, h: float, v: Array) -> int:
-        """The shortest reach that the speeds v (..., n) allow."""
-        reaches = REACHES[integrator]
-        if self.options.backend != "llvm":
-            return len(reaches) - 1
-        turning = np.asarray(v[..., self._angles])
-        way = MARGIN * abs(h) * (math.hypot(*turning) if turning.ndim == 1 else np.hypot.reduce(turning, axis=-1).max(initial=0.0))
-        return next((k for k, reach in enumerate(reaches) if way <= reach.step), len(reaches) - 1)
-
-    def runner(self, k: int, integrator: str, level: int) -> Runner:
-        """The code of one program and reach, made when it is first asked for."""
-        key = (k, integrator, level)
-        if key not in self.runners:
-            code, o = self.choices.codes[k], self.options
-            match o.backend:
-                case "llvm":
-                    self.runners[key] = NativeRunner(code, integrator, REACHES[integrator][level], o.lanes, o.cache)
-                case _:
-                    self.runners[key] = NumpyRunner(code, integrator)
-        return self.runners[key]
+    def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
+        """The program with the largest margin at a state, or None where none is usable there."""
+        while True:
+            margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs)) if k not in without}
+            usable = [k for k, margin in margins.items() if margin >= 1.0]
+            if usable:
+                return max(usable, key=lambda k: margins[k])
+            if not self.programs.further():
+                return None
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
         """All trajectories to their end; a lost one is not a number from there on."""
-        level = self.level(integrator, batch.h, batch.states[:, self.mechanism.n :])
-        found = self.runner(0, integrator, level).run(batch, threads)
-        last = len(REACHES[integrator]) - 1
+        level = self.programs.level(integrator, batch.h, batch.states[:, self.programs.n :])
+        found = self.programs.runner(0, integrator, level).run(batch, threads)
+        last = self.programs.levels(integrator) - 1
         while len(batch.states) > 1 and level < last and (found.far & ~found.complete).any():
             level += 1  # together and from the start: quicker than to finish each alone
             found = self._again(batch, found, integrator, level, threads)
@@ -160,20 +151,20 @@ class Driver:
         """Trajectories that stopped to their end, one by one."""
         self.tally = Tally()
         for k in np.flatnonzero(~found.complete):
-            Course(self, batch, integrator, found, int(k), level).finish()
+            Continuation(self, batch, integrator, found, int(k), level).finish()
         return found
 
     def _again(self, batch: Batch, found: Outcome, integrator: str, level: int, threads: int) -> Outcome:
         """Run those that went too far with a longer reach."""
         rows = np.flatnonzero(found.far & ~found.complete)
         part = replace(batch, states=batch.states[rows], parameters=batch.parameters[rows])
-        new = self.runner(0, integrator, level).run(part, threads)
+        new = self.programs.runner(0, integrator, level).run(part, threads)
         for old, more in zip(vars(found).values(), vars(new).values(), strict=True):
             old[rows] = more
         return found
 
 
-class Course:
+class Continuation:
     """One trajectory that stopped, followed to its end; writes into the outcome of its batch."""
 
     def __init__(self, driver: Driver, batch: Batch, integrator: str, found: Outcome, row: int, level: int):
@@ -205,7 +196,7 @@ class Course:
         count = goal - self.at
         every = batch.every if whole else max(1, count)
         part = Batch(self.state[None], self.p[None], self.t, batch.h, count, every)
-        outcome = self.driver.runner(self.used, self.integrator, self.level).run(part)
+        outcome = self.driver.programs.runner(self.used, self.integrator, self.level).run(part)
         complete, moved = bool(outcome.complete[0]), int(outcome.done[0])
         samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
         self.found.samples[self.row, self.stored : self.stored + len(samples)] = samples
@@ -219,39 +210,37 @@ class Course:
 
     def _choose(self) -> None:
         """The next reach, or another program, or a step without one."""
-        driver, reaches = self.driver, REACHES[self.integrator]
-        if self.far and self.level < len(reaches) - 1:
+        driver, levels = self.driver, self.driver.programs.levels(self.integrator)
+        if self.far and self.level < levels - 1:
             self.level += 1
             return
         self.tried.add(self.used)
-        found = driver.choices.best(self.t, self.state, self.p, self.tried)
+        found = driver.best(self.t, self.state, self.p, self.tried)
         if found is None:
             self._step()
             self.tried.clear()
-            found = driver.choices.best(self.t, self.state, self.p, set())
+            found = driver.best(self.t, self.state, self.p, set())
         if found is not None:
             driver.tally.switches += found != self.used
             self.used = found
-        self.level = driver.level(self.integrator, self.batch.h, self.state[driver.mechanism.n :])
+        self.level = driver.programs.level(self.integrator, self.batch.h, self.state[driver.programs.n :])
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""
         driver, batch = self.driver, self.batch
-        n, due = driver.mechanism.n, self.at > 0 and self.at == min((self.stored + 1) * batch.every, batch.n)
+        n, due = driver.programs.n, self.at > 0 and self.at == min((self.stored + 1) * batch.every, batch.n)
         driver.tally.fallbacks += 1
         q, v = self.state[:n], self.state[n:]
         if not (driver.nominal(self.p) and np.isfinite(self.state).all()):
             self._lose()
         elif due:
-            self.state = np.concatenate(
-                driver.library.project(self.t, q, v) if driver.options.stabilization == "projection" else (q, v)
-            )
+            self.state = np.concatenate(driver.by_rank.project(self.t, q, v) if driver.projected else (q, v))
             self.found.samples[self.row, self.stored] = self.state
             self.stored += 1
         else:
             try:
                 with np.errstate(all="ignore"):
-                    self.state = np.concatenate(driver.library.step(self.integrator, self.t, q, v, batch.h))
+                    self.state = np.concatenate(driver.by_rank.step(self.integrator, self.t, q, v, batch.h))
                 self.at += 1
             except np.linalg.LinAlgError:  # numbers beyond all bounds
                 self._lose()

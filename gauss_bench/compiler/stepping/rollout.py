@@ -27,11 +27,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.llvm import Writer
-from gauss_bench.compiler.machine.schedule import live, order, rewrite
+from gauss_bench.compiler.machine.code import Code
+from gauss_bench.compiler.machine.graph import Graph, constant_values, count_operations, leaves, live, order, rewrite
+from gauss_bench.compiler.machine.llvm import Listing, Writer
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.steps import EXACT, STEPS, Builder, Code, Reach, Stage, Step, rk4_end, rk4_stage
+from gauss_bench.compiler.stepping.steps import EXACT, STEPS, Builder, Reach, Stage, Step, rk4_end, rk4_stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,23 +65,6 @@ class Body(Protocol):
         ...
 
     def write(self, w: Writer) -> Turn: ...
-
-
-def constant_values(g: Graph, values: list[int], fixed: Mapping[str, str]) -> list[int]:
-    """Values that depend on fixed leaves and numbers only."""
-    found: dict[int, bool] = {}
-    for x in sorted(values):
-        leaf = g.operation[x] == "leaf"
-        found[x] = str(g.payload[x]) in fixed if leaf else all(found[k] for k in g.operands[x])
-    return [x for x, constant in found.items() if constant]
-
-
-def leaves(g: Graph, values: list[int]) -> dict[str, int]:
-    return {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
-
-
-def count_operations(g: Graph, values: list[int]) -> int:
-    return sum(g.operation[x] not in ("const", "leaf") for x in values)
 
 
 def shortened(step: Step) -> Step:
@@ -209,14 +192,6 @@ def regrouped(s: Stage) -> Stage:
 
 ARGUMENTS = "ptr noalias %y, ptr noalias %p, double %h, double %t0, i64 %n, i64 %every, ptr noalias %samples, ptr noalias %report"
 WRITTEN_OUT = 2_900  # operations of a step; beyond it the code outgrows the caches of instructions
-
-
-@dataclass(frozen=True, eq=False)
-class Listing:
-    """Code for native_code.py: the text of a module, and operations in one turn of the loop or in one evaluation."""
-
-    text: str
-    operations: int
 
 
 def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT) -> Body:

@@ -31,9 +31,8 @@ uncorrected q', then v with the Jacobian at the corrected one.
 from dataclasses import dataclass
 from math import inf, isfinite
 
-from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.machine import trigonometry
+from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, inline
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
@@ -67,34 +66,6 @@ REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "semi_implicit_euler": (Reach(0.0065, inf, 1.5e-4, 3), Reach(0.0625, inf, 6.5e-3, 5), Reach(inf, inf, inf, 6)),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Code:
-    """The functions of one program under one stabilisation ("none", "baumgarte" or "projection")."""
-
-    program: Program
-    stabilization: str
-    acceleration: Function
-    position: Function
-    velocity: Function
-    angles: tuple[int, ...]
-
-    @property
-    def projected(self) -> bool:
-        return self.stabilization == "projection"
-
-
-def read_code(program: Program, stabilization: str) -> Code:
-    """What is stepped of a program; its `stabilized` acceleration for Baumgarte."""
-    acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
-    if acceleration is None:
-        raise ValueError(f"{program.name} was generated without Baumgarte's terms")
-    position, velocity = program.position_correction, program.velocity_correction
-    angles = acceleration.angles(1)
-    if stabilization == "projection":
-        angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
-    return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))
 
 
 @dataclass(frozen=True, eq=False)

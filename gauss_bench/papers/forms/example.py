@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_motion import CrankMotion, motion_of
-from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, Number, State, gradient, linkage, states
+from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
 from gauss_bench.reference.build import build_reference
 from gauss_bench.terms import Array, Terms
@@ -24,11 +24,11 @@ SHOWN = 0.5  # [s] of the motion, over which integrators are compared: most of t
 STEP = 1e-3  # [s] of the integrator that a reader might take
 
 
-def everywhere(off: Callable[[State], float]) -> float:
+def everywhere(off: Callable[[ExampleState], float]) -> float:
     return worst([off(s) for s in states()])
 
 
-def moving(off: Callable[[State], float]) -> float:
+def moving(off: Callable[[ExampleState], float]) -> float:
     """All but the start, which is at rest."""
     return worst([off(s) for s in states()[1:]])
 
@@ -47,7 +47,7 @@ def mass_off(form: Callable[[], Array]) -> float:
     return float(np.abs(form() / true - 1).max())
 
 
-def power_off(s: State, f: Array, Q: Array, a: Array) -> float:
+def power_off(s: ExampleState, f: Array, Q: Array, a: Array) -> float:
     """Virtual power of M a + f - Q along the motion, in which no constraint force takes part, relative to its terms."""
     inertia = crank_slider.mass() * a
     return float(abs(s.v @ (inertia + f - Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(Q))))
@@ -62,7 +62,7 @@ def forces_off(form: Callable[[Array, Array], Array]) -> float:
 
 
 def order_off(form: Callable[[Array], Array]) -> float:
-    def off(s: State) -> float:
+    def off(s: ExampleState) -> float:
         whole = np.zeros(linkage().n)
         whole[list(KEPT)] = s.a
         return power_off(s, np.zeros(7), s.Q, form(whole))
@@ -77,7 +77,7 @@ def positions_off(form: Callable[[Number], Number]) -> float:
 def jacobian_off(form: Callable[[Number], Number]) -> float:
     """All entries but (6, 6) against the derivatives of (21)."""
 
-    def off(s: State) -> float:
+    def off(s: ExampleState) -> float:
         difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
         difference[5, 5] = 0.0
         return float(difference.max())
@@ -99,7 +99,7 @@ def row_off(*rows: int) -> Callable[[Rows], float]:
     def measure(form: Rows) -> float:
         chosen = [row - 1 for row in rows]
 
-        def off(s: State) -> float:
+        def off(s: ExampleState) -> float:
             true = (gradient(crank_slider.residual, s.q) @ s.a)[chosen]
             return float(np.abs(form(s.q, s.v, s.a) - true).max() / np.abs(s.a).max())
 

@@ -17,7 +17,7 @@ import numpy as np
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.link_units import MOVING
 from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
-from gauss_bench.kinematics.loops import Graph, find_graph
+from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.mechanism.forces import axis_state
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
@@ -37,7 +37,7 @@ COUNTED = ("crank_slider", "four_bar", "five_bar", "six_bar", "shaper", "eight_b
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class DrivenLinkage:
     """A driven linkage at an instant: its equations, state x and rate, true rates and second rates of unknowns and inputs.
 
     Second rates of slides are not known here and are NaN.
@@ -58,11 +58,11 @@ class Turning:
 
 
 @cache
-def turnings() -> tuple[Turning, ...]:
+def turnings() -> tuple[DrivenLinkage, ...]:
     return tuple(turning(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
 
 
-def turning(mechanism: Mechanism, t: float) -> Turning:
+def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
     """The linkage at time t of its driven scenario."""
     assert mechanism.driver is not None
     motion = MinimalCoordinate(mechanism)
@@ -79,7 +79,7 @@ def turning(mechanism: Mechanism, t: float) -> Turning:
             j = slides[variable.name]
             rate.append(float(axis_state(q, v, j.block, j.guide, j.angle)[1]))
             second.append(np.nan)
-    return Turning(equations, equations.start(), np.array(rate), np.array(second))
+    return DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second))
 
 
 def velocities(m: Matrices, q_rate: Array) -> Array:
@@ -119,7 +119,7 @@ def assembled(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) ->
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
-def loops_of(t: Turning) -> list[tuple[list[Array], list[Array], list[Array]]]:
+def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
     """Jacobian units, U and K of the ways of each loop."""
     equations, loops = t.equations, []
     theta = equations.turning @ t.x + equations.phase
@@ -201,7 +201,7 @@ def columns_off(form: Callable[[int, int, int], int]) -> float:
 
 
 @cache
-def graphs() -> tuple[tuple[Mechanism, Graph], ...]:
+def graphs() -> tuple[tuple[Mechanism, LinkageGraph], ...]:
     mechanisms = [load(name) for name in built_in()]
     return tuple((m, find_graph(m)) for m in mechanisms if m.joints and not m.knife_edges)
 

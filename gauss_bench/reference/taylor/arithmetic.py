@@ -63,7 +63,7 @@ def div(a: Value, b: Value) -> Value:
 
 
 def total(values: Any) -> Value:
-    """Sum of any number of values, halved again and again, so that long sums of arrays lose least to rounding."""
+    """Sum of any number of values, added in pairs, then pairs of pairs, so that long sums of arrays lose least to rounding."""
     parts = [x for x in values if not literal(x, 0)]
     while len(parts) > 1:
         parts = [add(*parts[k : k + 2]) if k + 1 < len(parts) else parts[k] for k in range(0, len(parts), 2)]

@@ -16,7 +16,7 @@ from gauss_bench.reference.taylor.elimination import factorised
 from gauss_bench.reference.taylor.equations import Chart, choose_chart
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.samples import States
+from gauss_bench.reference.taylor.samples import LoopStates
 from gauss_bench.reference.taylor.solve import (
     RANK_TOLERANCE,
     Long,
@@ -124,7 +124,7 @@ def followed(closures: Closures, times: Array, x: Array) -> Iterator[Array]:
 
 def driven_states(
     rows: LoopRows, double: LoopRows, chart: Chart, x: Long, times: Sequence[str], number: Number, progress: Progress | None
-) -> tuple[States, str]:
+) -> tuple[LoopStates, str]:
     """States at the times up to where the branch ends, and why it ends there; `double` are the rows in double precision."""
     path: list[Array] = []
     stopped = ""
@@ -141,7 +141,7 @@ def driven_states(
     return _refined(rows, np.array(path), t[: len(path)], number), stopped
 
 
-def _refined(rows: LoopRows, path: Array, t: Long, number: Number) -> States:
+def _refined(rows: LoopRows, path: Array, t: Long, number: Number) -> LoopStates:
     """The states at times t (k,) of positions (k, n) in double precision, to the last digit."""
     like, eps, n = t - t, epsilon(number), rows.coordinates.n
     laws: list[Any] = [driver.law(t) for driver in rows.coordinates.mechanism.drivers]
@@ -156,4 +156,4 @@ def _refined(rows: LoopRows, path: Array, t: Long, number: Number) -> States:
     A, rates = rows.entries(at), stacked(rows.rates(laws), like)
     v = corrected(lambda y: applied(A, y) - rates, P, np.zeros_like(x), eps)
     gamma = stacked(rows.biases(at, dict(enumerate(columns(v))), laws), like)
-    return States(t, x, v, corrected(lambda y: applied(A, y) - gamma, P, np.zeros_like(x), eps))
+    return LoopStates(t, x, v, corrected(lambda y: applied(A, y) - gamma, P, np.zeros_like(x), eps))

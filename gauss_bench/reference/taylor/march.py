@@ -19,7 +19,7 @@ from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.samples import States, joined
+from gauss_bench.reference.taylor.samples import LoopStates, joined
 from gauss_bench.reference.taylor.solve import Long, columns, corrected, dense, pseudo_inverse, stacked
 from gauss_bench.terms import Array
 
@@ -48,7 +48,10 @@ class Series(Protocol):
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart: where it ended, samples on the way, and whether a pivot is worn or all is over."""
+    """A part of the motion within one chart, up to t.
+
+    `worn` tells that a pivot became too small there, and `stopped` why the motion cannot go on at all, or is empty.
+    """
 
     t: Any
     state: Long
@@ -78,7 +81,7 @@ class March:
     steps: int = 0
     longest: float = 0.0
 
-    def run(self, chart: Chart, x: Long, v: Long) -> tuple[States, str]:
+    def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
         """States at the sample times from a start (1, n), and why they end before the last of them, or empty.
 
         Raises:
@@ -104,7 +107,7 @@ class March:
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return joined(parts), ""
 
-    def _closed(self, here: States) -> Long:
+    def _closed(self, here: LoopStates) -> Long:
         """The position (1, n) with all rows closed to the last digit.
 
         A chart keeps only as many rows as are independent. What has gathered in the others would be multiplied at every change.
@@ -173,7 +176,7 @@ class March:
             self.built[key] = self.compiled(chart, self.pieces[k])
         return self.built[key]
 
-    def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> States:
+    def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
         """Full coordinates and rates at times within one chart; where a law has a corner the law itself says which side counts."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
@@ -181,7 +184,7 @@ class March:
         laws = [driver.law(t) for driver in self.rows.coordinates.mechanism.drivers]
         found = rates(self.rows, chart, at, columns(y[:, n:]), laws)
         v, a = (stacked([x.get(j, 0) for j in range(n)], t - t) for x in (found.velocity, found.acceleration))
-        return States(t, y[:, :n], v, a)
+        return LoopStates(t, y[:, :n], v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:
         return (

@@ -25,7 +25,7 @@ class Inconsistent(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class LoopStates:
     """Loop coordinates x and their rates v, a (k, n) at times t (k,), all in one type of number."""
 
     t: Long
@@ -34,8 +34,8 @@ class States:
     a: Long
 
 
-def joined(parts: Sequence[States]) -> States:
-    return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
+def joined(parts: Sequence[LoopStates]) -> LoopStates:
+    return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
 
 
 def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, turned: Mapping[int, Value], like: Long) -> Long:
@@ -47,7 +47,7 @@ def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, turne
 
 
 def sampled(
-    rows: LoopRows, states: States, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
+    rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
     """The motion of states at times (decimal texts), `redundant` of the rows in absolute coordinates depending on the others.
 
@@ -79,7 +79,7 @@ def sampled(
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, drift, stopped, method)
 
 
-def residuals(rows: LoopRows, states: States, at: Instant) -> tuple[float, float]:
+def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
     """Largest residual of positions and of velocities over all states, redundant rows and circles of slides included."""
     laws = [driver.law(states.t) for driver in rows.coordinates.mechanism.drivers]
     like = states.t - states.t

@@ -29,7 +29,7 @@ NONE = -1  # instead of the index of an angle: the world's axes; instead of that
 Key = tuple[int, int]  # (angle, displacement): what vectors have in common that differ by a constant
 
 
-class Term(NamedTuple):
+class VectorTerm(NamedTuple):
     """One vector: the constant (x, y), times a displacement, turned by an angle; both by the index of the coordinate, or NONE."""
 
     x: Any
@@ -42,17 +42,17 @@ class Term(NamedTuple):
         return self.angle, self.length
 
 
-Sum = tuple[Term, ...]
+Sum = tuple[VectorTerm, ...]
 
 
-def merged(terms: Iterable[Term], less: Iterable[Term] = ()) -> Sum:
+def merged(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
     """One term per key, without those that cancel; `less` is taken away."""
     found: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
         for term in part:
             x, y = found.get(term.key, (term.x - term.x, term.y - term.y))
             found[term.key] = (x + sign * term.x, y + sign * term.y)
-    return tuple(Term(x, y, *key) for key, (x, y) in found.items() if x != 0 or y != 0)
+    return tuple(VectorTerm(x, y, *key) for key, (x, y) in found.items() if x != 0 or y != 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,9 @@ class LoopCoordinates:
     def turned(self, vector: Any, link: int, length: int = NONE) -> Sum:
         """A vector (2,) in a link's frame, as a sum of one term."""
         if link == GROUND:
-            return (Term(vector[0], vector[1], NONE, length),)
+            return (VectorTerm(vector[0], vector[1], NONE, length),)
         c, s = direction(self.turn[link])
-        return (Term(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], length),)
+        return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], length),)
 
     def point(self, point: Point) -> Sum:
         """World position of a link-fixed point."""
@@ -124,7 +124,7 @@ def ends(joint: Joint) -> tuple[Point, Point]:
     return (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
 
 
-class Step(NamedTuple):
+class TreeStep(NamedTuple):
     """A step of the spanning tree, from a link already reached to a new one; without a joint the link starts on its own."""
 
     parent: int
@@ -132,12 +132,12 @@ class Step(NamedTuple):
     joint: Joint | None
 
 
-def spanning_tree(mechanism: Mechanism) -> list[Step]:
+def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     """Breadth first from the ground; whatever slides tie to a link comes directly after it."""
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
     pins = [j for j in mechanism.joints if not isinstance(j, Prismatic)]
     reached: set[int] = set()
-    steps: list[Step] = []
+    steps: list[TreeStep] = []
 
     def neighbours(link: int, joints: Iterable[Joint]) -> Iterator[tuple[int, Joint]]:
         for joint in joints:
@@ -145,22 +145,22 @@ def spanning_tree(mechanism: Mechanism) -> list[Step]:
             if link in links:
                 yield links[1 - links.index(link)], joint
 
-    def reach(step: Step) -> list[int]:
+    def reach(step: TreeStep) -> list[int]:
         if step.link in reached:
             return []
         reached.add(step.link)
         steps.append(step)
         group = [step.link]
         for other, joint in neighbours(step.link, slides):
-            group += reach(Step(step.link, other, joint))
+            group += reach(TreeStep(step.link, other, joint))
         return group
 
     for root in (GROUND, *range(len(mechanism.links))):
-        queue = deque(reach(Step(GROUND, root, None)))
+        queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
             for other, joint in neighbours(link, pins):
-                queue += reach(Step(link, other, joint))
+                queue += reach(TreeStep(link, other, joint))
     return steps[1:]
 
 
@@ -207,14 +207,14 @@ def _groups(mechanism: Mechanism, none: Any) -> tuple[dict[int, int], dict[int, 
     return leader, turn, gaps
 
 
-def _with_centres(bare: LoopCoordinates, steps: list[Step], none: Any) -> LoopCoordinates:
+def _with_centres(bare: LoopCoordinates, steps: list[TreeStep], none: Any) -> LoopCoordinates:
     """The coordinates with the vectors that the steps of the tree add up, and the closures of the joints it leaves open."""
     centres = list(bare.centres)
     now = bare
     for step in steps:
         if step.joint is None:
             i, j = next((i, j) for link, i, j in bare.free if link == step.link)
-            centres[step.link] = (Term(none + 1, none, NONE, i), Term(none, none + 1, NONE, j))
+            centres[step.link] = (VectorTerm(none + 1, none, NONE, i), VectorTerm(none, none + 1, NONE, j))
         else:
             first, second = ends(step.joint)
             forward = second.link == step.link

@@ -152,7 +152,8 @@ def statements(run: Run) -> Iterator[Finding]:
     off = [row for row in run.table("audit") if row["verdict"] != "ok"]
     wrong = grouped((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
     fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
-    text = f"Of {count(len(run.table('audit')), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(run.table('audit'))}."
+    lines = run.table("audit")
+    text = f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(lines)}."
     text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
     text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
     yield Finding("What the papers print", text, "bad" if fallen else "warn" if off else "good")

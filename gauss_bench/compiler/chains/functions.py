@@ -19,8 +19,8 @@ A trajectory stops before the first step in which a guard fails at any stage. Wi
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.loop_text import LoopWriter, Text, declarations
-from gauss_bench.compiler.machine.loops import Groups, Loop, Memory
+from gauss_bench.compiler.machine.llvm import LoopWriter, Text, declarations
+from gauss_bench.compiler.machine.loops import LoopedProgram, Memory
 
 # c, w, and time since the step began; what the last stage leaves at q_s, v_s is not used
 STAGES = (("%half", 1.0, "%none"), ("%half", 2.0, "%half"), ("%h", 2.0, "%half"), ("%none", 1.0, "%h"))
@@ -31,23 +31,28 @@ class Sizes:
     """Elements of memory that functions work in: that of the loops, and behind it X and U."""
 
     memory: Memory
-    guards: int
 
     @property
     def total(self) -> int:
         return self.memory.size + self.memory.state
 
 
-def module(groups: Groups, found: list[Loop], memory: Memory, guards: int, across: int, trajectories: int, name: str) -> str:
-    """The module with the function `name`; one of `across` and `trajectories` is 1."""
+def module(program: LoopedProgram, across: int, trajectories: int, name: str) -> str:
+    """The module with a function, "accelerate", "rollout_rk4" or "rollout_semi_implicit_euler".
+
+    `across` lanes of a loop are in one vector, or `trajectories`; one of them is 1.
+    """
     w = Text(across, trajectories)
     w.line("define internal void @evaluate(ptr noalias %a) {\nentry:")
-    writer = LoopWriter(w, groups, found, memory)
-    for loop in found:
+    writer = LoopWriter(w, program.groups, program.loops, program.memory)
+    for loop in program.loops:
         writer.write(loop)
     w.line("  ret void\n}")
     w.width(w.trajectories)
-    (_accelerate if name == "accelerate" else _rollout)(w, Sizes(memory, guards))
+    if name == "accelerate":
+        _accelerate(w, program.memory)
+    else:
+        _rollout(w, Sizes(program.memory), program.guards, name.partition("_")[2])
     widths = {x for x in (1, 2, 4, 8) if x <= max(across, 1)} | {trajectories}
     intrinsics = ("void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)", "void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
     return "\n".join([*declarations(widths), *(f"declare {x}" for x in intrinsics), *w.table_lines(), *w.lines])
@@ -57,8 +62,7 @@ def _copy(w: Text, target: str, source: str, elements: int) -> None:
     w.line(f"  call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {source}, i64 {8 * w.trajectories * elements}, i1 false)")
 
 
-def _accelerate(w: Text, sizes: Sizes) -> None:
-    m = sizes.memory
+def _accelerate(w: Text, m: Memory) -> None:
     w.line("define void @accelerate(ptr noalias %y, ptr noalias %a, ptr noalias %t, ptr noalias %out, i64 %groups) {\nentry:")
     w.line("  br label %loop\nloop:\n  %k = phi i64 [0, %entry], [%next, %loop]")
     _copy(w, "%a", w.address("%y", w.let(f"mul i64 %k, {m.state}")), m.state)
@@ -124,10 +128,26 @@ def _fma(w: Text, a: str, b: str, c: str) -> str:
     return w.let(f"call {w.real} @llvm.fma.{w.suffix}({w.real} {a}, {w.real} {b}, {w.real} {c})")
 
 
-def _rollout(w: Text, sizes: Sizes) -> None:
+def _euler(w: Text, m: Memory) -> None:
+    """v' = v + h a, q' = q + h v', where the step counts."""
+    half = m.state // 2
+
+    def write(k: str) -> None:
+        way, q, v = w.broadcast("%h"), _load(w, "%y", k, 0), _load(w, "%y", k, half)
+        faster = _fma(w, way, _load(w, "%a", k, m.a), v)
+        for start, old, new in ((half, v, faster), (0, q, _fma(w, way, faster, q))):
+            _store(w, new if w.trajectories == 1 else w.select("%ok", new, old), "%y", k, start)
+
+    _pass(w, f"@finish(ptr noalias %y, ptr noalias %a, double %h, {w.mask} %ok)", half, write)
+
+
+def _rollout(w: Text, sizes: Sizes, guards: int, integrator: str) -> None:
     m = sizes.memory
-    _advance(w, sizes)
-    _finish(w, sizes)
+    if integrator == "rk4":
+        _advance(w, sizes)
+        _finish(w, sizes)
+    else:
+        _euler(w, m)
     names = ("ptr noalias %y", "ptr noalias %a", "double %h", "double %t0", "i64 %n", "i64 %every", "ptr %samples")
     w.line(f"define void @rollout({', '.join(names)}, ptr noalias %report, i64 %slots, i64 %groups) {{\nentry:")
     w.line(
@@ -140,11 +160,12 @@ def _rollout(w: Text, sizes: Sizes) -> None:
     w.line(f"  %done = phi {w.real} [{w.const(0.0)}, %group], [%done_next, %stepped]")
     w.line("  %left = icmp slt i64 %i, %n\n  br i1 %left, label %go, label %finish\ngo:")
     w.line("  %count = sitofp i64 %i to double\n  %passed = fmul double %count, %h\n  %time = fadd double %t0, %passed")
-    good = _stages(w, sizes, state)
+    good = _stages(w, sizes, guards, state) if integrator == "rk4" else _one_stage(w, m, guards, state)
     w.line(f"  %ok = and {w.mask} %alive, {good}")
     w.line(f"  %done_next = fadd {w.real} %done, {w.select('%ok', w.const(1.0), w.const(0.0))}")
     w.line(f"  %on = or i1 {w.any('%ok')}, false\n  br i1 %on, label %stepped, label %finish\nstepped:")
-    w.line(f"  call void @finish(ptr {state}, ptr %a, double %sixth, {w.mask} %ok)\n  %i_next = add i64 %i, 1\n  br label %step")
+    way = "%sixth" if integrator == "rk4" else "%h"
+    w.line(f"  call void @finish(ptr {state}, ptr %a, double {way}, {w.mask} %ok)\n  %i_next = add i64 %i, 1\n  br label %step")
     w.line(f"finish:\n  %steps = phi {w.real} [%done, %step], [%done_next, %go]")
     w.line("  %all = sitofp i64 %n to double")
     complete = w.let(f"fcmp oeq {w.real} %steps, {w.broadcast('%all')}")
@@ -154,7 +175,20 @@ def _rollout(w: Text, sizes: Sizes) -> None:
     w.line("  ret void\n}")
 
 
-def _stages(w: Text, sizes: Sizes, state: str) -> str:
+def _one_stage(w: Text, m: Memory, guards: int, state: str) -> str:
+    """The accelerations at the beginning of the step; returns the mask of guards that hold."""
+    _copy(w, "%a", state, m.state)
+    w.store(w.broadcast(w.let("fadd double %time, %none")), "%a", m.t)
+    w.line("  call void @evaluate(ptr %a)")
+    return _hold(w, m, guards)
+
+
+def _hold(w: Text, m: Memory, guards: int) -> str:
+    """Mask where all guards hold."""
+    return w.let(f"fcmp oeq {w.real} {w.load('%a', m.a + m.coordinate(3 * m.links))}, {w.const(float(guards))}")
+
+
+def _stages(w: Text, sizes: Sizes, guards: int, state: str) -> str:
     """The four stages, written out; returns the mask of guards that hold at all of them."""
     m = sizes.memory
     _copy(w, "%a", state, m.state)
@@ -164,7 +198,6 @@ def _stages(w: Text, sizes: Sizes, state: str) -> str:
     for c, weight, since in STAGES:
         w.store(w.broadcast(w.let(f"fadd double %time, {since}")), "%a", m.t)
         w.line("  call void @evaluate(ptr %a)")
-        holds = w.let(f"fcmp oeq {w.real} {w.load('%a', m.a + m.coordinate(3 * m.links))}, {w.const(float(sizes.guards))}")
-        good = w.let(f"and {w.mask} {good}, {holds}")
+        good = w.let(f"and {w.mask} {good}, {_hold(w, m, guards)}")
         w.line(f"  call void @advance(ptr {state}, ptr %a, double {c}, double {weight})")
     return good

@@ -80,7 +80,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Branch:
+class TreeEdge:
     """How the tree reaches a link: from its parent through a pair."""
 
     link: int
@@ -89,12 +89,12 @@ class Branch:
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
+class LinkageGraph:
     """The pairs, the breadth-first tree from the frame (parents first) and the loops; `links` counts links without the frame."""
 
     links: int
     pairs: tuple[Pair, ...]
-    tree: tuple[Branch, ...]
+    tree: tuple[TreeEdge, ...]
     loops: tuple[Loop, ...]
 
     def elements(self, link: int) -> tuple[Element, ...]:
@@ -142,7 +142,7 @@ def _pair(joint: Joint) -> Pair:
     return Pair((joint.guide.link, joint.block.link), (guide, block), joint.turn)
 
 
-def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Graph:
+def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> LinkageGraph:
     """The graph of a linkage, with the given active bars as further links.
 
     Raises:
@@ -158,13 +158,13 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Graph
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops cannot tell where they are")
-    tree = {i: Branch(i, parent, next(iter(net[parent][i].values()))["pair"]) for i, parent in parents.items()}
+    tree = {i: TreeEdge(i, parent, next(iter(net[parent][i].values()))["pair"]) for i, parent in parents.items()}
     taken = {branch.pair.name for branch in tree.values()}
     loops = tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in taken)
-    return Graph(links, pairs, tuple(tree.values()), loops)
+    return LinkageGraph(links, pairs, tuple(tree.values()), loops)
 
 
-def _path(tree: dict[int, Branch], link: int) -> list[int]:
+def _path(tree: dict[int, TreeEdge], link: int) -> list[int]:
     """The links from one to the frame, both included."""
     path = [link]
     while path[-1] != GROUND:
@@ -172,7 +172,7 @@ def _path(tree: dict[int, Branch], link: int) -> list[int]:
     return path
 
 
-def _loop(tree: dict[int, Branch], chord: Pair, pairs: Sequence[Pair]) -> Loop:
+def _loop(tree: dict[int, TreeEdge], chord: Pair, pairs: Sequence[Pair]) -> Loop:
     """The loop that a pair outside the tree closes."""
     first, second = (_path(tree, link) for link in chord.links)
     while len(first) > 1 and len(second) > 1 and first[-2] == second[-2]:
@@ -186,7 +186,7 @@ def _loop(tree: dict[int, Branch], chord: Pair, pairs: Sequence[Pair]) -> Loop:
     return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
 
 
-def shared_angles(graph: Graph) -> tuple[list[int], Array]:
+def shared_angles(graph: LinkageGraph) -> tuple[list[int], Array]:
     """Per link, the frame last: the link whose angle it shares because slides join them, and its angle minus that one [rad].
 
     The frame gives its angle to whatever slides along it; else the first link that is nobody's block does.
@@ -208,7 +208,7 @@ def shared_angles(graph: Graph) -> tuple[list[int], Array]:
     return [parent[i] for i in links], phase
 
 
-def absolute_states(graph: Graph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:
+def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:
     """q, v, a (k, 3 links) of the first links, by walking the tree from the frame: exact rates, no differences.
 
     Args:
