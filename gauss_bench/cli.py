@@ -41,6 +41,7 @@ def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
     from gauss_bench.bench.offers import ChoiceError
+    from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
@@ -48,7 +49,9 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
-    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, SuiteError, TableError, NoRun, Busy, OSError))
+    return named or isinstance(
+        error, (LinkageError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError)
+    )
 
 
 def print_json(item: Any) -> None:
@@ -197,10 +200,16 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.bench.asked import checked_budget
+    from gauss_bench.bench.cases import as_asked, cases
+    from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.runner import run as run_suite
 
     names = options.suite or ["quick"]
-    tables = run_suite(chosen_suite(options, names), options.out, options.jobs, not options.no_costs, " ".join(names))
+    suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
+    as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
+    asked = (options.until, options.steps, limit)
+    tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
     if options.json:
         print_json(tables)
     else:

@@ -65,7 +65,7 @@ FOREIGN = {
     "heyoka": "reference/taylor/series.py",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",
-    "casadi": ("engines/casadi/", "compiler/"),
+    "casadi": "engines/casadi/",
 }
 OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
 

@@ -94,6 +94,9 @@ def _run(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--suite", action="append", metavar="NAME", help="a suite's name or .toml file; may be given again (quick)")
     verb.add_argument("--report", action="store_true", help="write the pages too")
     verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the suite's for its own, else the scenario's)")
+    verb.add_argument("--steps", type=_steps, metavar="H1,H2,...", help="in seconds, instead of the suite's")
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds that one case may take (default 120)")
     verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
     verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
 
@@ -121,6 +124,14 @@ def _times(text: str) -> list[float]:
     found = [float(x) for x in text.split(",")]
     if not all(math.isfinite(x) and x >= 0 for x in found):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
+    return found
+
+
+def _steps(text: str) -> list[float]:
+    """Argument of --steps of run."""
+    found = [float(x) for x in text.split(",")]
+    if not all(math.isfinite(x) and x > 0 for x in found):
+        raise argparse.ArgumentTypeError("steps must be positive numbers")
     return found
 
 

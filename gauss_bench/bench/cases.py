@@ -1,13 +1,17 @@
 """Cases: a suite's accuracy parts crossed out, engine by engine and variant by variant."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
+from gauss_bench.bench.asked import duration, usable_steps
 from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
+LISTED = {x for name in ("quick", "full") for part in read_suite(name).accuracy for x in part.linkages.items()}
 Variant = tuple[str, str, str]  # settings, integrator, stabilisation
 
 
@@ -71,6 +75,24 @@ def crossed(
             for settings, integrator, stabilization in variants(engine, integrators, name in plain):
                 for step in steps[-1:] if integrator in engine.adaptive else steps:
                     yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)
+
+
+def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
+    """The cases with the end and the steps that a user asks for.
+
+    A linkage and scenario that no suite lists runs as long as its scenario says.
+
+    Raises:
+        ChoiceError: an end or a step that cannot be used.
+    """
+    told: dict[Case, None] = {}
+    for case in chosen:
+        suite = case.t_end if (case.linkage, case.scenario) in LISTED else None
+        end = duration(load(case.linkage, case.scenario or None).duration, suite, until)
+        wanted = usable_steps(steps or (case.step,), end)
+        used = wanted[-1:] if case.integrator in offer(case.engine).adaptive else wanted
+        told |= {replace(case, step=step, t_end=end): None for step in used}
+    return list(told)
 
 
 def cases(suite: Suite) -> list[Case]:

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gauss_bench.engines.base import Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -178,7 +179,7 @@ class Race:
         except RunFailure as failure:
             self.failed[key] = Missing(failure.status, str(failure))
         except ImportError as error:
-            self.failed[key] = Missing(Status.SKIP, f"not installed: {error}")
+            self.failed[key] = Missing(Status.SKIP, not_installed(error))
         else:
             block.entry = key
             self.blocks.append(block)

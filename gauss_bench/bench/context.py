@@ -5,10 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import LIMIT, Tables, Task
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 
+CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
 Alteration = Callable[[Mechanism], Mechanism]
 
 
@@ -24,11 +25,16 @@ class Context:
         store: folder of the references.
         stamp: digest of the code, the libraries and the certificates.
         alter: a fault that is planted in what engines are given.
+        until, steps: [s] what a user asks for instead of the suite's.
+        limit: [s] that one case may take.
     """
 
     store: str
     stamp: str
     alter: Alteration = unaltered
+    until: float | None = None
+    steps: tuple[float, ...] | None = None
+    limit: float = CASE_LIMIT
 
     def task(
         self,
@@ -50,4 +56,5 @@ class Context:
             start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | start
             stamp = f"{stamp}.{mechanism.sha256[:16]}"
         key = "|".join([table, function.__name__, linkage, scenario, *map(str, names.values()), digest])
-        return Task(key, function, arguments, stamp, table, start)
+        limit = self.limit if table == "results" else LIMIT
+        return Task(key, function, arguments, stamp, table, start, limit)

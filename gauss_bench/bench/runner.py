@@ -17,7 +17,7 @@ import pandas as pd
 
 from gauss_bench.bench import measurements
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import Alteration, Context, unaltered
+from gauss_bench.bench.context import CASE_LIMIT, Alteration, Context, unaltered
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
@@ -29,7 +29,6 @@ from gauss_bench.judge import LIMITS
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, row_of, write_parquet, write_schema, write_table, write_text
 
-LIMIT = 600.0  # [s] the slowest task races all engines on one linkage, in a minute
 ORDER = ("accuracy", "cost")  # what others are worked out from comes first
 
 
@@ -39,23 +38,35 @@ def modules() -> list[ModuleType]:
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
 
 
-def run(suite: Suite, folder: Path, jobs: int = 2, costs: bool = True, name: str = "") -> Tables:
+def run(
+    suite: Suite,
+    folder: Path,
+    jobs: int = 2,
+    costs: bool = True,
+    name: str = "",
+    until: float | None = None,
+    steps: Sequence[float] | None = None,
+    limit: float = CASE_LIMIT,
+) -> Tables:
     """Run what is not finished yet, write every table that the suite fills into `folder`, and return them.
 
     Args:
         costs: whether anything is timed.
         name: of the suite, for the report.
+        until, steps: [s] of the accuracy cases, instead of the suite's.
+        limit: [s] that one of them may take.
 
     Raises:
         Busy: another run writes into the same folder.
     """
-    context = Context(str(folder / ".run" / "references"), f"{fingerprint()}.{certificates_digest()}")
+    stamp, asked = f"{fingerprint()}.{certificates_digest()}", tuple(steps) if steps else None
+    context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
         tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
-        tables = gathered(finish(tasks, jobs, LIMIT, "accuracy", journal).values())
+        tables = gathered(finish(tasks, jobs, "accuracy", journal).values())
         if costs:
             tasks = [task for m in modules() if hasattr(m, "timed") for task in m.timed(suite, context, tables)]
-            for table, rows in gathered(finish(tasks, 1, LIMIT, "times", journal).values()).items():
+            for table, rows in gathered(finish(tasks, 1, "times", journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     completed(suite, tables)
     _write(tables, suite, folder, name)
@@ -70,14 +81,14 @@ def completed(suite: Suite, tables: Tables) -> None:
 
 
 def measure_all(
-    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered
+    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
 
     `alter` plants a fault in what the engines are given.
     """
-    context = Context(str(folder / ".run" / "references"), "", alter)
-    tables = gathered(finish(accuracy.tasks(cases, context), jobs, LIMIT, "accuracy").values())
+    context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
+    tables = gathered(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
     rows = accuracy.with_orders(sorted(tables.get("results", []), key=accuracy.in_order))
     return frame("results", rows), frame("references", tables.get("references", []))
 

@@ -15,6 +15,7 @@ from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.tables import TABLES
 
+LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
 
@@ -27,6 +28,7 @@ class Task(NamedTuple):
         function, arguments: function(*arguments) gives the rows of tables, by table.
         stamp: what the answer depends on besides.
         table, start: where a failure is told, and the names that its row begins with.
+        limit: [s] that the answer may take.
     """
 
     key: str
@@ -35,6 +37,7 @@ class Task(NamedTuple):
     stamp: str
     table: str
     start: Mapping[str, Any] = {}
+    limit: float = LIMIT
 
     def lost(self, failure: WorkerFailure) -> Tables:
         """The answer of a task whose worker was lost."""
@@ -45,7 +48,7 @@ class Task(NamedTuple):
         return {"lost": [{"table": self.table, **place, **told}]}
 
 
-def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, Tables]:
+def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
     """Answers of all tasks by key, in their order: from the journal where they stand there, else from workers."""
     done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
     waiting = {task.key: task for task in tasks if task.key not in done}
@@ -55,7 +58,7 @@ def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Jour
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
     for _ in range(workers):
-        threading.Thread(target=_serve, args=(todo, answers, limit), daemon=True).start()
+        threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
     for _ in tqdm(waiting, desc=label, disable=not sys.stderr.isatty(), file=sys.stderr):
         answer = answers.get()
         if isinstance(answer, BaseException):
@@ -76,13 +79,13 @@ def gathered(answers: Iterable[Tables]) -> Tables:
     return tables
 
 
-def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]", limit: float) -> None:
+def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
     """One thread with one worker process, taking tasks until there are none."""
     try:
         with Worker() as worker:
             while task := todo.get():
                 try:
-                    answers.put((task.key, worker.call(task.function, task.arguments, limit)))
+                    answers.put((task.key, worker.call(task.function, task.arguments, task.limit)))
                 except WorkerFailure as failure:
                     answers.put((task.key, task.lost(failure)))
     except BaseException as error:

@@ -92,7 +92,7 @@ def compile_kernel(
     if form not in (None, *FORMS):
         raise KernelError(f"no form {form}; there are {', '.join(FORMS)}")
     if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite")
+        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
     possible = form_for(2**31, stabilization, bool(open_parameters) or independent is not None, chosen)
     if form == "looped" and possible != form:

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gauss_bench.bench.cases import Case, cases
+from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.context import Alteration, Context
 from gauss_bench.bench.measure import measure, mechanism_of, reference_of
 from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
@@ -18,7 +19,7 @@ from gauss_bench.tables import KEY
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """The references first, which the cases then share."""
-    return tasks(cases(suite), context)
+    return tasks(as_asked(cases(suite), context.until, context.steps), context)
 
 
 def tasks(chosen: Sequence[Case], context: Context) -> list[Task]:
@@ -36,7 +37,7 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     """What the table of references says of one, and the file it is kept in."""
     mechanism = mechanism_of(linkage, scenario)
     truth = reference_of(linkage, scenario, t_end, store)
-    crank = 3 * (mechanism.crank or 0) + 2
+    coordinate = mechanism.measured.coordinate
     row: dict[str, Any] = {
         "mechanism": mechanism.name,
         "scenario": mechanism.scenario,
@@ -48,7 +49,7 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     }
     for t in CHECKPOINTS:
         at = np.flatnonzero(np.abs(truth.t - t) < 1e-9)
-        row[f"crank_t{t:g}".replace(".", "")] = float(truth.q[at[0], crank]) if len(at) else None
+        row[f"crank_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
     return {"references": [row]}
 
 

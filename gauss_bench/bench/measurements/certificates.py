@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Rows, Tables, Task, finish, gathered
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.generate import SINGLE
 from gauss_bench.mechanism.load import built_in, document_of, load
 from gauss_bench.mechanism.model import Mechanism
@@ -61,7 +62,7 @@ def certify_one(
         try:
             certificate = certify(linkage, mechanism.scenario, digits, until, report)
         except (Uncertified, ArithmeticError, ImportError) as error:
-            message = f"the extra 'certify' is not installed: {error}" if isinstance(error, ImportError) else str(error)
+            message = not_installed(error) if isinstance(error, ImportError) else str(error)
             return {"status": "failed", "mechanism": mechanism.name, "scenario": mechanism.scenario, "message": message}
     if out:
         write_certificate(certificate, out)
@@ -113,7 +114,7 @@ def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
     """A task that fills the table of certificates, or tells of one linkage why it did not."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
-    return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start)
+    return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
 
 def _certify_in_place(name: str, scenario: str) -> Tables:
@@ -185,4 +186,4 @@ def certificate_table() -> Tables:
 
 def _rows(tasks: list[Task], jobs: int) -> Rows:
     """One row a task, in order; a worker that was lost is a row with its reason."""
-    return gathered(finish(tasks, jobs, LIMIT, "certificates").values()).get(TABLE, [])
+    return gathered(finish(tasks, jobs, "certificates").values()).get(TABLE, [])

@@ -14,6 +14,7 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -56,7 +57,7 @@ def _row(mechanism: Mechanism, evaluator: Evaluator, exact: Array, way: Method, 
     except RunFailure as failure:
         return row | {"status": str(failure.status), "message": str(failure)}
     except ImportError as error:
-        return row | {"status": str(Status.SKIP), "message": f"not installed: {error}"}
+        return row | {"status": str(Status.SKIP), "message": not_installed(error)}
     every, driver = (len(found) - 1) // (len(exact) - 1), evaluator.constraints.joint_rows
     errors, largest = np.abs(found[::every] - exact).max(axis=0), np.abs(exact).max(axis=0)
     return row | {

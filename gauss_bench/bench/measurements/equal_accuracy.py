@@ -25,6 +25,8 @@ from gauss_bench.bench.offers import offer
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.extras import not_installed
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.store import stored_reference
@@ -101,9 +103,9 @@ def measured(mechanism: Mechanism, reference: Reference, way: Method, step: floa
     except RunFailure as failure:
         return told | {"seconds": seconds, "status": str(failure.status), "message": str(failure)}
     except ImportError as error:
-        return told | {"status": str(Status.SKIP), "message": f"not installed: {error}"}
-    crank = 3 * (mechanism.crank or 0) + 2
-    off = abs(float(trajectory.q[-1, crank] - reference.q[-1, crank]))
+        return told | {"status": str(Status.SKIP), "message": not_installed(error)}
+    coordinate = mechanism.measured.coordinate
+    off = abs(float(value(coordinate, trajectory.q[-1]) - value(coordinate, reference.q[-1])))
     bar = float(np.fmax(reference.error_q, reference.floor_q)[-1])
     return told | {"seconds": seconds, "error": off, "error_bar": bar, "status": str(Status.OK), "message": ""}
 
