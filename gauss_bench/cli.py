@@ -41,11 +41,12 @@ def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
     from gauss_bench.bench.offers import ChoiceError
+    from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
-    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, Busy, OSError))
+    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, MissingExtra, Busy, OSError))
 
 
 def print_json(item: Any) -> None:
@@ -180,24 +181,27 @@ def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
     Raises:
         LinkageError, KeyError: a linkage or an engine that cannot be used; before anything is run.
     """
-    from gauss_bench.bench.cases import SCENARIOS, SUITES
+    from gauss_bench.bench.cases import SCENARIOS, SUITES, as_asked
     from gauss_bench.bench.offers import offers
     from gauss_bench.mechanism.load import load
 
     asked = getattr(options, "scenario", None)
     linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or None
     offers(options.engines or [])
-    return SUITES[suite](linkages, options.engines)
+    cases = SUITES[suite](linkages, options.engines)
+    return as_asked(cases, getattr(options, "until", None), getattr(options, "steps", None))
 
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.bench.asked import checked_budget
+    from gauss_bench.bench.runner import CASE_LIMIT
     from gauss_bench.bench.runner import run as run_suite
 
     if options.suite == "kernel":
         return run_kernel(options)
-    cases = chosen_cases(options, options.suite)
-    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, driven=not options.linkages)
+    cases, limit = chosen_cases(options, options.suite), checked_budget(options.budget, CASE_LIMIT)
+    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, not options.linkages, limit)
     if options.json:
         print_json(rows.to_dict("records"))
     else:
@@ -208,8 +212,10 @@ def run(options: argparse.Namespace) -> int:
 def run_kernel(options: argparse.Namespace) -> int:
     """The suite of the compiled formulations: no cases, but tables of its own."""
     from gauss_bench.bench.kernel_suite import LINKAGES, run_kernels, summary
+    from gauss_bench.engines.extras import require
     from gauss_bench.mechanism.load import load
 
+    require("llvmlite")
     chosen = {x: load(x, options.scenario or LINKAGES.get(x)).scenario for x in options.linkages} or None
     tables = run_kernels(chosen, options.out, options.jobs)
     if options.json:

@@ -12,6 +12,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Block, interleaved, ratio
 from gauss_bench.compiler.errors import KernelError
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -75,7 +76,7 @@ class Race:
         except RunFailure as failure:
             self.failed[key] = Missing(failure.status, str(failure))
         except ImportError as error:
-            self.failed[key] = Missing(Status.SKIP, f"not installed: {error}")
+            self.failed[key] = Missing(Status.SKIP, not_installed(error))
         except KernelError as error:
             self.failed[key] = Missing(Status.ERROR, str(error))
         else:

@@ -13,6 +13,7 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -76,7 +77,7 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     try:
         engine = get(case.engine)
     except ImportError as error:
-        return {"row": row | {"status": str(Status.SKIP), "message": f"not installed: {error}"}, "series": []}
+        return {"row": row | {"status": str(Status.SKIP), "message": not_installed(error)}, "series": []}
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
     run = one_run(engine, alter(mechanism), case.choice, wanted, inspect)
     if run.trajectory is None:
@@ -122,10 +123,12 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
         "position_error_bar": float(errors.position_bar.max()),
         "velocity_error_bar": float(errors.velocity_bar.max()),
         "compared": len(errors.t),
+        "measured": mechanism.measured.name,
+        "measured_unit": mechanism.measured.unit,
     }
     for t in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
-        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.crank[at[0]]) if len(at) else np.nan
+        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
         row[f"crank_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
@@ -139,6 +142,6 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
         return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    columns = (errors.t, errors.crank, drift.position[near], drift.velocity[near], evidence.energy[near])
+    columns = (errors.t, errors.measured, drift.position[near], drift.velocity[near], evidence.energy[near])
     names = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
     return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]

@@ -13,6 +13,7 @@ import numpy as np
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.trajectory import Status
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
@@ -130,7 +131,7 @@ def describe(name: str) -> Offer:
     try:
         engine: Any = get(name)
     except ImportError as error:
-        return Offer(name, "not installed", status=Status.SKIP, reason=f"not installed: {error}")
+        return Offer(name, "not installed", status=Status.SKIP, reason=not_installed(error))
     except Exception as error:
         return _broken(name, error)
     try:

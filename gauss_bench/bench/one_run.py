@@ -14,6 +14,7 @@ import numpy as np
 
 from gauss_bench import judge
 from gauss_bench.engines.base import Choice, Engine, Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Mechanism
@@ -23,7 +24,6 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
 JUDGED = 20  # samples whose accelerations are held against Gauss's principle: a wrong model is wrong nearly everywhere
-INSTALL = "{name} is not installed: {error}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def one_run(
     except RunFailure as failure:
         return Run(failure.status, str(failure), None, wanted, built, stepped)
     except ImportError as error:
-        return Run(Status.SKIP, INSTALL.format(name=engine.name, error=error), None, wanted, built, stepped)
+        return Run(Status.SKIP, f"{engine.name} is {not_installed(error)}", None, wanted, built, stepped)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"

@@ -84,7 +84,7 @@ def compile_closure(
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite")
+        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
     width = (native_code.best_lanes() if chosen == "llvm" else PARTS) if lanes is None else lanes
     if width < 1 or (chosen == "llvm" and width & (width - 1)):

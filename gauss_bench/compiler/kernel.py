@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.compiler.chains.looped import LoopedPrograms
-from gauss_bench.compiler.elimination.program import Program, known_program, partitions
+from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import programs_in_rounds
-from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms, Target
@@ -92,7 +91,7 @@ def compile_kernel(
     if form not in (None, *FORMS):
         raise KernelError(f"no form {form}; there are {', '.join(FORMS)}")
     if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite")
+        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
     possible = form_for(2**31, stabilization, bool(open_parameters) or independent is not None, chosen)
     if form == "looped" and possible != form:
@@ -268,6 +267,10 @@ class Kernel:
         else:
             energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
+
+    def c_source(self, integrator: str = "rk4") -> str:
+        """The first program in plain C: functions `accelerate`, and of straight-line code `step` and with projection `settle`."""
+        return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
         single = np.ndim(q) == 1

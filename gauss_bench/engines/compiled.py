@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import require
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
@@ -31,14 +32,12 @@ class Compiled:
         self.name = name
 
     def version(self) -> str:
-        from importlib.metadata import PackageNotFoundError, version
+        from importlib.metadata import version
 
         from gauss_bench import __version__
 
-        try:
-            return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
-        except PackageNotFoundError as error:
-            raise ImportError(f"the extra 'kernel' is not installed: {error}") from error
+        require("llvmlite")
+        return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None

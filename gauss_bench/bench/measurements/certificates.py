@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gauss_bench.bench.tasks import Task, finish
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.generate import SINGLE
 from gauss_bench.mechanism.load import built_in, document_of, load
 from gauss_bench.mechanism.model import Mechanism
@@ -57,7 +58,7 @@ def certify_one(
         try:
             certificate = certify(linkage, mechanism.scenario, digits, until, report)
         except (Uncertified, ArithmeticError, ImportError) as error:
-            message = f"the extra 'certify' is not installed: {error}" if isinstance(error, ImportError) else str(error)
+            message = not_installed(error) if isinstance(error, ImportError) else str(error)
             return {"status": "failed", "mechanism": mechanism.name, "scenario": mechanism.scenario, "message": message}
     if out:
         write_certificate(certificate, out)

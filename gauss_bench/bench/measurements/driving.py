@@ -12,6 +12,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -60,7 +61,7 @@ def _row(
     except RunFailure as failure:
         return row | {"status": str(failure.status), "message": str(failure)}
     except ImportError as error:
-        return row | {"status": str(Status.SKIP), "message": f"not installed: {error}"}
+        return row | {"status": str(Status.SKIP), "message": not_installed(error)}
     every, driver = (len(found) - 1) // (len(exact) - 1), evaluator.constraints.joint_rows
     errors, largest = np.abs(found[::every] - exact).max(axis=0), np.abs(exact).max(axis=0)
     return row | {

@@ -16,6 +16,7 @@ from gauss_bench.bench.clock import timed
 from gauss_bench.bench.kernel_timing import Row
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.store import stored_reference
@@ -87,7 +88,7 @@ def measured(mechanism: Mechanism, reference: Reference, method: Method, step: f
     except RunFailure as failure:
         return {"step": step, "seconds": seconds, "status": str(failure.status), "message": str(failure)}
     except ImportError as error:
-        return {"step": step, "status": str(Status.SKIP), "message": f"not installed: {error}"}
+        return {"step": step, "status": str(Status.SKIP), "message": not_installed(error)}
     crank = 3 * (mechanism.crank or 0) + 2
     off = abs(float(trajectory.q[-1, crank] - reference.q[-1, crank]))
     bar = float(np.fmax(reference.error_q, reference.floor_q)[-1])

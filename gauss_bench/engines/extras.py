@@ -1,0 +1,33 @@
+"""Which extra of the package brings a library, and the sentence that says so where it is missing."""
+
+from importlib.util import find_spec
+
+EXTRAS = {
+    "pinocchio": "pinocchio",
+    "exudyn": "exudyn",
+    "mujoco": "mujoco",
+    "casadi": "casadi",
+    "llvmlite": "kernel",
+    "heyoka": "certify",
+}
+
+
+class MissingExtra(ImportError):
+    """A library of an extra that what was asked for cannot do without."""
+
+
+def not_installed(error: ImportError) -> str:
+    """What is missing, and how to install it where one of the extras has it."""
+    library = (error.name or "").partition(".")[0]
+    how = f"; pip install 'gauss-bench[{EXTRAS[library]}]'" if library in EXTRAS else ""
+    return f"not installed: {error}{how}"
+
+
+def require(library: str) -> None:
+    """Nothing where a library of EXTRAS is there.
+
+    Raises:
+        MissingExtra: it is not; with the sentence of `not_installed`.
+    """
+    if find_spec(library) is None:
+        raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)

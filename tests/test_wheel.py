@@ -1,0 +1,137 @@
+"""The wheel, installed without extras: every verb works, or names the extra that it needs; never a traceback.
+
+Building and installing takes some seconds, and importing the package anew for every verb one more each; whatever can answer
+without an extra is asked for little.
+"""
+
+import json
+import shutil
+import tomllib
+from importlib.metadata import PackageNotFoundError, distribution
+
+import pytest
+from packaging.requirements import Requirement
+
+from gauss_bench.api.options import VERBS
+from gauss_bench.engines import COMPILED, FOREIGN
+from gauss_bench.engines.extras import EXTRAS
+from gauss_bench.mechanism.load import built_in
+from tests.bare import ROOT, Bare, bare
+
+EXTRA_OF = dict.fromkeys(COMPILED, "kernel") | {name: name for name in FOREIGN}
+CERTIFICATE = ROOT / "mechanisms" / "certificates" / "pendulum.swing.npz"
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Bare:
+    made = bare(tmp_path_factory.mktemp("bare"))
+    shutil.copy(ROOT / "reports" / "baseline.csv", made.folder)
+    return made
+
+
+def test_the_environment_is_bare(environment: Bare) -> None:
+    """Otherwise nothing below says anything."""
+    import subprocess
+
+    wanted = {*EXTRAS, "pytest", "sympy"}
+    code = f"import importlib.util as u, gauss_bench as g; print(*[x for x in {wanted} if u.find_spec(x)], g.__file__)"
+    found = subprocess.run([environment.python, "-I", "-c", code], capture_output=True, text=True, check=True)
+    (place,) = found.stdout.split()
+    assert str(environment.python.parents[1]) in place
+
+
+WORKING = {
+    "list": ["list"],
+    "show": ["show", "four_bar", "--svg", "drawing.svg"],
+    "simulate": ["simulate", "four_bar", "--at", "0,0.01"],
+    "kinematics": ["kinematics", "four_bar", "--steps", "12", "--plot", "plot.svg", "--animate", "animation.svg"],
+    "verify": ["verify", str(CERTIFICATE), "--linkage", "pendulum", "--jobs", "1"],
+}
+
+
+@pytest.mark.parametrize("verb", WORKING)
+def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
+    done = environment.run(*WORKING[verb])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Bare) -> None:
+    engines = [x for name in ("gauss", "mujoco", "gauss-native") for x in ("--engine", name)]
+    done = environment.run("run", "four_bar", "--suite", "gate", *engines, "--no-costs", "--jobs", "1", "--out", "made", "--json")
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    assert {row["engine"] for row in rows if row["status"] == "ok"} == {"gauss"}
+    for row in rows:
+        if row["engine"] in EXTRA_OF:
+            assert row["status"] == "skip"
+            assert f"pip install 'gauss-bench[{EXTRA_OF[row['engine']]}]'" in row["message"]
+    reported = environment.run("report", "--out", "made")
+    assert reported.returncode == 0, reported.stderr
+    assert (environment.folder / "made" / "index.html").exists()
+
+
+@pytest.mark.slow
+def test_the_gate_holds_what_is_there_and_says_of_the_rest_why(environment: Bare) -> None:
+    done = environment.run("check", "four_bar", "--engine", "gauss", "--baseline", "baseline.csv", "--jobs", "1")
+    assert done.returncode in (0, 1), done.stderr  # 1 where a figure is not in the baseline as it stands
+    missing = environment.run("check", "four_bar", "--engine", "mujoco", "--baseline", "baseline.csv", "--jobs", "1")
+    assert missing.returncode == 1
+    for found in (done, missing):
+        assert "Traceback" not in found.stderr
+        assert found.stdout
+
+
+@pytest.mark.parametrize("engine", EXTRA_OF)
+def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bare) -> None:
+    done = environment.run("simulate", "four_bar", "--engine", engine, "--at", "0,0.01")
+    assert f"pip install 'gauss-bench[{EXTRA_OF[engine]}]'" in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+NEEDING = {
+    "certify": (["certify", "pendulum", "--until", "0.01"], 1, "certify"),
+    "kernel suite": (["run", "--suite", "kernel", "four_bar", "--out", "kernel"], 2, "kernel"),
+    "compiled kinematics": (["kinematics", "four_bar", "--method", "native"], 2, "kernel"),
+}
+
+
+@pytest.mark.parametrize("what", NEEDING)
+def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
+    arguments, code, extra = NEEDING[what]
+    done = environment.run(*arguments, limit=60.0)
+    said = done.stdout + done.stderr
+    assert done.returncode == code, said
+    assert f"pip install 'gauss-bench[{extra}]'" in said
+    assert "Traceback" not in said
+    assert not (environment.folder / "kernel").exists()  # nothing half-written
+
+
+def test_every_verb_is_asked_here() -> None:
+    assert set(VERBS) == {*WORKING, "run", "report", "check", "certify"}
+
+
+def test_the_console_script_and_the_linkages_are_installed(environment: Bare) -> None:
+    assert (environment.python.parent / "gauss-bench").exists()
+    found = json.loads(environment.run("list", "--json").stdout)
+    assert all(name in json.dumps(found) for name in built_in())
+
+
+def test_every_extra_brings_what_it_is_said_to_bring() -> None:
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(EXTRAS.values()) == set(stated) - {"all", "dev"}
+    assert set(EXTRAS.values()) == Requirement(stated["all"][0]).extras
+    for library, extra in EXTRAS.items():
+        (line,) = stated[extra]
+        try:
+            files = distribution(Requirement(line).name).files or []
+        except PackageNotFoundError:
+            continue  # its name on the index says nothing here
+        assert any(str(x).startswith(f"{library}/") or f"/{library}/" in str(x) for x in files), library
+
+
+def test_casadi_is_not_needed_by_the_kernel() -> None:
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert [Requirement(x).name for x in stated["kernel"]] == ["llvmlite"]
