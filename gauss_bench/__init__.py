@@ -1,24 +1,60 @@
 """Validation and benchmarking of closed-loop planar linkage dynamics.
 
     load(name_or_path, scenario=None) -> Mechanism
-    simulate(name_or_path, engine, ...) -> dict, as `gauss-bench simulate --json` prints it
-    compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel, native code of a linkage
+    simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
+    kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
+    certify(name_or_path, ...) -> Certificate: the truth with its own error bar
+    compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
 Each is loaded when first asked for, so that importing the package costs nothing.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Kernel", "__version__", "compare", "compile_kernel", "load", "simulate"]
+__all__ = [
+    "Kernel",
+    "Kinematics",
+    "Simulation",
+    "__version__",
+    "certify",
+    "compare",
+    "compile_kernel",
+    "kinematics",
+    "load",
+    "simulate",
+]
 
-_HOMES = {"load": "gauss_bench.mechanism.load", "simulate": "gauss_bench.api.simulate", "compare": "gauss_bench.api.compare"}
-_HOMES |= {"compile_kernel": "gauss_bench.compiler.kernel", "Kernel": "gauss_bench.compiler.kernel"}
+_HOMES = {
+    "load": "gauss_bench.mechanism.load:load",
+    "simulate": "gauss_bench.api.simulate:simulate",
+    "compare": "gauss_bench.api.compare:compare",
+    "kinematics": "gauss_bench.api.kinematics:kinematics",
+    "certify": "gauss_bench.reference.certify:certify",
+    "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
+    "Kernel": "gauss_bench.compiler.kernel:Kernel",
+    "Simulation": "gauss_bench.api.results:Simulation",
+    "Kinematics": "gauss_bench.api.results:Kinematics",
+}
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        module, _, item = _HOMES[name].partition(":")
+        return getattr(import_module(module), item)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+class _Package(ModuleType):
+    """The package, in which a room does not hide the function of the same name: rooms are found by importing them."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -181,24 +181,27 @@ def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
     Raises:
         LinkageError, KeyError: a linkage or an engine that cannot be used; before anything is run.
     """
-    from gauss_bench.bench.cases import SCENARIOS, SUITES
+    from gauss_bench.bench.cases import SCENARIOS, SUITES, as_asked
     from gauss_bench.bench.offers import offers
     from gauss_bench.mechanism.load import load
 
     asked = getattr(options, "scenario", None)
     linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or None
     offers(options.engines or [])
-    return SUITES[suite](linkages, options.engines)
+    cases = SUITES[suite](linkages, options.engines)
+    return as_asked(cases, getattr(options, "until", None), getattr(options, "steps", None))
 
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.bench.asked import checked_budget
+    from gauss_bench.bench.runner import CASE_LIMIT
     from gauss_bench.bench.runner import run as run_suite
 
     if options.suite == "kernel":
         return run_kernel(options)
-    cases = chosen_cases(options, options.suite)
-    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, driven=not options.linkages)
+    cases, limit = chosen_cases(options, options.suite), checked_budget(options.budget, CASE_LIMIT)
+    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, not options.linkages, limit)
     if options.json:
         print_json(rows.to_dict("records"))
     else:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array
@@ -150,14 +151,14 @@ class Errors:
 
     Attributes:
         t: (k,) times compared.
-        crank: (k,) |error| of the crank angle [rad]; of the first link where there is no crank.
+        measured: (k,) |error| of the linkage's measured coordinate [rad or m, as its unit says].
         length, angle: (k, links) largest |error| of a link's centre of mass [m] and of its angle [rad].
         velocity: (k, links) largest |error| per link [m/s, rad/s].
         position_bar, velocity_bar: below these errors say nothing: the reference's own error, or the floor of double precision.
     """
 
     t: Array
-    crank: Array
+    measured: Array
     length: Array
     angle: Array
     velocity: Array
@@ -179,10 +180,10 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
     shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
-    crank = 3 * (mechanism.crank or 0) + 2
+    coordinate = mechanism.measured.coordinate
     return Errors(
         reference.t[both],
-        dq[:, crank],
+        np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
         dq.reshape(shape)[..., :2].max(axis=-1),
         dq.reshape(shape)[..., 2],
         dv.reshape(shape).max(axis=-1),

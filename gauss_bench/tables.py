@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 KEY = ["mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end"]
-TEXTS = ["status", "message", "note", "flag", "link_errors"]
+TEXTS = ["status", "message", "note", "flag", "link_errors", "measured", "measured_unit"]
 FLAGS = ["valid", "control"]
 NUMBERS = [
     "steps",

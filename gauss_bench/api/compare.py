@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from gauss_bench.bench.asked import checked_budget, duration, usable_steps
 from gauss_bench.bench.cases import crossed
-from gauss_bench.bench.runner import measure_all
+from gauss_bench.bench.offers import offers
+from gauss_bench.bench.runner import CASE_LIMIT, measure_all
 from gauss_bench.engines import names
 from gauss_bench.mechanism.load import load
 
@@ -19,6 +21,7 @@ def compare(
     steps: Sequence[float] = (1e-3,),
     t_end: float | None = None,
     jobs: int = 2,
+    budget: float | None = None,
 ) -> pd.DataFrame:
     """Accuracy and drift of engines on a linkage (a built-in name or a file), one row per engine, setting and step.
 
@@ -26,15 +29,21 @@ def compare(
         linkage: name of a built-in linkage, or a path.
         engines: names; all where not given.
         scenario: of the file; the first with a start where not given.
-        steps: integration steps [s], each a divisor of 0.01 s.
-        t_end: [s]; the scenario's duration, at most 2 s, where not given.
+        steps: integration steps [s]. A row's step is the step taken; where it does not divide `t_end`, the last one is shorter and
+            the note says so. Errors are judged at the times of the truth that whole steps reach; `compared` counts them.
+        t_end: [s]; the scenario's duration where not given.
         jobs: worker processes.
+        budget: seconds that one row may take.
 
     Raises:
         LinkageError: the file has faults.
+        ChoiceError: a step or a time that cannot be used.
+        KeyError: unknown engine.
     """
     mechanism = load(linkage, scenario)
-    t_end = min(mechanism.duration, 2.0) if t_end is None else t_end
-    cases = list(crossed({linkage: mechanism.scenario}, list(engines or names()), tuple(steps), t_end))
+    end = duration(mechanism.duration, until=t_end)
+    wanted = list(engines or names())
+    offers(wanted)
+    cases = list(crossed({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end))
     with tempfile.TemporaryDirectory() as folder:
-        return measure_all(cases, Path(folder), jobs)[0]
+        return measure_all(cases, Path(folder), jobs, limit=checked_budget(budget, CASE_LIMIT))[0]

@@ -93,6 +93,9 @@ def _run(verb: argparse.ArgumentParser) -> None:
     _suite(verb)
     verb.add_argument("--suite", choices=("quick", "full", "gate", "kernel"), default="quick")
     verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the suite's for its own, else the scenario's)")
+    verb.add_argument("--steps", type=_steps, metavar="H1,H2,...", help="in seconds, instead of the suite's")
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds that one case may take (default 120)")
     verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
     verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
 
@@ -120,6 +123,14 @@ def _times(text: str) -> list[float]:
     found = [float(x) for x in text.split(",")]
     if not all(math.isfinite(x) and x >= 0 for x in found):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
+    return found
+
+
+def _steps(text: str) -> list[float]:
+    """Argument of --steps of run."""
+    found = [float(x) for x in text.split(",")]
+    if not all(math.isfinite(x) and x > 0 for x in found):
+        raise argparse.ArgumentTypeError("steps must be positive numbers")
     return found
 
 

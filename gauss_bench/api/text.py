@@ -86,6 +86,8 @@ def format_simulation(result: dict[str, Any]) -> str:
     for k, t in enumerate(result["t"]):
         lines.append(f"t = {t:g} s")
         for name, state in result["links"].items():
+            if name not in (result["observed"]["links"] or [name]):
+                continue  # the file says which links to look at; --json has all of them
             lines.append(f"  {name:14}" + " ".join(f"{key} {state[key][k]: .9g}" for key in STATE_KEYS))
     lines += [f"{key:22} {value:.3g}" for key, value in result["metrics"].items() if value is not None]
     return "\n".join(lines)
@@ -100,8 +102,16 @@ def format_kinematics(result: dict[str, Any]) -> str:
         lines.append(f"singular positions: {singular}")
     else:
         lines += [f"{s['kind']} of {s['coordinate']} at crank angle {s['crank_deg']:.8f} deg" for s in singular]
+    lines += [f"{x['group']} changes sides at t = {x['t']:g} s" for x in result["branch_changes"]]
+    lines.append("link units: " + ", ".join(f"{name} {kind}" for name, kind in result["link_types"].items()))
+    for name in result["observed"]["links"]:
+        state = result["links"][name]
+        ranges = (f"{key} {min(state[key]):.6g} .. {max(state[key]):.6g}" for key in ("theta", "omega", "alpha") if state[key])
+        lines.append(f"  {name:16}" + ", ".join(ranges))
     for name, state in result["points"].items():
-        ranges = (f"{key} {min(state[key]):.6g} .. {max(state[key]):.6g}" for key in ("x", "y", "vx", "vy", "ax", "ay"))
+        ranges = (
+            f"{key} {min(state[key]):.6g} .. {max(state[key]):.6g}" for key in ("x", "y", "vx", "vy", "ax", "ay") if state[key]
+        )
         lines.append(f"  {name:16}" + ", ".join(ranges))
     return "\n".join(lines)
 

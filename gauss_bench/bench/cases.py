@@ -1,8 +1,9 @@
 """What is run: cases, and the suites they are gathered in."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 
+from gauss_bench.bench.asked import duration, usable_steps
 from gauss_bench.bench.offers import offer
 from gauss_bench.engines import COMPILED, OWN, names
 from gauss_bench.engines.base import Choice
@@ -93,6 +94,25 @@ def full(linkages: dict[str, str] | None = None, engines: list[str] | None = Non
 def gate(linkages: dict[str, str] | None = None, engines: list[str] | None = None) -> list[Case]:
     """What the accuracy gate runs: two steps, so that the order of convergence shows, over one second."""
     return list(crossed(linkages or SCENARIOS, engines or names(), (1e-2, 1e-3), 1.0, 2))
+
+
+LISTED = {*SCENARIOS.items(), *REDUNDANT.items()}
+
+
+def as_asked(cases: list[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
+    """The cases with the end and the steps that a user asks for; a linkage that no suite lists runs as long as its scenario says.
+
+    Raises:
+        ChoiceError: an end or a step that cannot be used.
+    """
+    found: dict[Case, None] = {}
+    for case in cases:
+        listed = (case.linkage, case.scenario) in LISTED
+        end = duration(load(case.linkage, case.scenario or None).duration, case.t_end if listed else None, until)
+        wanted = usable_steps(steps or (case.step,), end)
+        used = wanted[-1:] if case.integrator == "dop853" else wanted
+        found |= {replace(case, step=step, t_end=end): None for step in used}
+    return list(found)
 
 
 SUITES = {"quick": quick, "full": full, "gate": gate}

@@ -123,10 +123,12 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
         "position_error_bar": float(errors.position_bar.max()),
         "velocity_error_bar": float(errors.velocity_bar.max()),
         "compared": len(errors.t),
+        "measured": mechanism.measured.name,
+        "measured_unit": mechanism.measured.unit,
     }
     for t in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
-        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.crank[at[0]]) if len(at) else np.nan
+        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
         row[f"crank_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
@@ -140,6 +142,6 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
         return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    columns = (errors.t, errors.crank, drift.position[near], drift.velocity[near], evidence.energy[near])
+    columns = (errors.t, errors.measured, drift.position[near], drift.velocity[near], evidence.energy[near])
     names = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
     return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]

@@ -22,6 +22,7 @@ from gauss_bench.bench.measurements.papers import PAPER_TASKS, example_motion
 from gauss_bench.bench.offers import offers
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.judge import LIMITS
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.tables import KEY, SIDE_TABLES, environment, table, write_table, write_text
 from gauss_bench.trajectory import Status
@@ -33,7 +34,9 @@ BASELINE = "gauss"  # costs are ratios to this engine: the formulation the suite
 VARIANT = ["engine", "settings", "integrator"]
 
 
-def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True, driven: bool = False) -> pd.DataFrame:
+def run(
+    cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool = True, driven: bool = False, limit: float = CASE_LIMIT
+) -> pd.DataFrame:
     """Run what is not finished yet, write every table into `folder`, and return the rows.
 
     `driven` adds the kinematics of the built-in linkages and their driving torques.
@@ -47,7 +50,7 @@ def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool 
     stamps = {case: f"{stamp}.{mechanism_of(case.linkage, case.scenario).sha256[:16]}.{truth}" for case in cases}
     with Journal(folder / ".run" / f"{suite}.jsonl") as journal:
         found = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references", journal)
-        found |= finish(accuracy_tasks(cases, store, stamps), jobs, CASE_LIMIT, "accuracy", journal)
+        found |= finish(accuracy_tasks(cases, store, stamps), jobs, limit, "accuracy", journal)
         if driven:
             found |= finish(driven_tasks(stamp, store), jobs, CASE_LIMIT, "driven", journal)
         if costs:
@@ -55,14 +58,16 @@ def run(cases: list[Case], folder: Path, suite: str, jobs: int = 2, costs: bool 
     return _write(cases, found, folder, suite)
 
 
-def measure_all(cases: list[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered) -> tuple[pd.DataFrame, pd.DataFrame]:
+def measure_all(
+    cases: list[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered, limit: float = CASE_LIMIT
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
 
     `alter` plants a fault in what the engines are given.
     """
     store, stamps = str(folder / ".run" / "references"), dict.fromkeys(cases, "")
     references = finish(reference_tasks(cases, store, stamps), jobs, REFERENCE_LIMIT, "references")
-    found = finish(accuracy_tasks(cases, store, stamps, alter), jobs, CASE_LIMIT, "accuracy")
+    found = finish(accuracy_tasks(cases, store, stamps, alter), jobs, limit, "accuracy")
     return rows_of(cases, found), pd.DataFrame([entry["row"] for _, entry in sorted(references.items())])
 
 
@@ -109,7 +114,7 @@ def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dic
     """What the table of references says of one, and the file it is kept in."""
     mechanism = mechanism_of(linkage, scenario)
     reference = reference_of(linkage, scenario, t_end, store)
-    crank = 3 * (mechanism.crank or 0) + 2
+    coordinate = mechanism.measured.coordinate
     row: dict[str, Any] = {
         "mechanism": mechanism.name,
         "scenario": mechanism.scenario,
@@ -121,7 +126,7 @@ def _reference_row(linkage: str, scenario: str, t_end: float, store: str) -> dic
     }
     for t in CHECKPOINTS:
         at = np.flatnonzero(np.abs(reference.t - t) < 1e-9)
-        row[f"crank_t{t:g}".replace(".", "")] = float(reference.q[at[0], crank]) if len(at) else None
+        row[f"crank_t{t:g}".replace(".", "")] = float(value(coordinate, reference.q[at[0]])) if len(at) else None
     return {"row": row}
 
 
