@@ -15,6 +15,7 @@ steps can carry them on. (Frames turned until most points lie on an axis were tr
 """
 
 from dataclasses import dataclass
+from typing import assert_never
 
 import numpy as np
 
@@ -62,6 +63,8 @@ def _force_values(force: Force) -> dict[str, float]:
             return {"c": float(force.c)}
         case SpringDamper() | AxisSpringDamper() | RotationalSpringDamper():
             return {"k": float(force.k), "c": float(force.c), "rest": float(force.rest)}
+        case _:
+            assert_never(force)
 
 
 @dataclass(frozen=True, eq=False)
