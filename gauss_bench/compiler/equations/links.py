@@ -62,6 +62,8 @@ def _force_values(force: Force) -> dict[str, float]:
             return {"c": float(force.c)}
         case SpringDamper() | AxisSpringDamper() | RotationalSpringDamper():
             return {"k": float(force.k), "c": float(force.c), "rest": float(force.rest)}
+        case _:
+            raise KernelError(f"no kernel for force {force.name} of the kind {type(force).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
