@@ -20,7 +20,7 @@ NANO = 1e-9
 class Clock:
     """The processor's time as code reads it: what was spent, and IDLE where nothing was spent since the last reading."""
 
-    IDLE = 1e-3  # [s]
+    IDLE = 5e-3  # [s] longer than a block, so that work of no known cost is done once
 
     def __init__(self) -> None:
         self.now, self.spent, self.stopped = 0, False, False

@@ -104,6 +104,49 @@ def test_rooms_form_no_circle() -> None:
         done |= free
 
 
+COMPILER = PACKAGE / "compiler"
+CHAIN = ("expressions", "equations", "elimination", "machine", "stepping", "chains", "turns")
+
+
+def compiler_arrows() -> dict[str, set[str]]:
+    """File -> files of the compiler that it imports, as dotted names without the package's."""
+    files = {".".join(p.relative_to(COMPILER).with_suffix("").parts): p for p in COMPILER.rglob("*.py")}
+    prefix = "gauss_bench.compiler."
+    arrows: dict[str, set[str]] = {}
+    for own, path in files.items():
+        arrows[own] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(prefix):
+                module = f"{node.module}."[len(prefix) : -1]
+                named = {f"{module}.{alias.name}".lstrip(".") for alias in node.names}
+                arrows[own] |= (named & files.keys()) or {module}
+    return arrows
+
+
+def test_files_of_the_compiler_form_no_circle_and_few_arrows() -> None:
+    arrows, done = compiler_arrows(), set[str]()
+    assert sum(map(len, arrows.values())) < 100
+    assert set().union(*arrows.values()) <= arrows.keys()
+    while len(done) < len(arrows):
+        free = {own for own, to in arrows.items() if own not in done and to <= done}
+        assert free, f"a circle among {sorted(arrows.keys() - done)}"
+        done |= free
+
+
+def test_rooms_of_the_compiler_form_a_chain() -> None:
+    """Each room knows rooms before it alone, at most four times past its neighbour; who puts them together stands above."""
+    place = {name: k for k, name in enumerate(CHAIN)}
+    assert {p.name for p in COMPILER.iterdir() if p.is_dir() and p.name != "__pycache__"} == set(CHAIN)
+    between = {(a.split(".")[0], b.split(".")[0]) for a, to in compiler_arrows().items() for b in to}
+    steps = [place[a] - place[b] for a, b in between if a in place and b in place and a != b]
+    assert min(steps) > 0
+    assert sum(step > 1 for step in steps) <= 4
+    assert {b for a, b in between if a in place and b not in place} <= {"errors"}
+    for name in CHAIN:
+        assert (COMPILER / name / "README.md").is_file()
+        assert len(list((COMPILER / name).glob("*.py"))) <= 12
+
+
 def modules_after(statement: str) -> set[str]:
     code = f"import sys; {statement}; print(*sys.modules)"
     return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())

@@ -9,7 +9,7 @@ import pytest
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import INTEGRATORS, SOFTNESS, Mujoco, comparison, verify
 from gauss_bench.engines.mujoco.draft import Draft
-from gauss_bench.engines.mujoco.forces import AtSite, Coordinate, native_forces
+from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
@@ -42,7 +42,7 @@ def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(na
 def test_every_kind_of_expression_is_in_use():
     kinds = [native_forces(m, spanning_tree(m)) for m in (linkage("loaded"), linkage("slides"))]
     assert [sum(isinstance(x, AtSite) for x in found) for found in kinds] == [4, 6]
-    assert sum(isinstance(x, Coordinate) for x in kinds[1]) == 4  # damping, two springs along slides, one torsion spring
+    assert sum(isinstance(x, OnJoints) for x in kinds[1]) == 4  # damping, two springs along slides, one torsion spring
     model = ENGINE.build(linkage("loaded"), Choice()).model
     assert model.ntendon == 4  # two spatial, damping of the open pin, the torsion spring over two hinges
 

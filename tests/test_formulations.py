@@ -49,7 +49,7 @@ INDEPENDENT = [load(name) for name in built_in() if name not in ("parallelogram"
 @pytest.mark.parametrize("mechanism", [*INDEPENDENT, everything()], ids=lambda m: m.name)
 def test_all_formulations_agree_on_random_states(mechanism: Mechanism) -> None:
     evaluator = Evaluator(mechanism)
-    states = random_states(mechanism, 50)
+    states = random_states(mechanism, 15)
     for t, q, v in zip(states.t, states.q, states.v, strict=True):
         terms = evaluator.terms(float(t), q, v)
         expected = FORMULATIONS["lagrange"](terms).a

@@ -12,9 +12,10 @@ from gauss_bench.api.simulate import simulate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
+from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
-from gauss_bench.mechanism.forces import Jammed, joint_speed
+from gauss_bench.mechanism.forces import Jammed
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.reference.absolute import AbsoluteCoordinates
@@ -153,8 +154,8 @@ def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.
         W = friction.directions(q, v)
         for k, (f, pair) in enumerate(friction.acting):
             arm = f.mu if isinstance(pair, Prismatic) else f.mu * f.radius
-            law = -arm * np.tanh(joint_speed(q, v, pair) / f.speed)
-            assert W[:, k] @ u == pytest.approx(float(law * joint_speed(q, u, pair)), abs=1e-14)
+            law = -arm * np.tanh(rate(pair.motion, q, v) / f.speed)
+            assert W[:, k] @ u == pytest.approx(float(law * rate(pair.motion, q, u)), abs=1e-14)
 
 
 # The fixed point --------------------------------------------------------------------------------------------------------

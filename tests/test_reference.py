@@ -131,7 +131,7 @@ def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_
 @pytest.mark.parametrize("name", ["crank_slider", "four_bar", "six_bar", "eight_bar"])
 def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> None:
     """The tables hold 12 crank angles of closed forms (dyads in complex numbers) evaluated in 40-digit arithmetic."""
-    from gauss_bench.mechanism.forces import acceleration, position, velocity
+    from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 
     mechanism = load(name, "driven")
     motion = MinimalCoordinate(mechanism)

@@ -87,6 +87,7 @@ def needs_heyoka() -> None:
     needs("heyoka")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("needs_heyoka")
 def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "double_pendulum.toml"

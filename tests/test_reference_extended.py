@@ -194,12 +194,12 @@ def test_held_angles_are_the_decimals_of_the_file() -> None:
 
 
 MOTIONS = [
-    ("crank_slider", "paper", "0.3"),
-    ("six_bar", "torque", "0.1"),
+    ("crank_slider", "paper", "0.1"),
+    ("six_bar", "torque", "0.05"),
     ("eight_bar", "torque", "0.1"),
     ("shaper", "conservative", "0.1"),
     ("four_bar", "conservative", "0.2"),
-    ("parallelogram", "torque", "0.3"),
+    ("parallelogram", "torque", "0.1"),
     ("five_bar", "spring", "0.2"),
     ("jansen", "walk", "0.1"),
     ("six_bar", "cycloid", "0.3"),

@@ -206,15 +206,15 @@ def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str
         assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
 
 
+TAKE_LONG = ("six_bar", "eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each
 MOVING = [
     ("four_bar", "torque"),
-    ("six_bar", "torque"),
     ("shaper", "torque"),
-    ("eight_bar", "conservative"),
-    ("jansen", "walk"),
     ("five_bar", "spring"),
-    ("parallelogram", "torque"),
-    ("squeezer", "squeeze"),
+    *(
+        pytest.param(linkage, scenario, marks=pytest.mark.slow)
+        for linkage, scenario in zip(TAKE_LONG, ("torque", "conservative", "walk", "torque", "squeeze"), strict=True)
+    ),
 ]
 DRIVEN = [
     ("six_bar", "driven"),
@@ -273,7 +273,7 @@ def test_starts_are_held_at_the_decimals_of_the_file() -> None:
     assert max(found.drift) < 1e-32
 
 
-@pytest.mark.parametrize(("count", "end"), [(2, "10"), (5, "10")])
+@pytest.mark.parametrize(("count", "end"), [(2, "10"), pytest.param(5, "10", marks=pytest.mark.slow)])
 def test_a_singular_position_is_never_passed(count: int, end: str) -> None:
     times = decimals(end, 100)
     found = motion(f"n_four_bar_{count}", "fall", times)

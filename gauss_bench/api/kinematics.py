@@ -19,8 +19,8 @@ from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import find_graph
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.errors import Fault, LinkageError
-from gauss_bench.mechanism.forces import axis_state
 from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.terms import Array
@@ -111,7 +111,7 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
         return float(mechanism.q0[3 * links[link] + 2])
     if joint in slides:
         slide = slides[joint]
-        return float(axis_state(mechanism.q0, mechanism.v0, slide.block, slide.guide, slide.angle)[0])
+        return float(value(slide.motion, mechanism.q0))
     return None
 
 

@@ -12,8 +12,8 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, examine, judge
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.forces import acceleration, position, velocity
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.terms import Array

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.compiler.chains.looped import LoopedPrograms
-from gauss_bench.compiler.elimination.program import Program, known_program, partitions
+from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import programs_in_rounds
-from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms, Target
@@ -268,6 +267,10 @@ class Kernel:
         else:
             energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
+
+    def c_source(self, integrator: str = "rk4") -> str:
+        """The first program in plain C: functions `accelerate`, and of straight-line code `step` and with projection `settle`."""
+        return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
         single = np.ndim(q) == 1

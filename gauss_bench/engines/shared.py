@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute, loads
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -15,7 +15,12 @@ PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in dif
 
 
 def refused(mechanism: Mechanism, library: str) -> str | None:
-    """Why no adapter takes the mechanism, or None."""
+    """Why no adapter takes the mechanism, or None.
+
+    Raises:
+        TypeError: a force of a kind that does not say what it comes to.
+    """
+    loads(mechanism.forces)
     if mechanism.has_friction:
         return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
     other = next((d.name for d in mechanism.drivers if not isinstance(d, AngleDriver)), None)
@@ -61,8 +66,8 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
     Raises:
         RunFailure: they differ.
     """
-    for what, (found, expected, scale) in pairs.items():
-        error = np.abs(found - expected).max(initial=0.0)
+    for what, (own, expected, scale) in pairs.items():
+        error = np.abs(own - expected).max(initial=0.0)
         if not error <= tolerance * scale:
             raise RunFailure(Status.ERROR, f"the generated model differs from the linkage: {what} by {error:.1e} (of {scale:.1e})")
 
@@ -92,12 +97,6 @@ def finite_acceleration(t: float, a: Array, library: str) -> Array:
     if not np.isfinite(a).all():
         raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
     return a
-
-
-def unit(theta: float) -> Array:
-    """The direction (2,) at an angle [rad]."""
-    found: Array = np.array([np.cos(theta), np.sin(theta)])
-    return found
 
 
 def spatial(x: Any) -> list[float]:

@@ -26,7 +26,7 @@ from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.mechanism.closure import CLOSED, RANK_TOLERANCE
-from gauss_bench.mechanism.forces import axis_state, position
+from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
 from gauss_bench.terms import Array
 
@@ -164,20 +164,20 @@ class LoopEquations:
     def input_values(self, x: Array) -> dict[str, float]:
         """Name of each input -> its value in x, as its law counts it [rad, m]."""
         found: dict[str, float] = {}
-        for given, value in zip(self.inputs, x[len(self.unknown) :], strict=True):
+        for given, known in zip(self.inputs, x[len(self.unknown) :], strict=True):
             if given.link is None:
-                found[str(given.joint)] = float(value)
+                found[str(given.joint)] = float(known)
             else:
-                found[self.mechanism.link_name(given.link)] = float(value + self.phase[given.link])
+                found[self.mechanism.link_name(given.link)] = float(known + self.phase[given.link])
         return found
 
     def start(self) -> Array:
         """x of the mechanism's q0."""
-        q, still = self.mechanism.q0, np.zeros(self.mechanism.n)
+        q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for joint in self.mechanism.joints:
             if isinstance(joint, Prismatic):
-                values[joint.name] = float(axis_state(q, still, joint.block, joint.guide, joint.angle)[0])
+                values[joint.name] = float(value(joint.motion, q))
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))

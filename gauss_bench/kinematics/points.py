@@ -16,7 +16,7 @@ from itertools import permutations
 import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
-from gauss_bench.mechanism.constraints import Vectors
+from gauss_bench.mechanism.coordinates import Vectors
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 

@@ -13,14 +13,13 @@ in the 2 n unknowns (q, x). The derivative of J x along y is the bilinear form t
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.forces import add_axis_force, axis_state
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
+from gauss_bench.mechanism.coordinates import gradient, value
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Prismatic
 from gauss_bench.terms import Array
 
 STEP = 0.02  # [rad, m] along the curve: a fiftieth of a radian of the fastest link
@@ -36,10 +35,14 @@ class ChangePoint(ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class DrivingCoordinate:
-    """A coordinate that may drive the linkage: its value and gradient (n,) at q."""
+    """A coordinate that may drive the linkage."""
 
     name: str
-    of: Callable[[Array], tuple[float, Array]]
+    scalar: Angle | Along
+
+    def of(self, q: Array) -> tuple[float, Array]:
+        """Value and gradient (n,) at q (n,)."""
+        return float(value(self.scalar, q)), gradient(self.scalar, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,26 +69,11 @@ def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             if GROUND in (joint.guide.link, joint.block.link):
-                found.append(DrivingCoordinate(joint.name, _slide(mechanism.n, joint)))
+                found.append(DrivingCoordinate(joint.name, joint.motion))
         elif GROUND in (joint.a.link, joint.b.link):
             link = max(joint.a.link, joint.b.link)
-            found.append(DrivingCoordinate(mechanism.links[link].name, _angle(mechanism.n, link)))
+            found.append(DrivingCoordinate(mechanism.links[link].name, Angle(GROUND, link)))
     return found
-
-
-def _angle(n: int, link: int) -> Callable[[Array], tuple[float, Array]]:
-    row = np.eye(n)[3 * link + 2]
-    return lambda q: (float(q[3 * link + 2]), row)
-
-
-def _slide(n: int, joint: Prismatic) -> Callable[[Array], tuple[float, Array]]:
-    def of(q: Array) -> tuple[float, Array]:
-        x, _, direction = axis_state(q, np.zeros(n), joint.block, joint.guide, joint.angle)
-        row = np.zeros(n)  # the generalised force of a unit axis force is the gradient of the coordinate
-        add_axis_force(row, q, joint.block, joint.guide, direction, np.array(1.0))
-        return float(x), row
-
-    return of
 
 
 class Curve:

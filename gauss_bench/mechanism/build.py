@@ -3,6 +3,7 @@
 All of it in numbers of one type, double unless asked otherwise, so that what is certified starts from the decimals of the file.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,30 +12,25 @@ from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import Fault
 from gauss_bench.mechanism.model import (
+    FORCES,
     GROUND,
     Along,
     Angle,
     AngleDriver,
-    AxisSpringDamper,
     CoulombFriction,
     Distance,
     Driver,
     Force,
     Joint,
-    JointDamping,
     KnifeEdge,
     LengthDriver,
     Link,
     Measured,
     Mechanism,
     Point,
-    PointForce,
     Prismatic,
     Revolute,
-    RotationalSpringDamper,
     SlideDriver,
-    SpringDamper,
-    Torque,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, direction, exact, length, pair, radians
@@ -49,7 +45,7 @@ class BuildError(ValueError):
         super().__init__(str(self.fault))
 
 
-def angle_of(table: dict[str, Any], key: str, number: Number = float) -> Any:
+def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
     """The angle `key` in radians, written as `key` or as `key_deg`; 0 where neither is given."""
     return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
@@ -103,15 +99,31 @@ class Resolver:
     """Looks up the names of one document."""
 
     def __init__(self, document: dict[str, Any], number: Number = float):
-        self.number = number
+        self.number_type = number
         self.links = tuple(build_link(name, table, number) for name, table in document["links"].items())
         self.index = {link.name: i for i, link in enumerate(self.links)} | {"ground": GROUND}
         self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
+        self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.joint(name, table))
+
+    def link(self, name: str) -> int:
+        return self.index[name]
+
+    def pairs(self, joint: str) -> tuple[Joint, ...]:
+        return tuple(pair for pair in self.joints if pair.joint == joint)
+
+    def pair(self, values: Any) -> Array:
+        return np.asarray(pair(self.number_type, values))
+
+    def number(self, table: Mapping[str, Any], key: str) -> Any:
+        return exact(self.number_type, table.get(key, 0))
+
+    def angle(self, table: Mapping[str, Any], key: str) -> Any:
+        return angle_of(table, key, self.number_type)
 
     @property
     def world(self) -> Point:
         """The origin of the world."""
-        return Point(GROUND, pair(self.number, (0, 0)), "ground.")
+        return Point(GROUND, pair(self.number_type, (0, 0)), "ground.")
 
     def point(self, reference: str) -> Point:
         owner, name = reference.split(".")
@@ -122,58 +134,38 @@ class Resolver:
     def joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
         """The pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
-            angle, block_angle = (angle_of(table, key, self.number) for key in ("angle", "block_angle"))
+            angle, block_angle = (angle_of(table, key, self.number_type) for key in ("angle", "block_angle"))
             guide, block = self.point(table["guide"]), self.point(table["block"])
-            return [Prismatic(name, guide, block, angle, angle - block_angle, exact(self.number, table.get("offset", 0)))]
+            return [Prismatic(name, guide, block, angle, angle - block_angle, exact(self.number_type, table.get("offset", 0)))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
-    def force(self, name: str, table: dict[str, Any], joints: tuple[Joint, ...]) -> Force:
-        k, c, rest = (exact(self.number, table.get(key, 0)) for key in ("k", "c", "rest"))
-        match table["type"]:
-            case "torque":
-                reaction = self.index[table.get("reaction", "ground")]
-                return Torque(name, self.index[table["link"]], reaction, exact(self.number, table["value"]))
-            case "force":
-                point, frame = self.point(table["point"]), table.get("frame", "ground")
-                owner = point.link if frame == "body" else self.index[frame]
-                return PointForce(name, point, pair(self.number, table["value"]), owner)
-            case "spring_damper":
-                a, b = (self.point(x) for x in table["between"])
-                return SpringDamper(name, a, b, k, c, rest)
-            case "axis_spring_damper":
-                origin = self.point(table["origin"]) if "origin" in table else self.world
-                return AxisSpringDamper(name, self.point(table["point"]), origin, angle_of(table, "angle", self.number), k, c, rest)
-            case "rotational_spring_damper":
-                first, second = (self.index[x] for x in table["links"])
-                return RotationalSpringDamper(name, first, second, k, c, angle_of(table, "rest", self.number))
-        return JointDamping(name, tuple(j for j in joints if j.joint == table["joint"]), c)
+    def force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
+        return FORCES[table["type"]](name, table, self)
 
-    def friction(self, name: str, table: dict[str, Any], joints: tuple[Joint, ...]) -> CoulombFriction:
-        pairs = tuple(j for j in joints if j.joint == table["joint"])
-        mu, radius, speed = (exact(self.number, table.get(key, 1)) for key in ("mu", "radius", "speed"))
-        return CoulombFriction(name, pairs, mu, radius, speed)
+    def slide(self, name: str) -> Prismatic:
+        return next(j for j in self.joints if isinstance(j, Prismatic) and j.name == name)
 
-    def driver(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Driver:
-        law = motion_law(table, self.number)
+    def driver(self, table: dict[str, Any]) -> Driver:
+        law = motion_law(table, self.number_type)
         if "joint" in table:
-            slide = next(j for j in joints if isinstance(j, Prismatic) and j.name == table["joint"])
+            slide = self.slide(table["joint"])
             return SlideDriver(slide.name, law, slide)
         if "between" in table:
             a, b = (self.point(x) for x in table["between"])
             return LengthDriver(f"{a.name}-{b.name}", law, a, b)
         return AngleDriver(table["link"], law, self.index[table["link"]])
 
-    def measured(self, table: dict[str, Any], joints: tuple[Joint, ...]) -> Measured:
+    def measured(self, table: dict[str, Any]) -> Measured:
         """The coordinate that the table `measure` names."""
         if "joint" in table:
-            return measured_slide(next(j for j in joints if isinstance(j, Prismatic) and j.name == table["joint"]))
+            return measured_slide(self.slide(table["joint"]))
         if "between" in table:
             a, b = (self.point(x) for x in table["between"])
             return Measured(f"distance {a.name}-{b.name}", Distance(a, b))
         if "point" in table:
-            angle = angle_of(table, "angle", self.number)
+            angle = angle_of(table, "angle", self.number_type)
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
             return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
@@ -196,7 +188,7 @@ def measured_angle(links: tuple[Link, ...], index: int) -> Measured:
 
 
 def measured_slide(joint: Prismatic) -> Measured:
-    return Measured(f"slide {joint.name}", joint.sliding)
+    return Measured(f"slide {joint.name}", joint.motion)
 
 
 def motion_law(table: dict[str, Any], number: Number = float) -> MotionLaw:
@@ -221,14 +213,13 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         BuildError: a fault that only shows in resolved points, such as a bar without length.
     """
     names = Resolver(document, number)
-    joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in names.joint(name, table))
     knives = document.get("constraints", {}).items()
     chosen = document["scenarios"][scenario]
-    acting = [(f, document["forces"][f]) for f in chosen.get("forces", [])]
+    acting = [names.force(f, document["forces"][f]) for f in chosen.get("forces", [])]
     observe = document.get("observe", {})
     crank = document.get("crank")
     driven = [chosen["driver"]] if "driver" in chosen else chosen.get("drivers", [])
-    drivers = tuple(names.driver(x, joints) for x in driven)
+    drivers = tuple(names.driver(x) for x in driven)
     return Mechanism(
         name=document["name"],
         title=document.get("title", ""),
@@ -240,14 +231,14 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         duration=float(chosen["duration"]),
         links=names.links,
         ground_points=names.ground_points,
-        joints=joints,
+        joints=names.joints,
         knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), angle_of(x, "angle", number)) for k, x in knives),
-        forces=tuple(names.force(f, x, joints) for f, x in acting if x["type"] != "coulomb_friction"),
+        forces=tuple(f for f in acting if not isinstance(f, CoulombFriction)),
         drivers=drivers,
         gravity=pair(number, document.get("gravity", (0.0, -9.81))),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
-        measured=names.measured(document["measure"], joints) if "measure" in document else names.usually_measured(drivers, crank),
-        frictions=tuple(names.friction(f, x, joints) for f, x in acting if x["type"] == "coulomb_friction"),
+        measured=names.measured(document["measure"]) if "measure" in document else names.usually_measured(drivers, crank),
+        frictions=tuple(f for f in acting if isinstance(f, CoulombFriction)),
     )

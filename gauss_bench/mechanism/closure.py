@@ -12,21 +12,22 @@ import numpy as np
 
 from gauss_bench.mechanism.build import angle_of, measured_angle, measured_slide
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.coordinates import gradient
+from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.errors import AssemblyError
-from gauss_bench.mechanism.forces import add_axis_force, add_force, axis_state, position
 from gauss_bench.mechanism.model import (
-    AngleDriver,
-    Driver,
-    LengthDriver,
+    GROUND,
+    Along,
+    Angle,
+    Coordinate,
+    Distance,
+    Law,
     Measured,
     Mechanism,
     Point,
     Prismatic,
-    SlideDriver,
-    SpringDamper,
+    loads,
 )
-from gauss_bench.mechanism.numbers import Number, exact, length, pair, radians
+from gauss_bench.mechanism.numbers import Number, exact, pair, radians
 from gauss_bench.mechanism.sketch import sketch
 from gauss_bench.terms import Array
 
@@ -79,22 +80,22 @@ def first_moving(mechanism: Mechanism, J: Array) -> Measured:
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
-    found = {
+    counted = {
         "dof": mechanism.dof,
         "redundant": mechanism.redundant,
         "loops": len(mechanism.joints) - len(mechanism.links),
     }
-    for key, value in expect.items():
-        if found[key] != value:
-            raise AssemblyError(f"expect.{key}", f"the file says {value}, the assembled linkage has {found[key]}")
+    for key, count in expect.items():
+        if counted[key] != count:
+            raise AssemblyError(f"expect.{key}", f"the file says {count}, the assembled linkage has {counted[key]}")
 
 
 def check_springs(mechanism: Mechanism) -> None:
     for f in mechanism.forces:
-        if not isinstance(f, SpringDamper) or f.rest == 0:
-            continue
-        if length(position(mechanism.q0, f.b) - position(mechanism.q0, f.a)) < CLOSED:
-            raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
+        directed = [x.coordinate for x in loads([f]) if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)]
+        for distance in (x for x in directed if isinstance(x, Distance)):
+            if value(distance, mechanism.q0) < CLOSED:
+                raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
@@ -150,24 +151,27 @@ def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Num
     n = mechanism.n
     parts: list[tuple[Residual, Any, Any]] = []
     for driver in mechanism.drivers:
-        value, rate, _ = driver.law(number("0"))
-        parts.append((_driven_row(n, driver), [value], [rate]))
+        target, rate, _ = driver.law(number("0"))
+        parts.append((_held_row(driver.coordinate), [target], [rate]))
     for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
-        parts.append((_angle_row(n, link), [target], [rate]))
+        parts.append((_held_row(Angle(GROUND, link)), [target], [rate]))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
-        parts.append((_slide_row(by_name[name]), [exact(number, target)], [exact(number, rate)]))
+        parts.append((_held_row(by_name[name].motion), [exact(number, target)], [exact(number, rate)]))
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     for reference, target in start.get("points", {}).items():
         owner, name = reference.split(".")
-        rate = start.get("point_velocities", {}).get(reference, (0, 0))
-        parts.append((_point_rows(n, mechanism.point(index[owner], name)), pair(number, target), pair(number, rate)))
+        rates = start.get("point_velocities", {}).get(reference, (0, 0))
+        point = mechanism.point(index[owner], name)
+        for axis, across in enumerate((False, True)):
+            along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
+            parts.append((_held_row(along), [exact(number, target[axis])], [exact(number, rates[axis])]))
 
     def of(q: Array) -> tuple[Array, Array]:
-        found = [part(q) for part, _, _ in parts]
-        return np.concatenate([np.zeros(0), *(x for x, _ in found)]), np.vstack([np.zeros((0, n)), *(row for _, row in found)])
+        held = [part(q) for part, _, _ in parts]
+        return np.concatenate([np.zeros(0), *(x for x, _ in held)]), np.vstack([np.zeros((0, n)), *(row for _, row in held)])
 
     targets = [x for _, target, _ in parts for x in target]
     return Held(of, np.array(targets), np.array([x for _, _, rate in parts for x in rate]))
@@ -187,52 +191,8 @@ def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number)
     return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
 
 
-def _driven_row(n: int, driver: Driver) -> Residual:
-    match driver:
-        case AngleDriver():
-            return _angle_row(n, driver.link)
-        case SlideDriver():
-            return _slide_row(driver.joint)
-        case LengthDriver():
-            return _length_row(driver.a, driver.b)
-
-
-def _angle_row(n: int, link: int) -> Residual:
-    row = np.zeros((1, n))
-    row[0, 3 * link + 2] = 1.0
-    return lambda q: (q[3 * link + 2 : 3 * link + 3], row)
-
-
-def _slide_row(joint: Prismatic) -> Residual:
-    def of(q: Array) -> tuple[Array, Array]:
-        x, _, direction = axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)
-        row = np.zeros_like(q)  # the generalised force of a unit axis force is the gradient of the coordinate
-        add_axis_force(row, q, joint.block, joint.guide, direction, np.ones((), dtype=q.dtype))
-        return np.array([x]), row[None]
-
-    return of
-
-
-def _point_rows(n: int, point: Point) -> Residual:
-    def of(q: Array) -> tuple[Array, Array]:
-        rows = np.zeros((2, n), dtype=q.dtype)
-        for row, axis in zip(rows, np.eye(2), strict=True):
-            add_force(row, q, point, axis)
-        return position(q, point), rows
-
-    return of
-
-
-def _length_row(a: Point, b: Point) -> Residual:
-    def of(q: Array) -> tuple[Array, Array]:
-        gap = position(q, b) - position(q, a)
-        distance = length(gap)
-        row = np.zeros_like(q)
-        add_force(row, q, b, gap / distance)
-        add_force(row, q, a, -gap / distance)
-        return np.array([distance]), row[None]
-
-    return of
+def _held_row(coordinate: Coordinate) -> Residual:
+    return lambda q: (value(coordinate, q)[None], gradient(coordinate, q)[None])
 
 
 def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:

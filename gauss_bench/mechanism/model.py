@@ -3,9 +3,9 @@
 Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, links in file order, SI units.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -41,11 +41,15 @@ class Angle:
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """Scalar coordinate [m] of `point` along an axis from `origin`, at `angle` [rad] in the frame of the origin's link."""
+    """Scalar coordinate [m] of `point` along an axis from `origin`, at `angle` [rad] in the frame of the origin's link.
+
+    With `across` it is the distance to the left of that axis: the same with an axis a quarter turn on, free of rounding.
+    """
 
     origin: Point
     point: Point
     angle: float
+    across: bool = False
     unit: ClassVar[Literal["m"]] = "m"
 
 
@@ -101,6 +105,11 @@ class Revolute:
     a: Point
     b: Point
 
+    @property
+    def motion(self) -> Angle:
+        """The coordinate that the pin leaves free."""
+        return Angle(self.a.link, self.b.link)
+
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
@@ -124,9 +133,15 @@ class Prismatic:
         return self.name
 
     @property
-    def sliding(self) -> Along:
-        """The coordinate of the block point along the line, from the guide point."""
+    def motion(self) -> Along:
+        """The coordinate that the slide leaves free: the way of the block point along the line, from the guide point."""
         return Along(self.guide, self.block, self.angle)
+
+    @property
+    def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
+        """The coordinates that the slide holds, with their values: the distance from the line, and the turning."""
+        beside = Along(self.guide, self.block, self.angle, across=True)
+        return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
 
 Joint = Revolute | Prismatic
@@ -142,13 +157,18 @@ class KnifeEdge:
 
 
 @dataclass(frozen=True, eq=False)
-class Torque:
-    """Constant torque `value` [N m] on `link`, the opposite one on `reaction` (link indices)."""
+class Law:
+    """The force F = bias - k (x - rest) - c dx/dt along a scalar coordinate x; the generalised force is F dx/dq.
 
-    name: str
-    link: int
-    reaction: int
-    value: float
+    Units follow from the coordinate: k [N/m], c [N s/m], rest [m], bias [N] of a length, k [N m/rad] and so on of an angle. The
+    numbers may be expressions.
+    """
+
+    coordinate: Coordinate
+    k: float = 0.0
+    c: float = 0.0
+    rest: float = 0.0
+    bias: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +179,56 @@ class PointForce:
     point: Point
     value: Array
     frame: int
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
+        point, frame = names.point(table["point"]), table.get("frame", "ground")
+        return cls(name, point, names.pair(table["value"]), point.link if frame == "body" else names.link(frame))
+
+    def lowered(self) -> tuple["Load", ...]:
+        return (self,)
+
+
+Load = Law | PointForce  # whatever acts on a linkage comes to these: all that terms, kernels and adapters know of forces
+
+
+class Names(Protocol):
+    """What a table of the file is read with: the things its names stand for, and its numbers in the type asked for."""
+
+    @property
+    def world(self) -> Point:
+        """The origin of the world."""
+        ...
+
+    def link(self, name: str, /) -> int: ...
+    def point(self, reference: str, /) -> Point: ...
+    def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
+    def pair(self, values: Any, /) -> Array: ...
+    def number(self, table: Mapping[str, Any], key: str, /) -> Any:
+        """The number `key`, 0 where it is left out."""
+        ...
+
+    def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
+        """The angle `key` or `key_deg` [rad], 0 where it is left out."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """Constant torque `value` [N m] on `link`, the opposite one on `reaction` (link indices)."""
+
+    name: str
+    link: int
+    reaction: int
+    value: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Torque":
+        reaction = names.link(table.get("reaction", "ground"))
+        return cls(name, names.link(table["link"]), reaction, names.number(table, "value"))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Angle(self.reaction, self.link), bias=self.value),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +241,14 @@ class SpringDamper:
     k: float
     c: float
     rest: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "SpringDamper":
+        a, b = (names.point(x) for x in table["between"])
+        return cls(name, a, b, *(names.number(table, key) for key in ("k", "c", "rest")))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Distance(self.a, self.b), self.k, self.c, self.rest),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +263,15 @@ class AxisSpringDamper:
     c: float
     rest: float
 
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
+        origin = names.point(table["origin"]) if "origin" in table else names.world
+        numbers = (names.number(table, key) for key in ("k", "c", "rest"))
+        return cls(name, names.point(table["point"]), origin, names.angle(table, "angle"), *numbers)
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
+
 
 @dataclass(frozen=True, eq=False)
 class RotationalSpringDamper:
@@ -197,6 +284,14 @@ class RotationalSpringDamper:
     c: float
     rest: float
 
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
+        a, b = (names.link(x) for x in table["links"])
+        return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest"))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Angle(self.a, self.b), self.k, self.c, self.rest),)
+
 
 @dataclass(frozen=True, eq=False)
 class JointDamping:
@@ -205,6 +300,13 @@ class JointDamping:
     name: str
     pairs: tuple[Joint, ...]
     c: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
+        return cls(name, names.pairs(table["joint"]), names.number(table, "c"))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +325,34 @@ class CoulombFriction:
     radius: float
     speed: float
 
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
+        mu, radius, speed = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
+        return cls(name, names.pairs(table["joint"]), mu, radius, speed)
+
 
 Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
+FORCES: Mapping[str, Callable[[str, Mapping[str, Any], Names], Force | CoulombFriction]] = {
+    "torque": Torque.read,
+    "force": PointForce.read,
+    "spring_damper": SpringDamper.read,
+    "axis_spring_damper": AxisSpringDamper.read,
+    "rotational_spring_damper": RotationalSpringDamper.read,
+    "joint_damping": JointDamping.read,
+    "coulomb_friction": CoulombFriction.read,
+}  # by the `type` of a force's table
+
+
+def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
+    """What the forces come to.
+
+    Raises:
+        TypeError: naming a force of a kind that does not say what it comes to.
+    """
+    for force in forces:
+        if not hasattr(force, "lowered"):
+            raise TypeError(f"force {force.name}: nothing is known of the kind {type(force).__name__}")
+    return tuple(load for force in forces for load in force.lowered())
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +378,7 @@ class SlideDriver:
 
     @property
     def coordinate(self) -> Along:
-        return self.joint.sliding
+        return self.joint.motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array

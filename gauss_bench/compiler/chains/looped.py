@@ -15,6 +15,7 @@ import numpy as np
 from gauss_bench.compiler.chains.functions import Sizes, module
 from gauss_bench.compiler.machine.loops import WIDEST, LoopedProgram, Memory, RoundsProgram, looped
 from gauss_bench.compiler.machine.native_code import Flags, NativeCode, address, best_lanes, compile_text, in_lanes, out_of_lanes
+from gauss_bench.compiler.machine.source import c_loops
 from gauss_bench.compiler.stepping.driver import Batch, Outcome
 from gauss_bench.terms import Array
 
@@ -192,6 +193,10 @@ class LoopedPrograms:
     def partitions(self) -> tuple[tuple[int, ...], ...]:
         """Independent coordinates of every program generated so far; () for Lagrange's."""
         return tuple(code.program.source.plan.independent for code in self.codes)
+
+    def c_source(self, integrator: str) -> str:
+        """The accelerations of the best program in plain C; steps are the caller's."""
+        return c_loops(self.codes[0].program)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

@@ -39,7 +39,7 @@ from gauss_bench.compiler.equations.sampling import manifold_states, typical_len
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import Graph, Node, Vector
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, LoopGroup
-from gauss_bench.mechanism.forces import axis_state, position
+from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
 
@@ -445,7 +445,7 @@ def loop_values(equations: LoopEquations, mechanism: Mechanism, q: Array) -> Arr
     values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
-            values[joint.name] = float(axis_state(q, np.zeros_like(q), joint.block, joint.guide, joint.angle)[0])
+            values[joint.name] = float(value(joint.motion, q))
     names = [bar.name for bar in equations.bars]
     for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver) and d.name in names):
         x, y = position(q, bar.b) - position(q, bar.a)

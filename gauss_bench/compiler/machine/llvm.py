@@ -16,9 +16,8 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.graph import Graph, live, order, rewrite
-from gauss_bench.compiler.machine.loops import Group, Groups, Loop, Memory, needed_outside
-from gauss_bench.compiler.machine.trigonometry import sincos
+from gauss_bench.compiler.machine.graph import Graph
+from gauss_bench.compiler.machine.loops import Block, Group, Groups, Loop, Memory, needed_outside
 
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTEGER = {"and": "and", "plus": "add", "shl": "shl"}
@@ -353,73 +352,22 @@ class LoopWriter:
 
 
 class _Body:
-    """The arithmetic of one loop as a graph, regrouped and fused."""
+    """One loop as text."""
 
-    def __init__(self, writer: LoopWriter, loop: Loop):
-        self.writer, self.loop = writer, loop
-        self.graph = Graph()
-        self.made: dict[tuple[int, ...], int] = {}
-        self.leaves: dict[tuple[int, ...], str] = {}
-        self.kept: list[tuple[Group, int]] = []
-        for group in loop.groups:
-            value = self._value(group)
-            if group.operation not in ("SUM", "OUT"):
-                self.made[group.results] = value
-            if group.operation in ("SUM", "OUT") or writer.needed & set(group.results):
-                self.kept.append((group, value))
-        self.graph, roots = rewrite(self.graph, [x for _, x in self.kept])
-        self.kept = [(group, x) for (group, _), x in zip(self.kept, roots, strict=True)]
-        roots = list(dict.fromkeys(roots))
-        self.order = order(self.graph, live(self.graph, roots), {str(k): x for k, x in enumerate(roots)})
+    def __init__(self, writer: "LoopWriter", loop: Loop):
+        self.writer = writer
+        self.block = Block(loop, writer.groups, writer.needed)
 
     def sums(self) -> list[int]:
-        return [g.results[0] for g, _ in self.kept if g.operation == "SUM"]
-
-    def _operand(self, values: tuple[int, ...], negative: bool) -> int:
-        numbers, g = self.writer.groups.numbers, self.graph
-        if values in self.made:
-            found = self.made[values]
-        elif all(v in numbers for v in values) and len({numbers[v] for v in values}) == 1:
-            found = g.const(numbers[values[0]])
-        else:
-            found = g.leaf(self.leaves.setdefault(values, f"leaf{len(self.leaves)}"))
-        return g.neg(found) if negative else found
-
-    def _value(self, group: Group) -> int:
-        g = self.graph
-        x = [self._operand(*operand) for operand in zip(group.operands, group.negative, strict=True)]
-        match group.operation:
-            case "ADD":
-                return g.add(*x)
-            case "MUL":
-                return g.mul(*x)
-            case "INV":
-                return g.div(g.const(1.0), x[0])
-            case "SQRT":
-                return g.make("sqrt", x[0])
-            case "SIN" | "COS":
-                return sincos(g, x[0])[group.operation == "COS"]
-            case "FMIN":
-                return g.make("select", g.make("lt", x[0], x[1]), x[0], x[1])
-            case "FMAX":
-                return g.make("select", g.make("lt", x[1], x[0]), x[0], x[1])
-            case "LE":
-                return g.make("select", g.make("le", x[0], x[1]), g.const(1.0), g.const(0.0))
-            case "SUM" | "OUT" | "IS":
-                return x[0]
-        raise ValueError(f"no code for {group.operation}")
+        return self.block.sums()
 
     def write(self, wide: Wide, before: dict[int, str]) -> dict[int, str]:
         """The lines of one turn; returns the sums after it, from those `before` it."""
         w = wide.text
-        w.names = {}
-        leaf_of = {name: values for values, name in self.leaves.items()}
-        for x in self.order:
-            if self.graph.operation[x] == "leaf":
-                w.names[x] = self._load(wide, leaf_of[str(self.graph.payload[x])])
-        w.write(self.graph, self.order)
+        w.names = {x: self._load(wide, values) for x, values in self.block.loads.items()}
+        w.write(self.block.graph, self.block.order)
         sums = {}
-        for group, x in self.kept:
+        for group, x in self.block.kept:
             if group.operation == "SUM":
                 sums[group.results[0]] = self._added(wide, w.names[x], before.get(group.results[0]))
             else:
@@ -438,12 +386,8 @@ class _Body:
         return wide.load([place[v] for v in values])
 
     def _store(self, wide: Wide, group: Group, value: str) -> None:
-        memory = self.writer.memory
-        if group.operation == "OUT":
-            places = [memory.a + memory.coordinate(j) for j in group.results]
-        else:
-            places = [memory.place[v] for v in group.results]
-        wide.store(value, places, memory.room(places))
+        places = self.writer.memory.stored(group)
+        wide.store(value, places, self.writer.memory.room(places))
 
 
 def declarations(widths: set[int]) -> list[str]:

@@ -23,10 +23,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from gauss_bench.compiler.elimination.function import Instruction
 from gauss_bench.compiler.elimination.rounds import RoundsProgram
+from gauss_bench.compiler.machine.graph import Graph, Pair, apply, leaves, live, order, rewrite
+from gauss_bench.compiler.machine.trigonometry import sincos
 
-__all__ = ["WIDEST", "Group", "Groups", "Loop", "LoopedProgram", "Memory", "RoundsProgram", "looped", "needed_outside"]
+__all__ = ["WIDEST", "Block", "Group", "Groups", "Loop", "LoopedProgram", "Memory", "RoundsProgram", "looped", "needed_outside"]
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
@@ -117,26 +118,26 @@ class _Grouping:
         self.groups.append(_group("OUT", [(len(a), (self._term(sound),))]))
         return Groups(self.groups, self.numbers, self.inputs)
 
-    def _levels(self) -> Iterable[list[tuple[int, Instruction]]]:
+    def _levels(self) -> Iterable[list[int]]:
         """Values by stage and depth within it."""
         depth: dict[int, tuple[int, int]] = {}
-        found: dict[tuple[int, int], list[tuple[int, Instruction]]] = {}
+        found: dict[tuple[int, int], list[int]] = {}
         for k, x in enumerate(self.instructions):
             if x.operation in ("CONST", "INPUT", "NEG"):
                 continue
             stage = bisect_right(self.program.phases, k)
             before = [depth[t.value] for t in map(self._term, x.operands) if t.value in depth]
             depth[k] = (stage, max((d + 1 for s, d in before if s == stage), default=0))
-            found.setdefault(depth[k], []).append((k, x))
+            found.setdefault(depth[k], []).append(k)
         return [found[key] for key in sorted(found)]
 
-    def _level(self, values: list[tuple[int, Instruction]]) -> None:
+    def _level(self, values: list[int]) -> None:
         alike: dict[Kind, list[Member]] = {}
-        for value, x in values:
-            if x.operation == "SUM":
-                self._sum(value, x)
+        for value in values:
+            if self.instructions[value].operation == "SUM":
+                self._sum(value)
                 continue
-            operation, terms = self._terms(x)
+            operation, terms = self._terms(value)
             key: Kind = (operation, *((self.kind[t.value], t.negative) for t in terms))
             alike.setdefault(key, []).append((value, terms))
         left: dict[Kind, list[Member]] = {}
@@ -161,7 +162,8 @@ class _Grouping:
         rest = [x for part in apart.values() if len(part) < ALIGNED for x in part]
         return [*many, rest] if len(rest) >= FEW else [*many, *([x] for x in rest)]
 
-    def _terms(self, x: Instruction) -> tuple[str, tuple[Term, ...]]:
+    def _terms(self, value: int) -> tuple[str, tuple[Term, ...]]:
+        x = self.instructions[value]
         terms = [self._term(k) for k in x.operands]
         if x.operation == "SUB":
             terms[1] = Term(terms[1].value, not terms[1].negative)
@@ -178,10 +180,10 @@ class _Grouping:
             if value not in self.kind:
                 self.kind[value], self.lane[value] = ("group", number), lane
 
-    def _sum(self, value: int, x: Instruction) -> None:
+    def _sum(self, value: int) -> None:
         """A long sum: each kind of summands by itself, and these sums one by one."""
         alike: dict[Kind, list[Term]] = {}
-        for t in map(self._term, x.operands):
+        for t in map(self._term, self.instructions[value].operands):
             alike.setdefault((self.kind[t.value], t.negative), []).append(t)
         parts = []
         for terms in alike.values():
@@ -274,6 +276,12 @@ class Memory:
     def coordinate(self, j: int) -> int:
         """Place of coordinate j of the mechanism among those of all links; that of the guard behind the last."""
         return 3 * self.stride if j == 3 * self.links else j % 3 * self.stride + j // 3
+
+    def stored(self, group: "Group") -> list[int]:
+        """Places of a group's results."""
+        if group.operation == "OUT":
+            return [self.a + self.coordinate(j) for j in group.results]
+        return [self.place[v] for v in group.results]
 
     def room(self, places: list[int]) -> bool:
         """Whether nothing is lost behind the last of some neighbouring places."""
@@ -385,6 +393,57 @@ def _last_readers(found: list[Loop]) -> dict[int, int]:
             for values in group.operands:
                 read |= dict.fromkeys(values, number)
     return read
+
+
+class Block:
+    """The arithmetic of one loop, for whatever machine.
+
+    Attributes:
+        graph, order: values of one lane, in the order in which to write them.
+        loads: leaf -> what it is in every lane, values or numbers.
+        library: whether sines are left to the target's own functions, and the rest to its compiler.
+        kept: groups whose results are stored, added up or returned, and their values.
+    """
+
+    def __init__(self, loop: Loop, groups: Groups, needed: set[int], library: bool = False):
+        self.groups, self.library, self.graph = groups, library, Graph()
+        self._made: dict[tuple[int, ...], int] = {}
+        self._leaves: dict[tuple[int, ...], str] = {}
+        kept: list[tuple[Group, int]] = []
+        for group in loop.groups:
+            x = [self._operand(*operand) for operand in zip(group.operands, group.negative, strict=True)]
+            value = x[0] if group.operation == "SUM" else apply(self.graph, group.operation, x, self._sincos)
+            if group.operation not in ("SUM", "OUT"):
+                self._made[group.results] = value
+            if group.operation in ("SUM", "OUT") or needed & set(group.results):
+                kept.append((group, value))
+        if not library:
+            self.graph, moved = rewrite(self.graph, [x for _, x in kept])
+            kept = [(group, x) for (group, _), x in zip(kept, moved, strict=True)]
+        self.kept = kept
+        roots = list(dict.fromkeys(x for _, x in kept))
+        self.order = live(self.graph, roots)
+        if not library:
+            self.order = order(self.graph, self.order, {str(k): x for k, x in enumerate(roots)})
+        by_name = {name: values for values, name in self._leaves.items()}
+        self.loads = {x: by_name[name] for name, x in leaves(self.graph, self.order).items()}
+
+    def _sincos(self, x: int) -> Pair:
+        return (self.graph.make("sin", x), self.graph.make("cos", x)) if self.library else sincos(self.graph, x)
+
+    def sums(self) -> list[int]:
+        """Values that are sums over the lanes."""
+        return [g.results[0] for g, _ in self.kept if g.operation == "SUM"]
+
+    def _operand(self, values: tuple[int, ...], negative: bool) -> int:
+        numbers, g = self.groups.numbers, self.graph
+        if values in self._made:
+            x = self._made[values]
+        elif all(v in numbers for v in values) and len({numbers[v] for v in values}) == 1:
+            x = g.const(numbers[values[0]])
+        else:
+            x = g.leaf(self._leaves.setdefault(values, f"leaf{len(self._leaves)}"))
+        return g.neg(x) if negative else x
 
 
 @dataclass(frozen=True, eq=False)

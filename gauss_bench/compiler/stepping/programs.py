@@ -18,10 +18,10 @@ import numpy as np
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import Code, Program, read_code
 from gauss_bench.compiler.machine.native_code import Buffers, Flags, NativeCode, address, in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.python import function, on_arrays
+from gauss_bench.compiler.machine.source import function, on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Outcome, Runner
 from gauss_bench.compiler.stepping.rollout import acceleration, rollout
-from gauss_bench.compiler.stepping.steps import REACHES, STEPS, Reach, Step
+from gauss_bench.compiler.stepping.steps import REACHES, STEPS, Reach, Step, c_source
 from gauss_bench.terms import Array
 
 CHUNK = 4096  # trajectories at a time: they share what a call of numpy costs, and a step has hundreds
@@ -266,6 +266,10 @@ class StraightLinePrograms:
     def partitions(self) -> tuple[tuple[int, ...], ...]:
         """Independent coordinates of every program generated so far; () for Lagrange's."""
         return tuple(code.program.independent for code in self.codes)
+
+    def c_source(self, integrator: str) -> str:
+        """The best program in plain C."""
+        return c_source(self.codes[0], integrator)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

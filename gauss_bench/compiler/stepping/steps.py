@@ -34,6 +34,7 @@ from math import inf, isfinite
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, inline
+from gauss_bench.compiler.machine.source import C_HEADER, c_function
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
@@ -255,6 +256,40 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     pairs = b.turn(b.fresh() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
     q_new, pairs = b.corrected_position(g.add(b.t, b.h), q_new, pairs, q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
+
+
+def c_source(code: Code, integrator: str) -> str:
+    """A program in plain C: accelerations, a step of an integrator, and with projection velocities onto the constraints.
+
+        int accelerate(double t, const double *q, const double *v, const double *p, double *a)
+        int step(double t, double h, double *q, double *v, const double *p)
+        int settle(double t, double *q, double *v, const double *p)
+
+    A step projects positions; velocities are projected at the beginning of the next, or by `settle`. All return 0, or 1 where a
+    guard fails; then nothing has been written.
+    """
+    n = code.program.n
+    inputs = {f"%{a}{i}": f"{a}[{i}]" for a in "qv" for i in range(n)} | {"%t": "t", "%h": "h"}
+    inputs |= {f"%p{i}": f"p[{i}]" for i in range(code.program.n_parameters)}
+
+    def function(head: str, g: Graph, masks: list[int], results: dict[str, int]) -> str:
+        return c_function(head, g, results, g.both(masks), inputs)
+
+    b = Builder(code, EXACT, library=True)
+    a = b.acceleration(b.t, b.q, b.v)
+    head = "accelerate(double t, const double *q, const double *v, const double *p, double *a)"
+    parts = [function(head, b.g, [*b.pivots, b.within(a)], {f"a[{i}]": x for i, x in enumerate(a)})]
+    step = STEPS[integrator](code, REACHES[integrator][-1], library=True)
+    places = {f"{name}[{i}]": step.carried[f"%{name}{i}"] for name in "qv" for i in range(n)}
+    masks = [m for m in (step.regular, step.within) if m is not None]
+    parts.append(function("step(double t, double h, double *q, double *v, const double *p)", step.graph, masks, places))
+    if code.projected:
+        b = Builder(code, EXACT, library=True)
+        v = b.corrected_velocity()
+        b.acceleration(b.t, b.q, b.v)
+        places = {f"v[{i}]": x for i, x in enumerate(v)}
+        parts.append(function("settle(double t, double *q, double *v, const double *p)", b.g, [*b.pivots, b.within(v)], places))
+    return C_HEADER + "\n".join(parts)
 
 
 STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}

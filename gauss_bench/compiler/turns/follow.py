@@ -41,7 +41,7 @@ from gauss_bench.compiler.machine import native_code, trigonometry
 from gauss_bench.compiler.machine.graph import Graph, Pair, constant_values, count_operations, inline, leaves, live, order, rewrite
 from gauss_bench.compiler.machine.llvm import Listing, Writer
 from gauss_bench.compiler.machine.native_code import NativeCode, address, in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.python import function
+from gauss_bench.compiler.machine.source import function
 from gauss_bench.terms import Array
 
 REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near

@@ -31,7 +31,7 @@ from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations
-from gauss_bench.mechanism import forces
+from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.model import AngleDriver, Driver, Joint, LengthDriver, Link, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
@@ -97,7 +97,9 @@ def _held(*levels: Any) -> MotionLaw:
 def _point(mechanism: Mechanism, point: Point, q: Array, v: Array, a: Array) -> Array:
     """Position, velocity and acceleration (6,) of a point."""
     moved = _moved(mechanism, point)
-    return np.concatenate([forces.position(q, moved), forces.velocity(q, v, moved), forces.acceleration(q, v, a, moved)])
+    return np.concatenate(
+        [coordinates.position(q, moved), coordinates.velocity(q, v, moved), coordinates.acceleration(q, v, a, moved)]
+    )
 
 
 def with_numbers(mechanism: Mechanism, numbers: Mapping[str, float]) -> Mechanism:

@@ -13,26 +13,27 @@ the marker is moved there and the law is exact; anywhere else the mechanism is s
 A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0.
 """
 
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.shared import PARALLEL, driven_links, spatial, unit
-from gauss_bench.mechanism.forces import angle, axis_state, position
+from gauss_bench.engines.shared import PARALLEL, driven_links, spatial
+from gauss_bench.mechanism.coordinates import unit, value
 from gauss_bench.mechanism.model import (
     GROUND,
+    Along,
+    Angle,
     AngleDriver,
-    AxisSpringDamper,
+    Distance,
     Force,
     Joint,
-    JointDamping,
+    Law,
+    Load,
     Mechanism,
     Point,
     PointForce,
     Prismatic,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
+    loads,
 )
 from gauss_bench.mechanism.tree import ends
 from gauss_bench.terms import Array
@@ -42,15 +43,15 @@ COINCIDENT = 1e-12  # [m]
 
 def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
     """Why a force has no exact counterpart among Exudyn's compiled items, or None."""
-    match force:
-        case AxisSpringDamper() if force.origin.link != GROUND:
-            if not slides_along(mechanism, force.origin.link, force.point.link, force.angle):
-                return (
-                    f"force {force.name} acts along an axis of a moving link that no slide keeps the point on; "
-                    "Exudyn's connectors leave out its torque on that link"
-                )
-        case SpringDamper() if force.c != 0:
-            if np.linalg.norm(position(mechanism.q0, force.b) - position(mechanism.q0, force.a)) < COINCIDENT:
+    for load in loads([force]):
+        match load:
+            case Law(Along(origin, point, angle)) if origin.link != GROUND:
+                if not slides_along(mechanism, origin.link, point.link, angle):
+                    return (
+                        f"force {force.name} acts along an axis of a moving link that no slide keeps the point on; "
+                        "Exudyn's connectors leave out its torque on that link"
+                    )
+            case Law(Distance()) if load.c != 0 and value(load.coordinate, mechanism.q0) < COINCIDENT:
                 return f"damper {force.name} joins points that coincide at the start, where its direction is undefined"
     return None
 
@@ -80,8 +81,8 @@ class System:
             self._joint(joint)
         for driver in driven_links(mechanism):
             self._driver(driver)
-        for force in mechanism.forces:
-            self._force(force)
+        for load in loads(mechanism.forces):
+            self._load(load)
         self.mbs.Assemble()
 
     def _link(self, i: int) -> None:
@@ -111,7 +112,7 @@ class System:
             markers = [self._point(joint.a), self._point(joint.b)]
             self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
             return
-        normal = unit(joint.angle + np.pi / 2)
+        normal = unit(joint.angle, across=True)
         foot = self._frame(joint.guide.link, joint.guide.local + joint.offset * normal)
         slide = self.items.ObjectJointPrismatic2D(
             markerNumbers=[self._frame(joint.block.link, joint.block.local), foot],
@@ -122,7 +123,7 @@ class System:
         self.mbs.AddObject(slide)
 
     def _driver(self, driver: AngleDriver) -> None:
-        law, start = driver.law, float(angle(self.mechanism.q0, driver.link))
+        law, start = driver.law, float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
             markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
             offsetUserFunction=lambda mbs, t, item, offset: float(law(t)[0]) - start,
@@ -130,28 +131,31 @@ class System:
         )
         self.mbs.AddObject(drive)
 
-    def _force(self, f: Force) -> None:
-        match f:
-            case Torque():
-                self._torque(f.link, f.value)
-                self._torque(f.reaction, -f.value)
+    def _load(self, load: Load) -> None:
+        match load:
             case PointForce():
-                self._point_force(f)
-            case SpringDamper():
-                self._spring(f)
-            case AxisSpringDamper():
-                self._axis(f.point, f.origin, f.angle, f.k, f.c, f.rest)
-            case RotationalSpringDamper():
-                self._turning(f.a, f.b, f.k, f.c, f.rest)
-            case JointDamping():
-                for pair in f.pairs:
-                    if isinstance(pair, Prismatic):
-                        self._axis(pair.block, pair.guide, pair.angle, 0.0, f.c, 0.0)
-                    else:
-                        self._turning(pair.a.link, pair.b.link, 0.0, f.c, 0.0)
+                self._point_force(load)
+            case Law():
+                self._law(load)
+            case _:
+                assert_never(load)
+
+    def _law(self, law: Law) -> None:
+        match law.coordinate:
+            case Angle(a, b):
+                self._torque(b, law.bias)
+                self._torque(a, -law.bias)
+                if law.k or law.c:
+                    self._turning(a, b, law)
+            case Along():
+                self._axis(law.coordinate, law)
+            case Distance(a, b):
+                self._spring(a, b, law)
+            case _:
+                assert_never(law.coordinate)
 
     def _torque(self, link: int, value: float) -> None:
-        if link != GROUND:  # a load on the angle is what a torque vector comes to in the plane, and cheaper
+        if link != GROUND and value:  # a load on the angle is what a torque vector comes to in the plane, and cheaper
             self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._angle(link), load=value))
 
     def _point_force(self, f: PointForce) -> None:
@@ -172,42 +176,47 @@ class System:
         self.mbs.AddObject(push)
         self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
 
-    def _spring(self, f: SpringDamper) -> None:
-        markers = [self._point(f.a), self._point(f.b)]
-        if f.rest == 0 and f.c == 0:  # k times the gap, without the direction that is lost where the points meet
-            spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[f.k, f.k, 0.0])
+    def _spring(self, a: Point, b: Point, law: Law) -> None:
+        markers = [self._point(a), self._point(b)]
+        if law.rest == law.c == law.bias == 0:  # k times the gap, without the direction that is lost where the points meet
+            spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
         else:
             spring = self.items.ObjectConnectorSpringDamper(
-                markerNumbers=markers, referenceLength=f.rest, stiffness=f.k, damping=f.c
+                markerNumbers=markers, referenceLength=law.rest, stiffness=law.k, damping=law.c, force=-law.bias
             )
         self.mbs.AddObject(spring)
 
-    def _turning(self, a: int, b: int, k: float, c: float, rest: float) -> None:
-        start = float(angle(self.mechanism.q0, b) - angle(self.mechanism.q0, a))
+    def _turning(self, a: int, b: int, law: Law) -> None:
+        start = float(value(Angle(a, b), self.mechanism.q0))
         spring = self.items.ObjectConnectorCoordinateSpringDamper(
-            markerNumbers=[self._angle(a), self._angle(b)], stiffness=k, damping=c, offset=rest - start
+            markerNumbers=[self._angle(a), self._angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
         )
         self.mbs.AddObject(spring)
 
-    def _axis(self, point: Point, origin: Point, theta: float, k: float, c: float, rest: float) -> None:
+    def _axis(self, along: Along, law: Law) -> None:
         """Along an axis of the world a Cartesian spring serves, the cheapest; else one along an axis of the origin's marker."""
-        u, items = unit(theta), self.items
-        if origin.link == GROUND and np.abs(u).min() < PARALLEL:
-            along = np.abs(u).round()
+        origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
+        if origin.link == GROUND and np.abs(u).min() < PARALLEL and law.bias == 0:
+            axis = np.abs(u).round()
             spring = items.ObjectConnectorCartesianSpringDamper(
                 markerNumbers=[self._point(origin), self._point(point)],
-                stiffness=spatial(k * along),
-                damping=spatial(c * along),
-                offset=spatial(rest * u.round()),
+                stiffness=spatial(law.k * axis),
+                damping=spatial(law.c * axis),
+                offset=spatial(law.rest * u.round()),
             )
         else:
-            beside, _, _ = axis_state(self.mechanism.q0, self.mechanism.v0, point, origin, theta + np.pi / 2)
-            foot = self._frame(origin.link, origin.local + beside * unit(theta + np.pi / 2))
+            foot = origin.local + self._beside(along) * np.array([-u[1], u[0]])
             spring = items.ObjectConnectorLinearSpringDamper(
-                markerNumbers=[foot, self._frame(point.link, point.local)],
+                markerNumbers=[self._frame(origin.link, foot), self._frame(point.link, point.local)],
                 axisMarker0=spatial(u),
-                stiffness=k,
-                damping=c,
-                offset=rest,
+                stiffness=law.k,
+                damping=law.c,
+                offset=law.rest,
+                force=-law.bias,  # positive force pulls the markers together
             )
         self.mbs.AddObject(spring)
+
+    def _beside(self, along: Along) -> float:
+        """Distance of the point left of the axis [m], at the start and, where a slide keeps it there, always."""
+        left = along.angle + (np.pi if along.across else np.pi / 2)
+        return float(value(Along(along.origin, along.point, left), self.mechanism.q0))

@@ -31,8 +31,8 @@ from gauss_bench.engines.shared import (
     tree_states,
 )
 from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.forces import position
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.tree import spanning_tree

@@ -4,14 +4,14 @@ Every link is a body whose frame is that of its centre of mass; its coordinate i
 mechanism as MuJoCo's reference pose, so that the loops are closed where the compiler measures body_invweight0.
 """
 
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.mujoco.forces import AtSite, Coordinate, Native, native_forces, turning
+from gauss_bench.engines.mujoco.forces import AtSite, Native, OnJoints, Steady, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
-from gauss_bench.mechanism.forces import rotated
-from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, SpringDamper, Torque
+from gauss_bench.mechanism.coordinates import rotated
+from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point
 from gauss_bench.mechanism.tree import Branch, Tree
 from gauss_bench.terms import Array
 
@@ -25,7 +25,7 @@ class Draft:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
-        self.mujoco, self.turns = mujoco, turning(tree)
+        self.mujoco = mujoco
         self.spec: Any = mujoco.MjSpec()
         self.spec.compiler.degree = False
         self.spec.option.gravity = spatial(mechanism.gravity)
@@ -72,35 +72,49 @@ class Draft:
         connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
         self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
 
-    def _force(self, f: Native) -> Coordinate | None:
+    def _force(self, f: Native) -> OnJoints | None:
         """Add a force; those on single joints are handed back, because a joint has room for only one."""
         match f:
-            case Torque():
-                self.torque += f.value * (self.turns.rows[f.link] - self.turns.rows[f.reaction])
-            case SpringDamper():
-                tendon = self.spec.add_tendon()
-                tendon.wrap_site(self._site(f.a))
-                tendon.wrap_site(self._site(f.b))
-                set_spring(tendon, f.k, f.c)
-                tendon.springlength = [f.rest] * 2
+            case Steady():
+                self.torque += f.force
+            case Tendon():
+                self._spatial_tendon(f)
             case AtSite():
                 self._site_force(f)
-            case Coordinate() if np.count_nonzero(f.row) == 1:
+            case OnJoints() if np.count_nonzero(f.row) == 1:
                 return f
-            case Coordinate() if f.row.any():
-                self._fixed_tendon(f)
+            case OnJoints():
+                if f.row.any():
+                    self._fixed_tendon(f)
+            case _:
+                assert_never(f)
         return None
 
+    def _spatial_tendon(self, f: Tendon) -> None:
+        """A spring on a distance; what is constant in its law is an actuator without control."""
+        tendon = self.spec.add_tendon(name=f"tendon{len(self.spec.tendons)}")
+        tendon.wrap_site(self._site(f.a))
+        tendon.wrap_site(self._site(f.b))
+        set_spring(tendon, f.law.k, f.law.c)
+        tendon.springlength = [f.law.rest] * 2
+        if f.law.bias:
+            self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+
+    def _actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
+        """A force bias . [1, L, dL/dt] on the length L of a transmission."""
+        actuator = self.spec.add_actuator(**transmission)
+        actuator.gainprm = np.zeros_like(actuator.gainprm)  # no control enters
+        actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.biasprm = [*bias, *np.zeros(len(actuator.biasprm) - 3)]
+        return actuator
+
     def _site_force(self, f: AtSite) -> None:
-        actuator = self.spec.add_actuator(trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
+        actuator = self._actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
         if f.frame is not None:
             actuator.refsite = self._site(f.frame)
         actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
-        actuator.gainprm = np.zeros_like(actuator.gainprm)  # no control enters
-        actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.biasprm = [*f.bias, *np.zeros(len(actuator.biasprm) - 3)]
 
-    def _fixed_tendon(self, f: Coordinate) -> None:
+    def _fixed_tendon(self, f: OnJoints) -> None:
         """A spring on a sum of joint coordinates, signed so that its length at rest is not negative: -1 has another meaning."""
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
@@ -110,7 +124,7 @@ class Draft:
         set_spring(tendon, f.k, f.c)
         tendon.springlength = [sign * rest] * 2
 
-    def _joint_springs(self, springs: list[Coordinate]) -> None:
+    def _joint_springs(self, springs: list[OnJoints]) -> None:
         """Springs and dampers on one joint act as one: stiffnesses add up, and so do their moments at y = 0."""
         at = [int(np.flatnonzero(f.row)[0]) for f in springs]
         for joint in set(at):

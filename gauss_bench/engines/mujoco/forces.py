@@ -9,33 +9,28 @@ Angles of links are sums of hinge coordinates, theta = e . y + const. Forces hav
     ... along an axis               site transmission with a reference site, force = k rest - k x - c x'
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import assert_never
 
 import numpy as np
 
-from gauss_bench.engines.shared import PARALLEL, unit
-from gauss_bench.mechanism.forces import axis_state, rotated
-from gauss_bench.mechanism.model import (
-    GROUND,
-    AxisSpringDamper,
-    Force,
-    Joint,
-    JointDamping,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
-)
+from gauss_bench.engines.shared import PARALLEL
+from gauss_bench.mechanism.coordinates import rate, rotated, unit, value
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinate:
+class Steady:
+    """A constant generalised force (n,) on the tree coordinates."""
+
+    force: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OnJoints:
     """Force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries of 0 and +-1."""
 
     row: Array
@@ -43,6 +38,15 @@ class Coordinate:
     k: float
     c: float
     rest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tendon:
+    """A law on the distance of two points."""
+
+    a: Point
+    b: Point
+    law: Law
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +63,7 @@ class AtSite:
     bias: tuple[float, float, float]
 
 
-Native = Torque | SpringDamper | Coordinate | AtSite
+Native = Steady | OnJoints | Tendon | AtSite
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,35 +102,33 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
         RunFailure: a skip, naming the force that has no exact form and why.
     """
     turns = turning(tree)
-    return [x for f in mechanism.forces for x in native_force(f, mechanism, tree, turns)]
+    return [x for f in mechanism.forces for load in f.lowered() for x in native(f.name, load, mechanism, tree, turns)]
 
 
-def native_force(f: Force, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
-    match f:
-        case Torque() | SpringDamper():
-            return [f]
+def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
+    """A load of the force `name`."""
+    match load:
         case PointForce():
-            return point_force(f, turns)
-        case RotationalSpringDamper():
-            return [between(turns, f.a, f.b, f.k, f.c, f.rest)]
-        case AxisSpringDamper():
-            return [axis_force(f, mechanism, tree, turns)]
-        case JointDamping():
-            return [pair_damping(pair, f.c, tree, turns) for pair in f.pairs]
+            return point_force(load, turns)
+        case Law():
+            pass
+        case _:
+            assert_never(load)
+    match load.coordinate:
+        case Angle(a, b):
+            return on_joints(turns.rows[b] - turns.rows[a], turns.constants[b] - turns.constants[a], load)
+        case Along():
+            return along_axis(name, load.coordinate, load, mechanism, tree, turns)
+        case Distance(a, b):
+            return [Tendon(a, b, load)]
+        case _:
+            assert_never(load.coordinate)
 
 
-def between(turns: Turning, a: int, b: int, k: float, c: float, rest: float) -> Coordinate:
-    """A torsion spring and damper on theta_b - theta_a."""
-    return Coordinate(turns.rows[b] - turns.rows[a], turns.constants[b] - turns.constants[a], k, c, rest)
-
-
-def pair_damping(pair: Joint, c: float, tree: Tree, turns: Turning) -> Coordinate:
-    """Damping of one pair; a slide is always a branch of the tree, or the mechanism has been refused."""
-    if not isinstance(pair, Prismatic):
-        return between(turns, pair.a.link, pair.b.link, 0.0, c, 0.0)
-    row = np.zeros(tree.n)
-    row[[b.at for b in tree.branches if b.joint is pair]] = 1.0
-    return Coordinate(row, 0.0, 0.0, c, 0.0)
+def on_joints(row: Array, constant: float, law: Law) -> list[Native]:
+    """A law on L = row . y + constant."""
+    steady: list[Native] = [Steady(law.bias * row)] if law.bias else []
+    return [*steady, OnJoints(row, constant, law.k, law.c, law.rest)] if law.k or law.c else steady
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
@@ -146,25 +148,27 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
     raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges move its point")
 
 
-def axis_force(f: AxisSpringDamper, mechanism: Mechanism, tree: Tree, turns: Turning) -> Coordinate | AtSite:
-    """A spring on a slide's own coordinate, or a site transmission.
+def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
+    """A law on a slide's own coordinate, or a site transmission.
 
     The force of a site transmission lacks what the turning of the reference site adds to the rate of the coordinate, except where
     both sites turn on the same hinge, which leaves the coordinate alone.
     """
-    on_slide = slide_coordinate(f, mechanism, tree)
-    if on_slide is not None:
-        return on_slide
-    if turns.turns_with(f.origin.link, f.point.link):
-        return AtSite(f.point, f.origin, unit(f.angle), (f.k * f.rest, -f.k, -f.c))
-    origin, point = mechanism.link_name(f.origin.link), mechanism.link_name(f.point.link)
-    text = f"MuJoCo has no exact axis for {f.name}: in the tree, {origin} turns on a hinge that does not turn {point}"
+    sliding = slide_coordinate(along, mechanism, tree)
+    if sliding is not None:
+        return on_joints(*sliding, law)
+    origin, point = along.origin.link, along.point.link
+    if turns.turns_with(origin, point):
+        axis = unit(along.angle, along.across)
+        return [AtSite(along.point, along.origin, axis, (law.bias + law.k * law.rest, -law.k, -law.c))]
+    names = mechanism.link_name(origin), mechanism.link_name(point)
+    text = f"MuJoCo has no exact axis for {name}: in the tree, {names[0]} turns on a hinge that does not turn {names[1]}"
     raise RunFailure(Status.SKIP, text)
 
 
-def slide_coordinate(f: AxisSpringDamper, mechanism: Mechanism, tree: Tree) -> Coordinate | None:
-    """The spring as one on the slide between the two links, if its axis is parallel to the slide's."""
-    pair = {f.point.link, f.origin.link}
+def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:
+    """Row and constant of the coordinate as that of the slide between the two links, if its axis is parallel to the slide's."""
+    pair = {along.point.link, along.origin.link}
     branch = next((b for b in tree.branches if b.kind == "prismatic" and {b.link, b.parent} == pair), None)
     if branch is None:
         return None
@@ -172,9 +176,8 @@ def slide_coordinate(f: AxisSpringDamper, mechanism: Mechanism, tree: Tree) -> C
     sliding = np.zeros(tree.n)
     sliding[branch.at] = 1.0
     q, v, _ = tree.absolute(y, sliding, np.zeros(tree.n))
-    x, rate, _ = axis_state(q, v, f.point, f.origin, f.angle)  # sliding at unit speed: the rate is the cosine
-    _, across, _ = axis_state(q, v, f.point, f.origin, f.angle + np.pi / 2)
-    if abs(across) > PARALLEL:
+    cosine, sine = (rate(x, q, v) for x in (along, replace(along, across=not along.across)))  # sliding at unit speed
+    if abs(sine) > PARALLEL:
         return None
-    sign = float(np.sign(rate))
-    return Coordinate(sign * sliding, float(x) - sign * y[branch.at], f.k, f.c, f.rest)
+    sign = float(np.sign(cosine))
+    return sign * sliding, float(value(along, q)) - sign * y[branch.at]

@@ -18,7 +18,7 @@ from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.link_units import MOVING
 from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
-from gauss_bench.mechanism.forces import axis_state
+from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
 from gauss_bench.mechanism.motion_laws import rise
@@ -76,8 +76,7 @@ def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
             rate.append(v[3 * variable.link + 2])
             second.append(a[3 * variable.link + 2])
         else:
-            j = slides[variable.name]
-            rate.append(float(axis_state(q, v, j.block, j.guide, j.angle)[1]))
+            rate.append(float(coordinates.rate(slides[variable.name].motion, q, v)))
             second.append(np.nan)
     return DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second))
 

@@ -16,7 +16,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gauss_bench.mechanism.forces import position
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Revolute
 from gauss_bench.report.drawings.drawing import (
     BEYOND,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from gauss_bench.mechanism.forces import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
 from gauss_bench.report.plotting import legend, panels, svg, titled

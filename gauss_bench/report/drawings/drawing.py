@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gauss_bench.mechanism.forces import axis_state, position
+from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.load import built_in
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.report.drawings.lettering import distance, lettering, obstacles
@@ -148,7 +148,7 @@ def slides(mechanism: Mechanism) -> list[Prismatic]:
 
 def rail(joint: Prismatic, states: Array, more: float) -> tuple[Point, Point]:
     """Both ends of a guide in its own link: what the block travels over the states (k, n), and `more` [m] at either end."""
-    travel = axis_state(states, np.zeros_like(states), joint.block, joint.guide, joint.angle)[0]
+    travel = value(joint.motion, states)
     axis = np.array([np.cos(joint.angle), np.sin(joint.angle)])
     line = joint.guide.local + joint.offset * np.array([-axis[1], axis[0]])
     first, last = (Point(joint.guide.link, line + x * axis, "") for x in (travel.min() - more, travel.max() + more))

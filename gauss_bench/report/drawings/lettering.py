@@ -6,7 +6,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gauss_bench.mechanism.forces import position
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
 from gauss_bench.report.palette import INK, MUTED
 from gauss_bench.terms import Array

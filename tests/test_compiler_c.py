@@ -1,0 +1,113 @@
+"""The second emitter, plain C by the host's own compiler, and narrower processors: both against the native code of this one."""
+
+import ctypes
+import platform
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.compiler.closure import compile_closure
+from gauss_bench.compiler.equations.sampling import manifold_states
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.mechanism.load import load
+from gauss_bench.terms import Array
+
+pytest.importorskip("llvmlite")
+COMPILER = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+compiled_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler: none of cc, gcc and clang is installed")
+POINTER = ctypes.POINTER(ctypes.c_double)
+
+
+def library(kernel: Kernel, folder: Path, integrator: str = "rk4") -> Any:
+    source, target = folder / "kernel.c", folder / "kernel.so"
+    source.write_text(kernel.c_source(integrator), encoding="utf-8")
+    warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
+    subprocess.run([str(COMPILER), "-std=c99", "-O1", *warnings, "-shared", "-fPIC", source, "-o", target, "-lm"], check=True)
+    return ctypes.CDLL(str(target))
+
+
+def pointers(*arrays: Array) -> list[Any]:
+    return [x.ctypes.data_as(POINTER) for x in arrays]
+
+
+def accelerated(c: Any, t: float, q: Array, v: Array, p: Array) -> tuple[int, Array]:
+    a = np.full(len(q), np.nan)
+    c.accelerate.argtypes = [ctypes.c_double, *[POINTER] * 4]
+    return c.accelerate(t, *pointers(q, v, p, a)), a
+
+
+@compiled_c
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [("six_bar", "straight line"), ("four_bar/cycloid", "straight line"), ("six_bar", "looped"), ("n_four_bar_7", "looped")],
+)
+def test_accelerations_in_c_are_those_of_the_native_code(name: str, form: str, tmp_path: Path) -> None:
+    mechanism = load(*name.split("/"))
+    kernel = compile_kernel(mechanism, "gauss", form=form)
+    c, states = library(kernel, tmp_path), manifold_states(mechanism, 7, seed=3)
+    for t, q, v in zip(states.t.tolist(), states.q, states.v, strict=True):
+        code, a = accelerated(c, t, q.copy(), v.copy(), np.zeros(1))
+        assert code == 0
+        wanted = kernel.acceleration(q, v, t)
+        np.testing.assert_allclose(a, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # rounding of another order of operations
+
+
+@compiled_c
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
+def test_steps_in_c_are_those_of_the_native_code(stabilization: str, integrator: str, tmp_path: Path) -> None:
+    mechanism, h, n = load("crank_slider"), 1e-3, 100
+    kernel = compile_kernel(mechanism, "gauss", stabilization, open_parameters=("links.crank.mass",))
+    c, q, v, p = library(kernel, tmp_path, integrator), mechanism.q0.copy(), mechanism.v0.copy(), np.array([0.7])
+    c.step.argtypes = [ctypes.c_double] * 2 + [POINTER] * 3
+    assert all(c.step(k * h, h, *pointers(q, v, p)) == 0 for k in range(n))
+    if stabilization == "projection":
+        c.settle.argtypes = [ctypes.c_double] + [POINTER] * 3
+        assert c.settle(n * h, *pointers(q, v, p)) == 0
+    wanted = kernel.rollout(mechanism.q0, mechanism.v0, h, n, parameters=p, integrator=integrator)
+    np.testing.assert_allclose((q, v), wanted, rtol=1e-11, atol=1e-11)  # rounding of 100 steps
+
+
+@compiled_c
+@pytest.mark.parametrize("form", ["straight line", "looped"])
+def test_a_guard_in_c_returns_one_and_writes_nothing(form: str, tmp_path: Path) -> None:
+    """All bars of the parallelogram lie on one line: no partition serves there."""
+    mechanism = load("n_four_bar_1")
+    kernel = compile_kernel(mechanism, "gauss", form=form)
+    flat = np.zeros(mechanism.n)
+    flat[0::3] = [0.5, 1.5, 1.0]
+    code, a = accelerated(library(kernel, tmp_path), 0.0, flat, np.zeros(mechanism.n), np.zeros(1))
+    assert code == 1
+    assert np.isnan(a).all()
+
+
+X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="narrower x86 processors on another kind of host")
+NARROW = {"SSE2": ("x86-64", "", 2), "AVX2": ("x86-64", "+avx,+avx2,+fma", 4)}
+
+
+@X86
+@pytest.mark.parametrize("width", NARROW)
+def test_a_narrower_processor_computes_the_same(width: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many trajectories, an acceleration and a whole turn to the bit; a large linkage but for the order of long sums."""
+
+    def results(name: str) -> list[Array]:
+        m = load(name)
+        kernel = compile_kernel(m, "gauss", cache=False)
+        faster = m.v0 * np.linspace(0.9, 1.1, 5)[:, None]
+        rolled = np.concatenate(kernel.rollout(np.tile(m.q0, (5, 1)), faster, 1e-4, 50), axis=-1)
+        turn = [compile_closure(m, cache=False).turn(64).rows] if name == "four_bar" else []
+        return [rolled, kernel.acceleration(m.q0, m.v0), *turn]
+
+    wide = {name: results(name) for name in ("four_bar", "n_four_bar_7")}
+    cpu, features, lanes = NARROW[width]
+    monkeypatch.setattr(native_code, "host", lambda: (cpu, features))
+    assert native_code.best_lanes() == lanes
+    for narrow, wanted in zip(results("four_bar"), wide["four_bar"], strict=True):
+        np.testing.assert_array_equal(narrow, wanted)
+    for narrow, wanted in zip(results("n_four_bar_7"), wide["n_four_bar_7"], strict=True):
+        np.testing.assert_allclose(narrow, wanted, rtol=1e-12, atol=1e-12)
