@@ -15,7 +15,6 @@ steps can carry them on. (Frames turned until most points lie on an axis were tr
 """
 
 from dataclasses import dataclass
-from typing import assert_never
 
 import numpy as np
 
@@ -64,7 +63,7 @@ def _force_values(force: Force) -> dict[str, float]:
         case SpringDamper() | AxisSpringDamper() | RotationalSpringDamper():
             return {"k": float(force.k), "c": float(force.c), "rest": float(force.rest)}
         case _:
-            assert_never(force)
+            raise KernelError(f"no kernel for force {force.name} of the kind {type(force).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
