@@ -73,7 +73,7 @@ def section(run: Run) -> Section:
     rows = tuple(tuple(text_cell(row[x]) for x in ("place", "sky", "temperature")) for row in run.table("weather"))
     return Section("Weather", "weather", (Text("Looked up by hand."), Table("Weather", head, rows, numeric)))
 '''
-TABLE = """    "weather": Table("a place", (text("place", "name"), text("sky", "in a word"), number("temperature", "there", "K")), 1),
+TABLE = """    "weather": Table("a place", (text("place", "name"), text("sky", "seen"), number("temperature", "there", "K")), 1),
 """
 
 
