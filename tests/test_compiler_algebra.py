@@ -14,7 +14,7 @@ from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, generate, partitions
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
@@ -66,6 +66,13 @@ def pendulum(count: int) -> dict[str, Any]:
 
 CASES = [(name, scenario) for name in built_in() for scenario in load(name).scenarios]
 CASES += [(name, None) for name in (*FILES, "everything", "redundant", "pendulum_4", "n_four_bar_3")]
+# every kind of joint, driver and force, redundant rows, a knife edge, several freedoms; the others are slow together
+QUICK = {("crank_slider", "paper"), ("sleigh", "glide"), ("everything", None), ("redundant", None), ("loaded", None)}
+
+
+def exhaustive(cases: list[Any], quick: set[Any]) -> list[Any]:
+    """Cases of which only some are quick."""
+    return [x if x in quick else pytest.param(*x, marks=pytest.mark.slow) for x in cases]
 
 
 def states(mechanism: Mechanism, seeds: range) -> list[tuple[float, np.ndarray, np.ndarray]]:
@@ -83,7 +90,7 @@ def trusted(p: Program, *state: Any) -> bool:
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("name", "scenario"), CASES)
+@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, QUICK))
 def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: str | None, formulation: str) -> None:
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
     evaluator, truth = Evaluator(mechanism), AbsoluteCoordinates(mechanism)
@@ -102,7 +109,7 @@ def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: 
         assert values(p.energy, q, v, p.values)[0][0] == pytest.approx(float(evaluator.energy(q, v)), rel=1e-13, abs=1e-13)
 
 
-@pytest.mark.parametrize(("name", "scenario"), CASES)
+@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, QUICK))
 def test_residuals_and_energy_hold_off_the_constraints_too(name: str, scenario: str | None, rng: np.random.Generator) -> None:
     mechanism, p = linkage(name, scenario), program(name, scenario, "gauss")
     evaluator, h = Evaluator(mechanism), Evaluator(mechanism).constraints.holonomic
@@ -116,7 +123,7 @@ def test_residuals_and_energy_hold_off_the_constraints_too(name: str, scenario: 
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("name", "scenario"), [c for c in CASES if c[0] != "everything"])
+@pytest.mark.parametrize(("name", "scenario"), exhaustive([c for c in CASES if c[0] != "everything"], QUICK))
 def test_corrections_bring_a_state_back(name: str, scenario: str | None, formulation: str, rng: np.random.Generator) -> None:
     """A state off by h is off by h^2 after one correction, and by h^k after k with the Jacobian of the first."""
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
@@ -196,7 +203,9 @@ def test_the_guard_falls_where_the_partition_is_singular(independent: tuple[int,
         assert np.abs(a - true).max() <= 1e-9 * np.abs(true).max()  # two or three digits are lost where the guard is near
 
 
-@pytest.mark.parametrize("name", [*built_in(), "n_four_bar_3"])
+@pytest.mark.parametrize(
+    "name", ["crank_slider", *(pytest.param(x, marks=pytest.mark.slow) for x in [*built_in(), "n_four_bar_3"])]
+)
 def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None:
     mechanism = linkage(name, load(name).scenarios[-1])
     found = partitions(mechanism)
@@ -220,7 +229,7 @@ def test_a_large_chain_costs_as_much_a_cell_as_a_small_one() -> None:
 PROTOTYPE = {"crank_slider": (125, 3), "six_bar": (289, 12), "shaper": (264, 7), "eight_bar": (548, 20)}  # gravity alone
 
 
-@pytest.mark.parametrize("name", PROTOTYPE)
+@pytest.mark.parametrize("name", ["shaper", *(pytest.param(x, marks=pytest.mark.slow) for x in PROTOTYPE if x != "shaper")])
 def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str) -> None:
     mechanism = replace(linkage(name, "conservative"), forces=())
     found, (most, divisions) = costs(generate(mechanism, "gauss")), PROTOTYPE[name]
@@ -335,9 +344,9 @@ def test_what_cannot_be_a_kernel_is_refused() -> None:
         generate(linkage("crank_slider", "paper"), "gauss", independent=(8,))  # the slider's angle never changes
 
 
-def graph_of(count: int) -> tuple[Graph, list[Node]]:
+def graph_of(count: int) -> tuple[ExpressionGraph, list[Node]]:
     rng = np.random.default_rng(3)
-    graph = Graph(4)
+    graph = ExpressionGraph(4)
     return graph, [graph.input("x", k, rng.normal(size=4), 1.0) for k in range(count)]
 
 
@@ -358,7 +367,7 @@ def test_equal_expressions_are_one_node_whatever_their_form() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_factors_solve_a_system_and_its_transpose(seed: int, crossing: float) -> None:
     rng, n, samples = np.random.default_rng(seed), 7, 5
-    graph = Graph(samples)
+    graph = ExpressionGraph(samples)
     full = [(r, c) for r in range(n) for c in range(n) if r == c or rng.random() < 0.35]
     A = {(r, c): graph.input("A", n * r + c, rng.uniform(1.0, 2.0, samples) + 4.0 * (r == c), 1.0) for r, c in full}
     A[3, 3] = graph.constant(4.0)

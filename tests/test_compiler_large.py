@@ -36,6 +36,9 @@ def large_kernel(mechanism: Mechanism, formulation: str = "gauss", **more: Any) 
     return compile_kernel(mechanism, formulation, form="looped", **more)
 
 
+QUICK = {"crank_slider", "sleigh", "n_four_bar_12", "pendulums_9", "ladder_11"}
+
+
 def every_linkage() -> Iterator[Mechanism]:
     """All scenarios without dry friction of the linkages that come with the suite; chains; and a ladder of unequal loops."""
     for name in [*sorted(built_in()), "n_four_bar_1", "n_four_bar_12"]:
@@ -92,7 +95,11 @@ def four_bars() -> dict[int, Kernel]:
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("mechanism", list(every_linkage()), ids=lambda m: f"{m.name}-{m.scenario}")
+@pytest.mark.parametrize(
+    "mechanism",
+    [m if m.name in QUICK else pytest.param(m, marks=pytest.mark.slow) for m in every_linkage()],
+    ids=lambda m: f"{m.name}-{m.scenario}",
+)
 def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulation: str) -> None:
     kernel, evaluator = large_kernel(mechanism, formulation), Evaluator(mechanism)
     states = manifold_states(mechanism, 7, seed=5)
@@ -103,7 +110,9 @@ def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulatio
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("name", ["eight_bar-cycloid", "n_four_bar_12-fall", "squeezer-squeeze"])
+@pytest.mark.parametrize(
+    "name", ["four_bar-cycloid", "n_four_bar_12-fall", pytest.param("squeezer-squeeze", marks=pytest.mark.slow)]
+)
 def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
     mechanism = load(*name.split("-"))
     kernel, h, n = large_kernel(mechanism, formulation), 1e-5, 4

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.follow import ArrayFollower, NativeFollower, Runner
+from gauss_bench.compiler.turns.follow import ArrayFollower, Follower, NativeFollower
 from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -129,8 +129,10 @@ class Closure:
         self._phases = np.array([0.0 if x.link is None else equations.phase[x.link] for x in inputs])
         judge = self._judge = Judge(mechanism, inputs, self._phases, self.parameters, points)
         judge.mechanism_with(self.values)  # refuses a number that is no dimension
-        states: Runner = NativeFollower(program, "states", lanes, cache) if backend == "llvm" else ArrayFollower(program, "states")
-        path: Runner = NativeFollower(program, "path", 1, cache) if backend == "llvm" else ArrayFollower(program, "path")
+        states: Follower = (
+            NativeFollower(program, "states", lanes, cache) if backend == "llvm" else ArrayFollower(program, "states")
+        )
+        path: Follower = NativeFollower(program, "path", 1, cache) if backend == "llvm" else ArrayFollower(program, "path")
         self._tracker = Tracker(program, equations, states, path, judge, lanes)
         try:
             self._start = self._start_at(mechanism.q0, self.values)
@@ -240,8 +242,8 @@ class Closure:
             nominal = p.ndim == 1 and bool((p == self.values).all())
             if nominal:
                 return [self._start] * linkages
-            found = deformed_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
-            return found * linkages if len(found) == 1 else found
+            starts = deformed_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
+            return starts * linkages if len(starts) == 1 else starts
         at = np.broadcast_to(np.asarray(start, dtype=float), (linkages, self.mechanism.n))
         numbers = np.broadcast_to(p, (linkages, len(self.values)))
         return [self._start_or_fault(q, one) for q, one in zip(at, numbers, strict=True)]

@@ -22,6 +22,7 @@ from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extended_motion
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.sensitivity import floors
+from gauss_bench.reference.taylor.forces import KNOWN
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
@@ -66,6 +67,12 @@ def certify(
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
+    for force in mechanism.forces:
+        if not isinstance(force, KNOWN):
+            kind = type(force).__name__
+            raise Uncertified(
+                f"{mechanism.name}: force {force.name} is of the kind {kind}, which has no independent derivation yet"
+            )
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until

@@ -27,7 +27,7 @@ from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node, factored
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored
 from gauss_bench.mechanism.model import Mechanism
 
 
@@ -35,7 +35,7 @@ from gauss_bench.mechanism.model import Mechanism
 class Terms:
     """The equations of motion in expressions: M by coordinate, kept rows of J, Q by coordinate."""
 
-    graph: Graph
+    graph: ExpressionGraph
     mass: tuple[Node, ...]
     rows: Sequence[Row]
     Q: Right
@@ -101,13 +101,13 @@ class Gauss:
         a0 = self.factors.solve(gamma)
         b = {k: graph.total(_work(self.terms, N, a0), pairs=12) for k, N in enumerate(self.N)}
         h = self.reduced.solve({k: x for k, x in b.items() if not x.zero})
-        found: Right = {}
+        a: Right = {}
         for j in range(len(self.terms.mass)):
             parts = [N[j] * h[k] for k, N in enumerate(self.N) if j in N and k in h]
             if j in a0:
                 parts.append(a0[j])
-            found[j] = graph.total(parts)
-        return {j: x for j, x in found.items() if not x.zero}
+            a[j] = graph.total(parts)
+        return {j: x for j, x in a.items() if not x.zero}
 
     def correction(self, residual: Right) -> Right:
         return self.factors.solve({r: -x for r, x in residual.items()})
@@ -129,19 +129,19 @@ class Gauss:
 
 def _weighted(terms: Terms, left: Right, right: Right) -> list[Node]:
     """Summands of left^T M right; where a link's x and y together are something known, as on a ground pin, that serves."""
-    found = []
+    products = []
     for x in range(0, len(terms.mass), 3):
         y = x + 1
         known = _known_product(terms.graph, left, right, x)
         if known is not None:
-            found.append(terms.mass[x] * known)
+            products.append(terms.mass[x] * known)
         for j in (x + 2,) if known is not None else (x, y, x + 2):
             if j in left and j in right:
-                found.append(terms.mass[j] * left[j] * right[j])
-    return found
+                products.append(terms.mass[j] * left[j] * right[j])
+    return products
 
 
-def _known_product(graph: Graph, left: Right, right: Right, x: int) -> Node | None:
+def _known_product(graph: ExpressionGraph, left: Right, right: Right, x: int) -> Node | None:
     """left_x right_x + left_y right_y where that is a constant or a multiple of a known expression."""
     y = x + 1
     if not (x in left and x in right and y in left and y in right):
@@ -152,15 +152,15 @@ def _known_product(graph: Graph, left: Right, right: Right, x: int) -> Node | No
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
     """Summands of N^T (Q - M a0)."""
-    found = []
+    products = []
     for x in range(0, len(terms.mass), 3):
         known = _known_product(terms.graph, N, a0, x)
         if known is not None:
-            found.append(-(terms.mass[x] * known))
+            products.append(-(terms.mass[x] * known))
         for j in (x, x + 1, x + 2):
             taken = known is not None and j < x + 2
-            found += _work_along(terms, N, {} if taken else a0, j)
-    return found
+            products += _work_along(terms, N, {} if taken else a0, j)
+    return products
 
 
 def _work_along(terms: Terms, N: Right, a0: Right, j: int) -> list[Node]:
@@ -195,8 +195,8 @@ class Lagrange:
         return {k: x for k, x in self._solved(gamma).items() if k < self.n}
 
     def correction(self, residual: Right) -> Right:
-        found = self.factors.solve({self.n + r: -x for r, x in residual.items()})
-        return {k: x for k, x in found.items() if k < self.n}
+        change = self.factors.solve({self.n + r: -x for r, x in residual.items()})
+        return {k: x for k, x in change.items() if k < self.n}
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
@@ -208,13 +208,13 @@ class Lagrange:
 
 def _guards(factors: Factors) -> list[tuple[Node, float]]:
     """Pivots that vary with the state, each without its constant factor, and their thresholds; equal ones once."""
-    found: dict[int, tuple[Node, float]] = {}
+    guards: dict[int, tuple[Node, float]] = {}
     for p in factors.pivots:
         if p.node.number is None:
             factor, base = factored(p.node)
-            threshold = max(p.threshold / abs(factor), found.get(base.index, (base, 0.0))[1])
-            found[base.index] = (base, threshold)
-    return list(found.values())
+            threshold = max(p.threshold / abs(factor), guards.get(base.index, (base, 0.0))[1])
+            guards[base.index] = (base, threshold)
+    return list(guards.values())
 
 
 FORMULATIONS = ("auto", "gauss", "lagrange")
@@ -297,28 +297,28 @@ class Workspace:
         return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
 
 
-def workspace(found: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
+def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
     """Terms of a mechanism for a plan.
 
     Raises:
         KernelError: the plan's partition is singular at every sample, or a name the mechanism does not have.
     """
-    parameters = open_parameters(found.mechanism, open_names)
-    states, mechanism = found.states, found.mechanism
+    parameters = open_parameters(study.mechanism, open_names)
+    states, mechanism = study.states, study.mechanism
     if plan.formulation == "gauss":
-        states = states.part(conditions(found, plan.independent) > USABLE)
+        states = states.part(conditions(study, plan.independent) > USABLE)
         if not len(states):
             raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
-    graph = Graph(len(states))
+    graph = ExpressionGraph(len(states))
     here = State("t", "q", "v", states.t, states.q, states.v)
     links = Links(graph, mechanism, parameters, here)
     rows = rows_of(links)
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
-    terms = Terms(graph, tuple(mass), [rows[k] for k in found.kept], generalised_force(links))
-    return Workspace(plan, links, rows, terms, found.kept, len(graph.trail))
+    terms = Terms(graph, tuple(mass), [rows[k] for k in study.kept], generalised_force(links))
+    return Workspace(plan, links, rows, terms, study.kept, len(graph.trail))
 
 
-def vector(graph: Graph, values: dict[int, Node], size: int) -> list[Node]:
+def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:
     """All components of a sparse vector."""
     zero = graph.constant(0.0)
     return [values.get(k, zero) for k in range(size)]

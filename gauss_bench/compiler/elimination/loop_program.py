@@ -37,7 +37,7 @@ from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.equations.loops import LoopExpressions
 from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node, Vector
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, LoopGroup
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, Prismatic
@@ -65,7 +65,7 @@ class Solver(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Pivot:
+class DyadPivot:
     """A loop, its two unknowns, their columns, D and 1/D, and the loop's other columns as (alpha, beta)."""
 
     loop: int
@@ -81,12 +81,12 @@ class Pivot:
         return b.cross(c2) * self.inverse, c1.cross(b) * self.inverse
 
 
-def _pivot(loop: int, columns: Columns, unknowns: tuple[int, int]) -> Pivot:
+def _pivot(loop: int, columns: Columns, unknowns: tuple[int, int]) -> DyadPivot:
     c1, c2 = (columns[k] for k in unknowns)
     D = c1.cross(c2)
-    bare = Pivot(loop, unknowns, (c1, c2), D, D.graph.inverse(D), {})
+    bare = DyadPivot(loop, unknowns, (c1, c2), D, D.graph.inverse(D), {})
     others = {k: bare.split(c) for k, c in columns.items() if k not in unknowns}
-    return Pivot(loop, unknowns, (c1, c2), D, bare.inverse, others)
+    return DyadPivot(loop, unknowns, (c1, c2), D, bare.inverse, others)
 
 
 class Dyads:
@@ -94,7 +94,7 @@ class Dyads:
 
     def __init__(self, columns: dict[int, Columns]):
         self.columns = columns
-        self.pivots: list[Pivot] = []
+        self.pivots: list[DyadPivot] = []
         self.eliminated: list[dict[int, tuple[Vector, Vector]]] = []
         left = dict(columns)
         while left:
@@ -126,27 +126,27 @@ class Dyads:
 
     @property
     def guards(self) -> list[Guard]:
-        found = []
+        guards = []
         for p in self.pivots:
             c1, c2 = (self.columns[p.loop].get(k, c) for k, c in zip(p.unknowns, p.columns, strict=True))
-            found.append((p.D, c1.dot(c1) * c2.dot(c2) * REGULAR**2))
-        return found
+            guards.append((p.D, c1.dot(c1) * c2.dot(c2) * REGULAR**2))
+        return guards
 
 
-def _taken(columns: Columns, pivot: Pivot) -> tuple[Vector, Vector]:
+def _taken(columns: Columns, pivot: DyadPivot) -> tuple[Vector, Vector]:
     """The columns of another loop in a pivot's unknowns."""
     zero = pivot.D.graph.constant(0.0)
     first, second = (columns.get(k, Vector(zero, zero)) for k in pivot.unknowns)
     return first, second
 
 
-def _reduced(columns: Columns, pivot: Pivot, pair: tuple[Vector, Vector]) -> Columns:
+def _reduced(columns: Columns, pivot: DyadPivot, pair: tuple[Vector, Vector]) -> Columns:
     """Another loop's columns without the pivot's unknowns."""
-    found = {k: c for k, c in columns.items() if k not in pivot.unknowns}
+    reduced = {k: c for k, c in columns.items() if k not in pivot.unknowns}
     for k, (alpha, beta) in pivot.others.items():
         change = pair[0] * alpha + pair[1] * beta
-        found[k] = found[k] - change if k in found else -change
-    return {k: c for k, c in found.items() if not (c.x.zero and c.y.zero)}
+        reduced[k] = reduced[k] - change if k in reduced else -change
+    return {k: c for k, c in reduced.items() if not (c.x.zero and c.y.zero)}
 
 
 def _best(left: dict[int, Columns]) -> tuple[int, tuple[int, int]]:
@@ -178,9 +178,9 @@ def _sines(a: Vector, b: Vector) -> Array:
 
 
 class Redundant:
-    """Groups with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at regular positions."""
+    """LoopSystem with more equations than unknowns: normal equations, C^T C = L D L^T, whose D is positive at regular positions."""
 
-    def __init__(self, graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]):
+    def __init__(self, graph: ExpressionGraph, columns: dict[int, Columns], unknowns: Sequence[int]):
         self.graph, self.columns = graph, columns
         A = {(i, j): self._product(i, j) for i in unknowns for j in unknowns if i >= j}
         self.order: list[int] = []
@@ -201,8 +201,8 @@ class Redundant:
                         A[i, j] = A[i, j] - factor * x
 
     def _product(self, i: int, j: int) -> Node:
-        found = [columns[i].dot(columns[j]) for columns in self.columns.values() if i in columns and j in columns]
-        return self.graph.total(x for x in found if not x.zero)
+        products = [columns[i].dot(columns[j]) for columns in self.columns.values() if i in columns and j in columns]
+        return self.graph.total(x for x in products if not x.zero)
 
     def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
         y = {i: [c[i].dot(b[l]) for l, c in self.columns.items() if i in c and l in b] for i in self.order}
@@ -222,13 +222,13 @@ class Redundant:
         return [(D, whole[k] * whole[k] * REGULAR**4) for k, D in zip(self.order, self.D, strict=True) if D.number is None]
 
 
-class Groups:
+class LoopSystem:
     """All groups, each solved with what those before it left.
 
     `columns` are those of the unknowns, by loop.
     """
 
-    def __init__(self, graph: Graph, groups: Sequence[LoopGroup], columns: Sequence[Columns]):
+    def __init__(self, graph: ExpressionGraph, groups: Sequence[LoopGroup], columns: Sequence[Columns]):
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()
@@ -269,7 +269,7 @@ def _merged(groups: list[LoopsAndUnknowns], columns: Sequence[Columns]) -> list[
     return [(loops, unknowns), *(group for k, group in enumerate(groups) if k not in joined)]
 
 
-def _solver(graph: Graph, columns: dict[int, Columns], unknowns: Sequence[int]) -> Solver | None:
+def _solver(graph: ExpressionGraph, columns: dict[int, Columns], unknowns: Sequence[int]) -> Solver | None:
     """The solver of a group, or None where nothing is left to solve."""
     if len(unknowns) > 2 * len(columns):
         raise KernelError("loops leave an unknown undetermined, and others determined twice")
@@ -333,7 +333,7 @@ def closure_program(equations: LoopEquations, open_names: tuple[str, ...], point
     mechanism, parameters = equations.mechanism, open_parameters(equations.mechanism, open_names)
     free = replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism  # positions all over the motion
     samples = np.array([loop_values(equations, mechanism, q) for q in manifold_states(free, SAMPLES).q])
-    graph = Graph(len(samples))
+    graph = ExpressionGraph(len(samples))
     loops = LoopExpressions(graph, equations, parameters, samples)
     rates = _Rates(loops)
     length = typical_length(equations.mechanism)
@@ -372,7 +372,7 @@ class _Rates:
         self.loops, self.graph = loops, loops.graph
         self.unknown = len(loops.equations.unknown)
         columns = [loop.columns() for loop in loops.loops]
-        self.groups = Groups(
+        self.groups = LoopSystem(
             self.graph, loops.equations.groups, [{k: c for k, c in x.items() if k < self.unknown} for x in columns]
         )
         self.known = [{k: c for k, c in x.items() if k >= self.unknown} for x in columns]
@@ -428,16 +428,16 @@ class _Rates:
 def _outputs(loops: LoopExpressions, v: list[Node], a: list[Node], points: Sequence[Point]) -> list[Node]:
     """q, v, a of all links, then x, y, rates and second rates of each point."""
     centres, links = loops.centres(v, a), range(len(loops.equations.mechanism.links))
-    found: list[Node] = []
+    rows: list[Node] = []
     for level, values in (("at", loops.x), ("rate", v), ("second", a)):
         for i in links:
             centre: Vector = getattr(centres[i], level)
-            found += [centre.x, centre.y, loops.link_angle(i, values, phase=level == "at")]
+            rows += [centre.x, centre.y, loops.link_angle(i, values, phase=level == "at")]
     for point in points:
         place = loops.arm(point.link, loops.local(point), None, v, a)
         place = place + centres[point.link] if point.link >= 0 else place
-        found += [x for w in (place.at, place.rate, place.second) for x in (w.x, w.y)]
-    return found
+        rows += [x for w in (place.at, place.rate, place.second) for x in (w.x, w.y)]
+    return rows
 
 
 def loop_values(equations: LoopEquations, mechanism: Mechanism, q: Array) -> Array:

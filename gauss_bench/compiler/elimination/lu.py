@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import GENERIC, VANISHES, Graph, Node
+from gauss_bench.compiler.expressions.node import GENERIC, VANISHES, ExpressionGraph, Node
 from gauss_bench.terms import Array
 
 Right = dict[int, Node]
@@ -43,7 +43,7 @@ class Pivot:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RowOperation:
     """One row operation: row <- scale row - factor (pivot row), the scale None for 1."""
 
     pivot_row: int
@@ -55,9 +55,9 @@ class Step:
 class Factors:
     """The row operations that made A upper triangular, and what they made of it; pivots in order of elimination."""
 
-    graph: Graph
+    graph: ExpressionGraph
     pivots: tuple[Pivot, ...]
-    steps: dict[int, list[Step]]
+    steps: dict[int, list[RowOperation]]
     upper: dict[int, list[tuple[int, Node]]]
 
     def solve(self, b: Right) -> Right:
@@ -71,7 +71,7 @@ class Factors:
             _put(x, p.column, known, None if p.row_divided else p.inverse)
         return x
 
-    def _reduced(self, b: Node | None, steps: list[Step], y: Right) -> Node | None:
+    def _reduced(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
         """What the row operations make of an entry of the right-hand side."""
         products: list[tuple[Node, Node | None]] = []
         for step in steps:
@@ -92,15 +92,15 @@ class Factors:
             known = _less(b.get(p.column), ((u, z.get(r)) for r, u in above[p.column]))
             _put(z, p.row, known, None if p.row_divided else p.inverse)
         pending: dict[int, list[tuple[Node, Node | None]]] = {p.row: [] for p in self.pivots}
-        found: Right = {}
+        multipliers: Right = {}
         for p in reversed(self.pivots):
-            _put(found, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
-            load = found.get(p.row)
+            _put(multipliers, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
+            load = multipliers.get(p.row)
             for step in reversed(self.steps[p.row]):
                 pending[step.pivot_row].append((step.factor, load))
                 load = load if load is None or step.scale is None else load * step.scale
-            _put(found, p.row, load, None)
-        return found
+            _put(multipliers, p.row, load, None)
+        return multipliers
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
@@ -181,10 +181,10 @@ class _Entry:
         return max(x.ready for x in self.terms)
 
 
-class _Elimination:
+class _Markowitz:
     """One factorisation in progress."""
 
-    def __init__(self, graph: Graph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
+    def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
         self.graph, self.search = graph, search
         self.random = np.random.default_rng(search.seed)
         self.rows: dict[int, dict[int, _Entry]] = {r: {} for r in rows}
@@ -200,7 +200,7 @@ class _Elimination:
         for c in self.columns:
             self.by_column.set(c, len(self.columns[c]))
         self.pivots: list[Pivot] = []
-        self.steps: dict[int, list[Step]] = {r: [] for r in self.rows}
+        self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
 
     def _values(self, e: _Entry) -> Array:
@@ -273,7 +273,7 @@ class _Elimination:
             if crossed:
                 self.rows[other] = {k: _Entry(e.node() * pivot) for k, e in self.rows[other].items()}
             f = entry if row_divided or crossed else entry * inverse
-            self.steps[other].append(Step(r, f, pivot if crossed else None))
+            self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
             self.by_row.set(other, len(self.rows[other]))
         for k in row:
@@ -324,19 +324,19 @@ class _Counts:
             del bucket[key]
 
     def fewest(self, number: int) -> list[int]:
-        found: list[int] = []
+        keys: list[int] = []
         for count in sorted(self.buckets):
             for key in self.buckets[count]:
-                found.append(key)
-                if len(found) >= number:
-                    return found
-        return found
+                keys.append(key)
+                if len(keys) >= number:
+                    return keys
+        return keys
 
 
-def lu(graph: Graph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search) -> Factors:
+def lu(graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search) -> Factors:
     """Factors of A(rows, columns).
 
     Raises:
         KernelError: no pivot is left that is usable at all samples.
     """
-    return _Elimination(graph, A, rows, columns, search).factors()
+    return _Markowitz(graph, A, rows, columns, search).factors()

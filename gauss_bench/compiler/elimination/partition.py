@@ -138,18 +138,18 @@ def _sparse_null_space(J: Array, free: int) -> Array:
     return X
 
 
-def candidates(found: Study) -> list[tuple[int, ...]]:
+def candidates(study: Study) -> list[tuple[int, ...]]:
     """A few partitions that are usable at every sample and among the best conditioned; () where every motion is prescribed.
 
     Among many of the kind they are spread evenly, since along a chain the middle is best. The crank's angle, and angles alone, are
     always among them, and all that is tried of a large linkage.
     """
-    if found.free == 0:
+    if study.free == 0:
         return [()]
-    mechanism, every = found.mechanism, range(found.mechanism.n)
-    made = {spread(found.bases, found.free, every, first) for first in every}
-    angles = spread(found.bases, found.free, every[2::3])
-    worst = {chosen: float(conditions(found, chosen).min()) for chosen in {*made, angles} if chosen is not None}
+    mechanism, every = study.mechanism, range(study.mechanism.n)
+    made = {spread(study.bases, study.free, every, first) for first in every}
+    angles = spread(study.bases, study.free, every[2::3])
+    worst = {chosen: float(conditions(study, chosen).min()) for chosen in {*made, angles} if chosen is not None}
     best = max(worst.values(), default=0.0)
     near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))
     natural = [] if mechanism.crank is None else [x for x in near if 3 * mechanism.crank + 2 in x][:1]
@@ -160,25 +160,25 @@ def candidates(found: Study) -> list[tuple[int, ...]]:
     return list(dict.fromkeys(natural + even))
 
 
-def conditions(found: Study, independent: tuple[int, ...]) -> Array:
+def conditions(study: Study, independent: tuple[int, ...]) -> Array:
     """(k,) how well the velocities follow from those of the independent coordinates at each sample; 0 is singular."""
-    return smallest(found.bases, independent)
+    return smallest(study.bases, independent)
 
 
-def covering(found: Study) -> list[tuple[int, ...]]:
+def covering(study: Study) -> list[tuple[int, ...]]:
     """Partitions of which one is usable at every sample; the first, with the crank's angle where that is good, at most of them."""
-    chosen = candidates(found)
-    crank = None if found.mechanism.crank is None else 3 * found.mechanism.crank + 2
-    chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(found, x).min())))[:1]
-    allowed, enough = tuple(range(found.mechanism.n)), 5 * USABLE
-    open_samples = np.arange(len(found.states))
+    chosen = candidates(study)
+    crank = None if study.mechanism.crank is None else 3 * study.mechanism.crank + 2
+    chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
+    allowed, enough = tuple(range(study.mechanism.n)), 5 * USABLE
+    open_samples = np.arange(len(study.states))
     if chosen:
-        open_samples = open_samples[conditions(found, chosen[0]) < enough]
+        open_samples = open_samples[conditions(study, chosen[0]) < enough]
     while len(open_samples) and len(chosen) < 4:
         worst = open_samples[0]
-        best = spread(found.bases[worst : worst + 1], found.free, allowed)
+        best = spread(study.bases[worst : worst + 1], study.free, allowed)
         if best is None or best in chosen:
             break
         chosen.append(best)
-        open_samples = open_samples[conditions(found, best)[open_samples] < enough]
+        open_samples = open_samples[conditions(study, best)[open_samples] < enough]
     return chosen

@@ -63,7 +63,7 @@ def attempted(work: Workspace, searches: Iterable[Search]) -> list[Best]:
     Raises:
         KernelError: none of them does.
     """
-    found: list[Best] = []
+    attempts: list[Best] = []
     failure = KernelError("no attempt was made")
     for search in searches:
         try:
@@ -72,10 +72,10 @@ def attempted(work: Workspace, searches: Iterable[Search]) -> list[Best]:
             failure = error
             continue
         costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
-        found.append(Best(work, search, costs))
-    if not found:
+        attempts.append(Best(work, search, costs))
+    if not attempts:
         raise failure
-    return found
+    return attempts
 
 
 def best_of(work: Workspace, wanted: Wanted) -> Best:
@@ -83,14 +83,14 @@ def best_of(work: Workspace, wanted: Wanted) -> Best:
     ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED)]
     order = np.random.default_rng(0).permutation(len(ways))
     various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
-    found = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
-    leaders, spare = found[:REPEATED], wanted.attempts - len(various)
+    attempts = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
+    leaders, spare = attempts[:REPEATED], wanted.attempts - len(various)
     again = [replace(leaders[k % len(leaders)].search, seed=100 + k) for k in range(spare)]
-    return min([found[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
+    return min([attempts[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
 
 
 def cheapest(
-    found: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str
+    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str
 ) -> Best:
     """The cheapest program of a mechanism among the formulations and partitions that are open.
 
@@ -99,11 +99,11 @@ def cheapest(
     Raises:
         KernelError: no partition and no pivots are usable.
     """
-    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (found.mechanism.n + len(found.kept)))))
-    plain, failure = [], KernelError(f"{found.mechanism.name}: no partition is usable")
-    for plan in _plans(found, formulation, independent):
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (known.mechanism.n + len(known.kept)))))
+    plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
+    for plan in _plans(known, formulation, independent):
         try:
-            plain += attempted(workspace(found, open_parameters, plan), [PLAIN])
+            plain += attempted(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
@@ -115,11 +115,11 @@ def cheapest(
     return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
 
 
-def _plans(found: Study, formulation: str, independent: tuple[int, ...] | None) -> list[Plan]:
+def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
     plans = [Plan("lagrange", ())] if formulation != "gauss" else []
     if formulation != "lagrange":
-        choices = (candidates(found) or covering(found)[:1]) if independent is None else [independent]
+        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x) for x in choices]
     return plans
 
@@ -197,10 +197,10 @@ def generate(
     refuse(mechanism, formulation)
     if aim not in AIMS:
         raise KernelError(f"no aim {aim}; there are {', '.join(AIMS)}")
-    found = study(mechanism)
-    if independent is not None and (len(set(independent)) != found.free or not set(independent) <= set(range(mechanism.n))):
-        raise KernelError(f"{mechanism.name} has {found.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(found, cheapest(found, open_parameters, formulation, independent, aim), baumgarte)
+    known = study(mechanism)
+    if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
+        raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
+    program = _written(known, cheapest(known, open_parameters, formulation, independent, aim), baumgarte)
     check(program, mechanism)
     return program
 
@@ -218,10 +218,10 @@ def costs(program: Program) -> Costs:
     return program.acceleration.costs
 
 
-def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
+def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
     """All functions of the plan that was found best."""
     work, algebra = best.work, best.work.algebra(best.search)
-    mechanism, links, graph = found.mechanism, work.links, work.terms.graph
+    mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
@@ -243,7 +243,7 @@ def _written(found: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         independent=work.plan.independent,
         parameters=links.parameters.names,
         values=links.parameters.values,
-        dropped=found.dropped,
+        dropped=known.dropped,
         thresholds=np.array([x for _, x in guards]),
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),

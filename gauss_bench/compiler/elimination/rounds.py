@@ -30,7 +30,7 @@ from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
 from gauss_bench.compiler.equations.constraints import Row
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.terms import Array
 
@@ -41,7 +41,7 @@ Changes = dict[tuple[int, int], list[Node]]  # row, and column or number of a ri
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class EliminatedRow:
     """A pivot that was eliminated, and its row then, on the left and on the right; divided by it already if `inverse` is None."""
 
     column: int
@@ -65,10 +65,10 @@ class Solution:
     phases: list[int]
 
 
-class _Elimination:
+class _Rounds:
     """One elimination in progress."""
 
-    def __init__(self, graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]):
+    def __init__(self, graph: ExpressionGraph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]):
         self.graph = graph
         self.rows: dict[int, dict[int, Node]] = {r: {} for r in rows}
         self.columns: dict[int, set[int]] = {c: set() for c in columns}
@@ -81,7 +81,7 @@ class _Elimination:
             for r, node in b.items():
                 self.right[r][k] = node
         self.scale = {c: self._largest_in(c) for c in self.columns}
-        self.steps: list[Step] = []
+        self.steps: list[EliminatedRow] = []
         self.guards: list[tuple[Node, float]] = []
         self.sizes: dict[int, tuple[Array, dict[int, Array]]] = {}
 
@@ -93,7 +93,7 @@ class _Elimination:
 
     def solution(self, count: int) -> Solution:
         phases = [self.graph.count]
-        rounds: list[list[Step]] = []
+        rounds: list[list[EliminatedRow]] = []
         while self.rows:
             before = len(self.steps)
             self._round()
@@ -106,13 +106,13 @@ class _Elimination:
             phases.append(self.graph.count)
         return Solution(x, self.guards, phases)
 
-    def _substitute(self, step: Step, x: list[Right]) -> None:
-        for k, found in enumerate(x):
+    def _substitute(self, step: EliminatedRow, x: list[Right]) -> None:
+        for k, solution in enumerate(x):
             terms = [step.right[k]] if k in step.right else []
-            terms += [-(u * found[c]) for c, u in sorted(step.row.items()) if c in found]
+            terms += [-(u * solution[c]) for c, u in sorted(step.row.items()) if c in solution]
             value = added(self.graph, terms)
             if not value.zero:
-                found[step.column] = settled(self.graph, value if step.inverse is None else value * step.inverse)
+                solution[step.column] = settled(self.graph, value if step.inverse is None else value * step.inverse)
 
     def _round(self) -> None:
         chosen = self._chosen()
@@ -139,9 +139,9 @@ class _Elimination:
     def _chosen(self) -> list[tuple[int, int]]:
         """Pivots of the next round: of one sign at all samples where there are such."""
         for steady in (True, False):
-            found = list(self._compatible(steady))
-            if found:
-                return found
+            pivots = list(self._compatible(steady))
+            if pivots:
+                return pivots
         raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
 
     def _compatible(self, steady: bool) -> Iterator[tuple[int, int]]:
@@ -203,29 +203,29 @@ class _Elimination:
                 changes.setdefault((other, k), []).append(-(f * u))
             for k, u in b.items():
                 right.setdefault((other, k), []).append(-(f * u))
-        self.steps.append(Step(c, inverse, row, b))
+        self.steps.append(EliminatedRow(c, inverse, row, b))
 
 
-def added(graph: Graph, terms: list[Node]) -> Node:
+def added(graph: ExpressionGraph, terms: list[Node]) -> Node:
     """A sum in the order of its terms, whenever they are ready: equal sums of different loops remain equal."""
-    found = graph.constant(0.0)
+    total = graph.constant(0.0)
     for x in terms:
-        found = found + x
-    return found
+        total = total + x
+    return total
 
 
-def settled(graph: Graph, x: Node) -> Node:
+def settled(graph: ExpressionGraph, x: Node) -> Node:
     """A solution as a value of its own, whatever its sign and form: those of different loops are then used alike."""
     return x if x.number is not None else graph.opaque("IS", (x,), x.at)
 
 
-def solve(graph: Graph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]) -> Solution:
+def solve(graph: ExpressionGraph, A: Matrix, right: list[Right], rows: Iterable[int], columns: Iterable[int]) -> Solution:
     """Solutions of A(rows, columns) x = b for several right-hand sides by row.
 
     Raises:
         KernelError: no pivot is left that is usable at all samples.
     """
-    return _Elimination(graph, A, right, rows, columns).solution(len(right))
+    return _Rounds(graph, A, right, rows, columns).solution(len(right))
 
 
 LONG = 12  # summands; longer sums run over arrays
@@ -308,14 +308,14 @@ def check(program: RoundsProgram, mechanism: Mechanism) -> None:
         raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {count} states")
 
 
-def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:
+def generate_in_rounds(known: Study, plan: Plan) -> RoundsProgram:
     """The accelerations of a mechanism under a plan.
 
     Raises:
         KernelError: no pivots are usable.
     """
-    work = workspace(found, (), plan)
-    graph, mechanism = work.terms.graph, found.mechanism
+    work = workspace(known, (), plan)
+    graph, mechanism = work.terms.graph, known.mechanism
     rows = _starred(graph, mechanism, work)
     J: Matrix = {(r, c): e for r, row in enumerate(rows) for c, e in row.entries.items()}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
@@ -336,7 +336,7 @@ def generate_in_rounds(found: Study, plan: Plan) -> RoundsProgram:
         for c, node in x.items()
         if node.op == "IS" and node.index in number
     }
-    return RoundsProgram(plan, acceleration, len(guards), [bisect_left(made, x) for x in phases], homes, found.dropped)
+    return RoundsProgram(plan, acceleration, len(guards), [bisect_left(made, x) for x in phases], homes, known.dropped)
 
 
 def _home(number: int, unknown: int, n: int) -> Home:
@@ -346,13 +346,13 @@ def _home(number: int, unknown: int, n: int) -> Home:
     return f"x{number}.{3 + (unknown - n) % 2}", (unknown - n) // 2
 
 
-def _at_least(graph: Graph, pivot: Node, threshold: float) -> Node:
+def _at_least(graph: ExpressionGraph, pivot: Node, threshold: float) -> Node:
     """1 where |pivot| >= threshold, else 0."""
     square, least = pivot * pivot, graph.constant(threshold**2)
     return graph.opaque("LE", (least, square), (least.at <= square.at).astype(float))
 
 
-def total(graph: Graph, terms: Sequence[Node]) -> Node:
+def total(graph: ExpressionGraph, terms: Sequence[Node]) -> Node:
     """A sum; a long one stays one operation."""
     terms = [x for x in terms if not x.zero]
     if len(terms) <= LONG:
@@ -375,11 +375,11 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solut
     unknowns = range(len(motions))
     second = solve(graph, A, [b], unknowns, unknowns)
     h = second.x[0]
-    found: Right = {}
+    a: Right = {}
     for j in range(len(terms.mass)):
         parts = [N[j] * h[k] for k, N in enumerate(motions) if j in N and k in h]
-        found[j] = added(graph, [*([a0[j]] if j in a0 else []), *parts])
-    return [first, second], found
+        a[j] = added(graph, [*([a0[j]] if j in a0 else []), *parts])
+    return [first, second], a
 
 
 def _force(work: Workspace, a0: Right, j: int) -> Node:
@@ -394,32 +394,32 @@ def _lagrange(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[So
     for (r, c), e in J.items():
         A[n + r, c] = A[c, n + r] = e
     b = {k: x for k, x in terms.Q.items() if not x.zero} | {n + r: x for r, x in gamma.items()}
-    found = solve(terms.graph, A, [b], range(n + m), range(n + m))
-    return [found], {k: x for k, x in found.x[0].items() if k < n}
+    solution = solve(terms.graph, A, [b], range(n + m), range(n + m))
+    return [solution], {k: x for k, x in solution.x[0].items() if k < n}
 
 
-def _starred(graph: Graph, mechanism: Mechanism, work: Workspace) -> list[Row]:
+def _starred(graph: ExpressionGraph, mechanism: Mechanism, work: Workspace) -> list[Row]:
     """The kept rows, those of a pin through several links relative to the one nearest to the ground."""
-    found = {k: work.rows[k] for k in work.kept}
+    rows = {k: work.rows[k] for k in work.kept}
     distance = _distances(mechanism)
     for pairs in _pins(mechanism).values():
         links = [pairs[0][1].a.link, *(j.b.link for _, j in pairs)]
         centre = min(range(len(links)), key=lambda k: distance.get(links[k], len(distance)))
         for axis in (0, 1):
             chain = [2 * k + axis for k, _ in pairs]
-            if len(chain) > 1 and all(k in found for k in chain):
-                old = [found[k] for k in chain]
-                found |= dict(zip(chain, _relative(graph, old, centre), strict=True))
-    return [found[k] for k in work.kept]
+            if len(chain) > 1 and all(k in rows for k in chain):
+                old = [rows[k] for k in chain]
+                rows |= dict(zip(chain, _relative(graph, old, centre), strict=True))
+    return [rows[k] for k in work.kept]
 
 
 def _pins(mechanism: Mechanism) -> dict[str, list[tuple[int, Revolute]]]:
     """Pairs of each pin, with their places among the joints."""
-    found: dict[str, list[tuple[int, Revolute]]] = {}
+    pins: dict[str, list[tuple[int, Revolute]]] = {}
     for k, joint in enumerate(mechanism.joints):
         if isinstance(joint, Revolute):
-            found.setdefault(joint.joint, []).append((k, joint))
-    return found
+            pins.setdefault(joint.joint, []).append((k, joint))
+    return pins
 
 
 def _distances(mechanism: Mechanism) -> dict[int, int]:
@@ -429,17 +429,17 @@ def _distances(mechanism: Mechanism) -> dict[int, int]:
         a, b = (joint.a.link, joint.b.link) if isinstance(joint, Revolute) else (joint.guide.link, joint.block.link)
         neighbours.setdefault(a, set()).add(b)
         neighbours.setdefault(b, set()).add(a)
-    found, front = {GROUND: 0}, [GROUND]
+    distances, front = {GROUND: 0}, [GROUND]
     for link in front:
-        for other in sorted(neighbours.get(link, set()) - found.keys()):
-            found[other] = found[link] + 1
+        for other in sorted(neighbours.get(link, set()) - distances.keys()):
+            distances[other] = distances[link] + 1
             front.append(other)
-    return found
+    return distances
 
 
-def _relative(graph: Graph, chain: list[Row], centre: int) -> list[Row]:
+def _relative(graph: ExpressionGraph, chain: list[Row], centre: int) -> list[Row]:
     """Rows p_k+1 - p_k as rows p_k - p_centre."""
-    found = []
+    rows = []
     for k in range(len(chain) + 1):
         if k != centre:
             part, sign = (chain[centre:k], 1.0) if k > centre else (chain[k:centre], -1.0)
@@ -449,5 +449,5 @@ def _relative(graph: Graph, chain: list[Row], centre: int) -> list[Row]:
                     entries.setdefault(c, []).append(e * sign)
             sums = {c: graph.total(x) for c, x in entries.items()}
             gamma = graph.total([row.gamma * sign for row in part])
-            found.append(Row(part[0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, None, graph.constant(0.0)))
-    return found
+            rows.append(Row(part[0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, None, graph.constant(0.0)))
+    return rows

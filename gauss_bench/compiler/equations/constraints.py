@@ -21,7 +21,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node, Vector
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.mechanism.model import (
     GROUND,
     AngleDriver,
@@ -39,7 +39,7 @@ from gauss_bench.terms import Array
 Law = tuple[Node, Node, Node]  # value, rate, second rate
 
 
-def law_of_time(law: MotionLaw, graph: Graph, t: Node) -> Law:
+def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
     """Value, rate and second rate of a law at t.
 
     Raises:
@@ -58,7 +58,7 @@ def law_of_time(law: MotionLaw, graph: Graph, t: Node) -> Law:
     raise KernelError(f"no kernel for the motion law {law.name}")
 
 
-def _rise(graph: Graph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
+def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
     moving = at_most(zero, t) * at_most(t, graph.constant(time))
@@ -66,20 +66,20 @@ def _rise(graph: Graph, t: Node, name: str, start: float, travel: float, time: f
     return x * travel + start, rate * moving * (travel / time), second * moving * (travel / time**2)
 
 
-def _sine(graph: Graph, s: Node) -> Law:
+def _sine(graph: ExpressionGraph, s: Node) -> Law:
     w = 2 * np.pi
     angle = s * w
     wave, slope = graph.sin(angle), graph.cos(angle)
     return s - wave * (1 / w), 1.0 - slope, wave * w
 
 
-def _cosine(graph: Graph, s: Node) -> Law:
+def _cosine(graph: ExpressionGraph, s: Node) -> Law:
     angle = s * np.pi
     wave, slope = graph.sin(angle), graph.cos(angle)
     return (1.0 - slope) * 0.5, wave * (np.pi / 2), slope * (np.pi**2 / 2)
 
 
-def _poly345(graph: Graph, s: Node) -> Law:
+def _poly345(graph: ExpressionGraph, s: Node) -> Law:
     rest = 1.0 - s
     square = s * s
     return (
@@ -92,7 +92,7 @@ def _poly345(graph: Graph, s: Node) -> Law:
 RISES = {"sine": _sine, "cosine": _cosine, "poly345": _poly345}
 
 
-def _table(graph: Graph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
+def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
     """A cubic spline: the coefficients of the piece that t is in are picked by switches, one of which is 1."""
     h = knots[1:] - knots[:-1]
     bend = (curvatures[1:] - curvatures[:-1]) / h

@@ -20,7 +20,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import Graph, Node, Vector
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.mechanism.model import (
     GROUND,
     AxisSpringDamper,
@@ -62,6 +62,8 @@ def _force_values(force: Force) -> dict[str, float]:
             return {"c": float(force.c)}
         case SpringDamper() | AxisSpringDamper() | RotationalSpringDamper():
             return {"k": float(force.k), "c": float(force.c), "rest": float(force.rest)}
+        case _:
+            raise KernelError(f"no kernel for force {force.name} of the kind {type(force).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class Parameters:
     def values(self) -> Array:
         return np.array([self.all[name] for name in self.names])
 
-    def node(self, graph: Graph, name: str) -> Node:
+    def node(self, graph: ExpressionGraph, name: str) -> Node:
         """The number `name`: an entry of p, or a constant."""
         value = self.all[name]
         if name not in self.names:
@@ -142,7 +144,7 @@ class State:
 class Links:
     """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too."""
 
-    def __init__(self, graph: Graph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
+    def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]

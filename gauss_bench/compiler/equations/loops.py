@@ -20,7 +20,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.links import Parameters
 from gauss_bench.compiler.equations.sampling import typical_length
-from gauss_bench.compiler.expressions.node import Graph, Node, Vector
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.kinematics.link_units import Element
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Revolute
@@ -63,18 +63,18 @@ class LoopVectors:
 
     def columns(self) -> dict[int, Vector]:
         """J and B by column of x."""
-        found = {k: w.turned() for k, w in self.turning.items()}
+        columns = {k: w.turned() for k, w in self.turning.items()}
         for k, parts in self.sliding.items():
-            found[k] = parts[0][0] if len(parts) == 1 else parts[0][0] + parts[1][0]
-        return found
+            columns[k] = parts[0][0] if len(parts) == 1 else parts[0][0] + parts[1][0]
+        return columns
 
     def bias(self, rates: Sequence[Node]) -> Vector:
         """What A'' has beyond J x''."""
-        found = [w * -(rates[k] * rates[k]) for k, w in self.turning.items()]
+        terms = [w * -(rates[k] * rates[k]) for k, w in self.turning.items()]
         for k, parts in self.sliding.items():
-            found += [v.turned(rates[angle] * rates[k] * 2.0) for v, angle in parts if angle is not None]
+            terms += [v.turned(rates[angle] * rates[k] * 2.0) for v, angle in parts if angle is not None]
         graph = self.fixed.x.graph
-        return Vector(graph.total([w.x for w in found]), graph.total([w.y for w in found]))
+        return Vector(graph.total([w.x for w in terms]), graph.total([w.y for w in terms]))
 
 
 class LoopExpressions:
@@ -83,7 +83,7 @@ class LoopExpressions:
     `samples` are states (k, TU + TK) at which the expressions are valued.
     """
 
-    def __init__(self, graph: Graph, equations: LoopEquations, parameters: Parameters, samples: Array):
+    def __init__(self, graph: ExpressionGraph, equations: LoopEquations, parameters: Parameters, samples: Array):
         self.graph, self.equations, self.parameters = graph, equations, parameters
         mechanism, unknown = equations.mechanism, len(equations.unknown)
         sizes = np.where(equations.is_angle, 1.0, typical_length(mechanism))
@@ -158,17 +158,17 @@ class LoopExpressions:
             k, along = self.equations.column[slide], self.fixed(element.along if element is not None else 0j)
             w = w + along * self.x[k]
         at = self.turned(column, self.in_root(link, w))
-        found = Moving(at, still, still)
+        moving = Moving(at, still, still)
         if column is not None:
             omega, alpha = rates[column], seconds[column]
-            found = Moving(at, at.turned(omega), at.turned(alpha) - at * (omega * omega))
+            moving = Moving(at, at.turned(omega), at.turned(alpha) - at * (omega * omega))
         if not slide:
-            return found
+            return moving
         u = self.turned(column, self.in_root(link, along))
         rate, second = u * rates[k], u * seconds[k]
         if column is not None:
             second = second + u.turned(rates[column] * rates[k] * 2.0)
-        return Moving(found.at, found.rate + rate, found.second + second)
+        return Moving(moving.at, moving.rate + rate, moving.second + second)
 
     def centres(self, rates: Sequence[Node], seconds: Sequence[Node]) -> dict[int, Moving]:
         """Centre of mass of every link, the frame's origin included, for rates and second rates of x."""
@@ -185,23 +185,23 @@ class LoopExpressions:
     def link_angle(self, link: int, values: Sequence[Node], phase: bool = False) -> Node:
         """Angle of a link where `values` are x (then with its constant part), or its rate where they are rates."""
         column = self.angle_column(link)
-        found = self.graph.constant(0.0) if column is None else values[column]
-        return found + float(self.equations.phase[link]) if phase else found
+        angle = self.graph.constant(0.0) if column is None else values[column]
+        return angle + float(self.equations.phase[link]) if phase else angle
 
 
 def _local_vectors(loops: LoopExpressions, mechanism: Mechanism) -> dict[tuple[int, str], Vector]:
     """(link, name of the pair) -> where the pair's element lies in the link's frame, slides at s = 0."""
-    found: dict[tuple[int, str], Vector] = {}
+    vectors: dict[tuple[int, str], Vector] = {}
     for joint in mechanism.joints:
         if isinstance(joint, Revolute):
-            found |= {(p.link, joint.name): loops.local(p) for p in (joint.a, joint.b)}
+            vectors |= {(p.link, joint.name): loops.local(p) for p in (joint.a, joint.b)}
         else:
             along = loops.fixed(complex(np.cos(joint.angle), np.sin(joint.angle)))
             aside = along.turned(loops.number(f"joints.{joint.name}.offset"))
-            found |= {(joint.guide.link, joint.name): loops.local(joint.guide) + aside}
-            found |= {(joint.block.link, joint.name): loops.local(joint.block)}
+            vectors |= {(joint.guide.link, joint.name): loops.local(joint.guide) + aside}
+            vectors |= {(joint.block.link, joint.name): loops.local(joint.block)}
     for k, bar in enumerate(loops.equations.bars, start=len(mechanism.links)):
         for p in (bar.a, bar.b):
             name = f"{bar.name} at {p.name}"
-            found |= {(p.link, name): loops.local(p), (k, name): loops.fixed(0j)}
-    return found
+            vectors |= {(p.link, name): loops.local(p), (k, name): loops.fixed(0j)}
+    return vectors

@@ -76,7 +76,7 @@ def _walked(mechanism: Mechanism, constraints: Constraints, scale: Array, count:
     path: Path = []
     for sign in (1.0, -1.0):
         q, ahead = mechanism.q0, sign * heading
-        found: Path = []
+        poses: Path = []
         for _ in range(steps):
             J = constraints(0.0, q, np.zeros_like(q)).J[: constraints.holonomic]
             drift = 0.4 * scale * rng.normal(size=mechanism.n) * (freedom > 1)
@@ -85,9 +85,9 @@ def _walked(mechanism: Mechanism, constraints: Constraints, scale: Array, count:
             if following is None or np.abs((following - q) / scale).max() > 3 * STEP:
                 break
             q = following
-            found.append((0.0, q))
-        path = [*reversed(path), (0.0, mechanism.q0), *found] if not path else [*reversed(found), *path]
-        if len(found) == steps and freedom == 1:
+            poses.append((0.0, q))
+        path = [*reversed(path), (0.0, mechanism.q0), *poses] if not path else [*reversed(poses), *path]
+        if len(poses) == steps and freedom == 1:
             break
     return path
 

@@ -45,7 +45,7 @@ class Node:
 
     __slots__ = ("args", "at", "graph", "index", "number", "op", "ready")
 
-    def __init__(self, graph: "Graph", op: str, args: tuple[Any, ...], at: Array, number: float | None, ready: float):
+    def __init__(self, graph: "ExpressionGraph", op: str, args: tuple[Any, ...], at: Array, number: float | None, ready: float):
         self.graph, self.op, self.args, self.at, self.number, self.ready = graph, op, args, at, number, ready
         self.index = graph.count
         graph.count += 1
@@ -80,7 +80,7 @@ class Node:
         return self.number is not None and abs(self.number) == 1.0
 
 
-class Graph:
+class ExpressionGraph:
     """All expressions of one program over a number of sample states."""
 
     def __init__(self, samples: int):
@@ -96,31 +96,31 @@ class Graph:
 
     def constant(self, number: float) -> Node:
         number += 0.0  # no negative zero
-        found = self.known.get(("CONST", number))
-        if found is None:
+        known = self.known.get(("CONST", number))
+        if known is None:
             at = np.full(self.samples + GENERIC, number)
-            found = self._keep(Node(self, "CONST", (), at, number, 0.0), ("CONST", number))
-        return found
+            known = self._keep(Node(self, "CONST", (), at, number, 0.0), ("CONST", number))
+        return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
         """An input with its values at the samples; the random points lie off some of these by a part of `size`."""
-        found = self.known.get(("INPUT", name, index))
-        if found is None:
+        known = self.known.get(("INPUT", name, index))
+        if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
             at = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
-            found = self._new("INPUT", (name, index), at, 0.0, ("INPUT", name, index))
-        return found
+            known = self._new("INPUT", (name, index), at, 0.0, ("INPUT", name, index))
+        return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
         """An operation with kinks or jumps: at the random points it counts as one more input."""
         key = (op, *(a.index for a in args))
-        found = self.known.get(key)
-        if found is None:
+        known = self.known.get(key)
+        if known is None:
             if all(a.number is not None for a in args):
                 return self.constant(float(at[0]))
             values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
-            found = self._new(op, args, values, max(a.ready for a in args) + STEP, key)
-        return found
+            known = self._new(op, args, values, max(a.ready for a in args) + STEP, key)
+        return known
 
     def neg(self, a: Node) -> Node:
         if a.number is not None:
@@ -185,9 +185,9 @@ class Graph:
     def _made(self, op: str, *args: Node) -> Node:
         """By its form or by its values: an old node, a multiple of one, a constant, or a new node."""
         key = (op, *(a.index for a in args))
-        found = self.known.get(key)
-        if found is not None:
-            return found
+        old = self.known.get(key)
+        if old is not None:
+            return old
         at = VALUE[op](*(a.at for a in args))
         if all(a.number is not None for a in args):
             return self.constant(float(at[0]))

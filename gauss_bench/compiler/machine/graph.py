@@ -46,13 +46,13 @@ class Graph:
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
         """The value of an operation, the same number for the same operation."""
         key = (operation, operands, payload)
-        found = self._known.get(key)
-        if found is None:
-            found = self._known[key] = len(self.operation)
+        value = self._known.get(key)
+        if value is None:
+            value = self._known[key] = len(self.operation)
             self.operation.append(operation)
             self.operands.append(operands)
             self.payload.append(payload)
-        return found
+        return value
 
     def leaf(self, name: str) -> int:
         """A value from outside, by its name."""
@@ -129,16 +129,16 @@ class Graph:
 
     def both(self, masks: Sequence[int]) -> int | None:
         """Where all masks hold; None, for everywhere, without any."""
-        found = None
+        every = None
         for mask in dict.fromkeys(masks):
-            found = mask if found is None else self.make("both", found, mask)
-        return found
+            every = mask if every is None else self.make("both", every, mask)
+        return every
 
     def total(self, values: Sequence[int]) -> int:
-        found = self.const(0.0)
+        sum_ = self.const(0.0)
         for x in values:
-            found = self.add(found, x)
-        return found
+            sum_ = self.add(sum_, x)
+        return sum_
 
     def squares(self, values: Sequence[int]) -> int:
         return self.total([self.mul(x, x) for x in values])
@@ -216,14 +216,14 @@ ROUNDS = 6  # of the feedback from the end of a loop to its beginning; urgency s
 
 def live(g: Graph, roots: Iterable[int]) -> list[int]:
     """The values that the roots need, oldest first."""
-    found: set[int] = set()
+    needed: set[int] = set()
     waiting = list(roots)
     while waiting:
         x = waiting.pop()
-        if x not in found:
-            found.add(x)
+        if x not in needed:
+            needed.add(x)
             waiting += g.operands[x]
-    return sorted(found)
+    return sorted(needed)
 
 
 def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
@@ -240,12 +240,12 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Cycles that a turn of a loop needs without limits; `carried` maps the name of a leaf to the value that becomes it."""
     arrival = dict.fromkeys(carried, 0.0)
-    found = 0.0
+    turn = 0.0
     for _ in range(ROUNDS):
         times = ready_times(g, values, arrival)
-        found = max((times[x] for x in carried.values()), default=0.0)
-        arrival = {name: times[x] - found for name, x in carried.items()}
-    return found
+        turn = max((times[x] for x in carried.values()), default=0.0)
+        arrival = {name: times[x] - turn for name, x in carried.items()}
+    return turn
 
 
 def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
@@ -269,7 +269,7 @@ SUMS = ("add", "sub")
 EARLIER = LATENCY["div"] - LATENCY["mul"]
 
 
-class Term(NamedTuple):
+class Summand(NamedTuple):
     """A signed term of a sum: a value, or a product not yet multiplied out (factor is None for a value)."""
 
     negative: bool
@@ -285,10 +285,10 @@ class Timed(Graph):
         self.ready: list[int] = []
 
     def make(self, operation: str, *operands: int, payload: float | int | str | None = None) -> int:
-        found = super().make(operation, *operands, payload=payload)
-        if found == len(self.ready):
+        value = super().make(operation, *operands, payload=payload)
+        if value == len(self.ready):
             self.ready.append(max((self.ready[k] for k in operands), default=0) + LATENCY[operation])
-        return found
+        return value
 
 
 class Rewriter:
@@ -348,7 +348,7 @@ class Rewriter:
             self.known[x] = self._write(x)
         return self.known[x]
 
-    def _terms(self, x: int) -> list[Term]:
+    def _terms(self, x: int) -> list[Summand]:
         terms = []
         waiting = [(x, False)]
         while waiting:
@@ -360,10 +360,10 @@ class Rewriter:
                 waiting.append((operands[0], not negative))
             elif operation == "mul" and y in self.inner:
                 (a, minus_a), (b, minus_b) = map(self.new.unsigned, self._last_two(self._factors(y)))
-                terms.append(Term(negative ^ minus_a ^ minus_b, a, b))
+                terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:
                 value, minus = self.new.unsigned(self._get(y))
-                terms.append(Term(negative ^ minus, value, None))
+                terms.append(Summand(negative ^ minus, value, None))
         return terms
 
     def _factors(self, x: int) -> list[int]:
@@ -388,7 +388,7 @@ class Rewriter:
     def _product(self, factors: list[int]) -> int:
         return self.new.mul(*self._last_two(factors))
 
-    def _sum(self, terms: Iterable[Term]) -> int:
+    def _sum(self, terms: Iterable[Summand]) -> int:
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
         n = len(heap)
@@ -397,27 +397,27 @@ class Rewriter:
             heapq.heappush(heap, (self._ready(term), n, term))
             n += 1
         negative, value, factor = heap[0][2]
-        found = value if factor is None else self.new.mul(value, factor)
-        return self.new.neg(found) if negative else found
+        total = value if factor is None else self.new.mul(value, factor)
+        return self.new.neg(total) if negative else total
 
-    def _ready(self, term: Term) -> int:
+    def _ready(self, term: Summand) -> int:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
-    def _joined(self, early: Term, late: Term) -> Term:
+    def _joined(self, early: Summand, late: Summand) -> Summand:
         """The sum of two terms; of two products the earlier is multiplied out."""
         g = self.new
         if early.factor is not None and late.factor is None:
             early, late = late, early
         elif early.factor is not None:
-            early = Term(early.negative, g.mul(early.value, early.factor), None)
+            early = Summand(early.negative, g.mul(early.value, early.factor), None)
         opposite = early.negative != late.negative
         if late.factor is not None:
-            found = g.fma(g.neg(late.value) if opposite else late.value, late.factor, early.value)
+            total = g.fma(g.neg(late.value) if opposite else late.value, late.factor, early.value)
         else:
-            found = g.sub(early.value, late.value) if opposite else g.add(early.value, late.value)
-        if g.operation[found] == "neg":
-            return Term(not early.negative, g.operands[found][0], None)
-        return Term(early.negative, found, None)
+            total = g.sub(early.value, late.value) if opposite else g.add(early.value, late.value)
+        if g.operation[total] == "neg":
+            return Summand(not early.negative, g.operands[total][0], None)
+        return Summand(early.negative, total, None)
 
     def _ratio(self, a: int, b: int) -> int:
         g = self.new

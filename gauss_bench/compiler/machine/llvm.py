@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.loops import Block, Group, Groups, Loop, Memory, needed_outside
+from gauss_bench.compiler.machine.loops import Block, LaneGroup, LaneGroups, Loop, Memory, needed_outside
 
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTEGER = {"and": "and", "plus": "add", "shl": "shl"}
@@ -240,11 +240,11 @@ class Wide:
         table = w.address(
             w.table("i32", [str(x) for x in places + [places[-1] if spare is None else spare] * missing]), self.k, "i32"
         )
-        found = []
+        addresses = []
         for lane in range(self.at_once):
             entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
-            found.append(w.address("%a", w.let(f"sext i32 {entry} to i64"), w.element))
-        return found
+            addresses.append(w.address("%a", w.let(f"sext i32 {entry} to i64"), w.element))
+        return addresses
 
     def load(self, places: list[int]) -> str:
         """The values at places by lane."""
@@ -256,11 +256,11 @@ class Wide:
             return self.get(self.element(places[0]))
         if not self.vector:
             return self.get(self.places(places)[0])
-        found = "poison"
+        vector = "poison"
         for lane, address in enumerate(self.places(places)):
             one = w.let(f"load double, ptr {address}, align 8")
-            found = w.let(f"insertelement {w.real} {found}, double {one}, i32 {lane}")
-        return found
+            vector = w.let(f"insertelement {w.real} {vector}, double {one}, i32 {lane}")
+        return vector
 
     def numbers(self, values: list[float]) -> str:
         """Numbers by lane."""
@@ -297,9 +297,9 @@ def _side_by_side(places: list[int]) -> bool:
 class LoopWriter:
     """Writes loops one after the other into a function of the pointer %a."""
 
-    def __init__(self, text: Text, groups: Groups, found: list[Loop], memory: Memory):
+    def __init__(self, text: Text, groups: LaneGroups, program_loops: list[Loop], memory: Memory):
         self.text, self.groups, self.memory = text, groups, memory
-        self.needed = needed_outside(found)
+        self.needed = needed_outside(program_loops)
         self.block = "entry"
         self.count = 0
 
@@ -385,15 +385,15 @@ class _Body:
             return wide.numbers([numbers[v] for v in values])
         return wide.load([place[v] for v in values])
 
-    def _store(self, wide: Wide, group: Group, value: str) -> None:
+    def _store(self, wide: Wide, group: LaneGroup, value: str) -> None:
         places = self.writer.memory.stored(group)
         wide.store(value, places, self.writer.memory.room(places))
 
 
 def declarations(widths: set[int]) -> list[str]:
     """Of the functions of LLVM itself that the text may call."""
-    found = [Writer(1).declarations()]
+    lines = [Writer(1).declarations()]
     for lanes in sorted(widths - {1}):
         w = Writer(lanes)
-        found += [w.declarations(), f"declare void @llvm.masked.store.{w.suffix}.p0({w.real}, ptr, i32, {w.mask})"]
-    return found
+        lines += [w.declarations(), f"declare void @llvm.masked.store.{w.suffix}.p0({w.real}, ptr, i32, {w.mask})"]
+    return lines

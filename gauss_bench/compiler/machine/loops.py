@@ -27,7 +27,18 @@ from gauss_bench.compiler.elimination.rounds import RoundsProgram
 from gauss_bench.compiler.machine.graph import Graph, Pair, apply, leaves, live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
 
-__all__ = ["WIDEST", "Block", "Group", "Groups", "Loop", "LoopedProgram", "Memory", "RoundsProgram", "looped", "needed_outside"]
+__all__ = [
+    "WIDEST",
+    "Block",
+    "LaneGroup",
+    "LaneGroups",
+    "Loop",
+    "LoopedProgram",
+    "Memory",
+    "RoundsProgram",
+    "looped",
+    "needed_outside",
+]
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
@@ -35,7 +46,7 @@ COMMUTATIVE = ("ADD", "MUL")
 INPUTS = ("t", "q", "v")  # arguments of the acceleration
 
 
-class Term(NamedTuple):
+class Operand(NamedTuple):
     """An operand: a value, or a number, and whether it counts negative."""
 
     value: int
@@ -43,7 +54,7 @@ class Term(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class LaneGroup:
     """One operation in several lanes.
 
     Attributes:
@@ -65,14 +76,14 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
+class LaneGroups:
     """Groups in an order in which they can be computed.
 
     Attributes:
         numbers: the values that are numbers; inputs: those that come from outside, by name and index.
     """
 
-    groups: list[Group]
+    groups: list[LaneGroup]
     numbers: dict[int, float]
     inputs: dict[int, tuple[str, int]]
 
@@ -82,7 +93,7 @@ class Groups:
 
 
 Kind = tuple[object, ...]
-Member = tuple[int, tuple[Term, ...]]  # a value, and what it is made of
+Member = tuple[int, tuple[Operand, ...]]  # a value, and what it is made of
 
 
 class _Grouping:
@@ -93,7 +104,7 @@ class _Grouping:
         every = list(enumerate(self.instructions))
         self.numbers = {k: x.number for k, x in every if x.operation == "CONST"}
         self.inputs = {k: (INPUTS[x.operands[0]], x.operands[1]) for k, x in every if x.operation == "INPUT"}
-        self.groups: list[Group] = []
+        self.groups: list[LaneGroup] = []
         self.kind: dict[int, Kind] = dict.fromkeys(self.numbers, ("number",))
         self.lane: dict[int, int] = dict.fromkeys(self.numbers, 0)
         for value, (name, k) in self.inputs.items():
@@ -102,34 +113,34 @@ class _Grouping:
             self.kind[value], self.lane[value] = (array,), lane
         self.spare = len(self.instructions)
 
-    def _term(self, value: int) -> Term:
+    def _term(self, value: int) -> Operand:
         x = self.instructions[value]
-        return Term(x.operands[0], True) if x.operation == "NEG" else Term(value, False)
+        return Operand(x.operands[0], True) if x.operation == "NEG" else Operand(value, False)
 
-    def made(self) -> Groups:
+    def made(self) -> LaneGroups:
         for level in self._levels():
             self._level(level)
         a, (sound,) = self.program.acceleration.outputs
-        found: dict[Kind, list[tuple[int, Term]]] = {}
+        alike: dict[Kind, list[tuple[int, Operand]]] = {}
         for j, t in enumerate(map(self._term, a)):
-            found.setdefault((j % 3, self.kind[t.value], t.negative), []).append((j, t))
-        for members in found.values():
+            alike.setdefault((j % 3, self.kind[t.value], t.negative), []).append((j, t))
+        for members in alike.values():
             self.groups.append(_group("OUT", [(j, (t,)) for j, t in members]))
         self.groups.append(_group("OUT", [(len(a), (self._term(sound),))]))
-        return Groups(self.groups, self.numbers, self.inputs)
+        return LaneGroups(self.groups, self.numbers, self.inputs)
 
     def _levels(self) -> Iterable[list[int]]:
         """Values by stage and depth within it."""
         depth: dict[int, tuple[int, int]] = {}
-        found: dict[tuple[int, int], list[int]] = {}
+        levels: dict[tuple[int, int], list[int]] = {}
         for k, x in enumerate(self.instructions):
             if x.operation in ("CONST", "INPUT", "NEG"):
                 continue
             stage = bisect_right(self.program.phases, k)
             before = [depth[t.value] for t in map(self._term, x.operands) if t.value in depth]
             depth[k] = (stage, max((d + 1 for s, d in before if s == stage), default=0))
-            found.setdefault(depth[k], []).append(k)
-        return [found[key] for key in sorted(found)]
+            levels.setdefault(depth[k], []).append(k)
+        return [levels[key] for key in sorted(levels)]
 
     def _level(self, values: list[int]) -> None:
         alike: dict[Kind, list[Member]] = {}
@@ -162,11 +173,11 @@ class _Grouping:
         rest = [x for part in apart.values() if len(part) < ALIGNED for x in part]
         return [*many, rest] if len(rest) >= FEW else [*many, *([x] for x in rest)]
 
-    def _terms(self, value: int) -> tuple[str, tuple[Term, ...]]:
+    def _terms(self, value: int) -> tuple[str, tuple[Operand, ...]]:
         x = self.instructions[value]
         terms = [self._term(k) for k in x.operands]
         if x.operation == "SUB":
-            terms[1] = Term(terms[1].value, not terms[1].negative)
+            terms[1] = Operand(terms[1].value, not terms[1].negative)
         operation = "ADD" if x.operation == "SUB" else x.operation
         if operation in COMMUTATIVE:
             terms.sort(key=lambda t: (repr(self.kind[t.value]), t.negative, self.lane[t.value]))
@@ -182,7 +193,7 @@ class _Grouping:
 
     def _sum(self, value: int) -> None:
         """A long sum: each kind of summands by itself, and these sums one by one."""
-        alike: dict[Kind, list[Term]] = {}
+        alike: dict[Kind, list[Operand]] = {}
         for t in map(self._term, self.instructions[value].operands):
             alike.setdefault((self.kind[t.value], t.negative), []).append(t)
         parts = []
@@ -190,28 +201,28 @@ class _Grouping:
             terms.sort(key=lambda t: self.lane[t.value])
             parts.append(self._partial("SUM", [terms]))
         while len(parts) > 1:
-            a, b = (Term(p, False) for p in parts[:2])
+            a, b = (Operand(p, False) for p in parts[:2])
             parts = [*parts[2:], self._partial("ADD", [[a], [b]])]
         last = self.groups.pop()
-        self.groups.append(Group(last.operation, (value,), last.operands, last.negative))
+        self.groups.append(LaneGroup(last.operation, (value,), last.operands, last.negative))
         self.kind[value], self.lane[value] = ("group", len(self.groups) - 1), 0
 
-    def _partial(self, operation: str, operands: list[list[Term]]) -> int:
+    def _partial(self, operation: str, operands: list[list[Operand]]) -> int:
         value = self.spare
         self.spare += 1
         values, signs = (tuple(t.value for t in x) for x in operands), tuple(x[0].negative for x in operands)
-        self.groups.append(Group(operation, (value,), tuple(values), signs))
+        self.groups.append(LaneGroup(operation, (value,), tuple(values), signs))
         self.kind[value], self.lane[value] = ("group", len(self.groups) - 1), 0
         return value
 
 
-def _group(operation: str, members: list[Member]) -> Group:
+def _group(operation: str, members: list[Member]) -> LaneGroup:
     columns = list(zip(*(terms for _, terms in members), strict=True))
     operands = tuple(tuple(t.value for t in column) for column in columns)
-    return Group(operation, tuple(value for value, _ in members), operands, tuple(column[0].negative for column in columns))
+    return LaneGroup(operation, tuple(value for value, _ in members), operands, tuple(column[0].negative for column in columns))
 
 
-def grouped(program: RoundsProgram) -> Groups:
+def grouped(program: RoundsProgram) -> LaneGroups:
     """The groups that compute accelerations and their guard."""
     return _Grouping(program).made()
 
@@ -230,7 +241,7 @@ class Loop:
     """Groups of equal numbers of lanes."""
 
     lanes: int
-    groups: list[Group] = field(default_factory=list)
+    groups: list[LaneGroup] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +288,7 @@ class Memory:
         """Place of coordinate j of the mechanism among those of all links; that of the guard behind the last."""
         return 3 * self.stride if j == 3 * self.links else j % 3 * self.stride + j // 3
 
-    def stored(self, group: "Group") -> list[int]:
+    def stored(self, group: "LaneGroup") -> list[int]:
         """Places of a group's results."""
         if group.operation == "OUT":
             return [self.a + self.coordinate(j) for j in group.results]
@@ -289,40 +300,40 @@ class Memory:
         return behind == places[-1] + 1 or (places[-1] in self.ends and behind <= padded(places[-1] + 1))
 
 
-def loops(groups: Groups) -> list[Loop]:
+def loops(groups: LaneGroups) -> list[Loop]:
     """All groups in loops, in an order in which they can be done."""
-    found: list[Loop] = []
+    made: list[Loop] = []
     done_in: dict[int, int] = {}  # value -> loop
     in_lanes: dict[tuple[int, ...], int] = {}  # results, lane by lane -> loop
     for group in groups.groups:
         first = 0
         for values in group.operands:
             at = in_lanes.get(values)
-            if at is not None and found[at].lanes == group.lanes:
+            if at is not None and made[at].lanes == group.lanes:
                 first = max(first, at)
             else:
                 first = max([first, *(done_in[v] + 1 for v in values if v in done_in)])
-        number = _fitting(found, group, first)
-        found[number].groups.append(group)
+        number = _fitting(made, group, first)
+        made[number].groups.append(group)
         if group.operation != "OUT":
             done_in |= dict.fromkeys(group.results, number)
             if group.operation != "SUM":
                 in_lanes[group.results] = number
-    return found
+    return made
 
 
-def _fitting(found: list[Loop], group: Group, first: int) -> int:
-    for number in range(first, len(found)):
-        if found[number].lanes == group.lanes and len(found[number].groups) < LONGEST:
+def _fitting(made: list[Loop], group: LaneGroup, first: int) -> int:
+    for number in range(first, len(made)):
+        if made[number].lanes == group.lanes and len(made[number].groups) < LONGEST:
             return number
-    found.append(Loop(group.lanes))
-    return len(found) - 1
+    made.append(Loop(group.lanes))
+    return len(made) - 1
 
 
-def needed_outside(found: Iterable[Loop]) -> set[int]:
+def needed_outside(program: Iterable[Loop]) -> set[int]:
     """Values that some loop needs that does not make them in the same lane."""
     needed: set[int] = set()
-    for loop in found:
+    for loop in program:
         own = {g.results for g in loop.groups if g.operation not in ("SUM", "OUT")}
         for group in loop.groups:
             for values in group.operands:
@@ -331,7 +342,7 @@ def needed_outside(found: Iterable[Loop]) -> set[int]:
     return needed
 
 
-def memory(program: RoundsProgram, groups: Groups, found: list[Loop]) -> Memory:
+def memory(program: RoundsProgram, groups: LaneGroups, order: list[Loop]) -> Memory:
     """Places of everything that is stored."""
     links = len(program.acceleration.outputs[0]) // 3
     shape = Memory({}, set(), links, padded(links), 0)
@@ -346,7 +357,7 @@ def memory(program: RoundsProgram, groups: Groups, found: list[Loop]) -> Memory:
     for array in homes.values():
         _put(shape, top, array)
         top += padded(max(array.values()) + 1)
-    top = _results(shape, found, top)
+    top = _results(shape, order, top)
     return Memory(place, ends, links, shape.stride, padded(top) + WIDEST)
 
 
@@ -356,16 +367,16 @@ def _put(where: Memory, start: int, array: dict[int, int]) -> None:
     where.ends.add(start + max(array.values()))
 
 
-def _results(where: Memory, found: list[Loop], top: int) -> int:
+def _results(where: Memory, order: list[Loop], top: int) -> int:
     """Place the results of groups; room whose last reader is done is used again, the latest first, as it is the nearest by.
 
     Returns:
         the end of memory.
     """
-    needed, read = needed_outside(found), _last_readers(found)
+    needed, read = needed_outside(order), _last_readers(order)
     free: dict[int, list[int]] = {}
     ending: dict[int, list[tuple[int, int]]] = {}
-    for number, loop in enumerate(found):
+    for number, loop in enumerate(order):
         for group in loop.groups:
             own = [x for x in group.results if x not in where.place] if group.operation != "OUT" else []
             if needed.isdisjoint(own):
@@ -385,10 +396,10 @@ def _results(where: Memory, found: list[Loop], top: int) -> int:
     return top
 
 
-def _last_readers(found: list[Loop]) -> dict[int, int]:
+def _last_readers(order: list[Loop]) -> dict[int, int]:
     """Value -> the last loop that has it as an operand."""
     read: dict[int, int] = {}
-    for number, loop in enumerate(found):
+    for number, loop in enumerate(order):
         for group in loop.groups:
             for values in group.operands:
                 read |= dict.fromkeys(values, number)
@@ -405,11 +416,11 @@ class Block:
         kept: groups whose results are stored, added up or returned, and their values.
     """
 
-    def __init__(self, loop: Loop, groups: Groups, needed: set[int], library: bool = False):
+    def __init__(self, loop: Loop, groups: LaneGroups, needed: set[int], library: bool = False):
         self.groups, self.library, self.graph = groups, library, Graph()
         self._made: dict[tuple[int, ...], int] = {}
         self._leaves: dict[tuple[int, ...], str] = {}
-        kept: list[tuple[Group, int]] = []
+        kept: list[tuple[LaneGroup, int]] = []
         for group in loop.groups:
             x = [self._operand(*operand) for operand in zip(group.operands, group.negative, strict=True)]
             value = x[0] if group.operation == "SUM" else apply(self.graph, group.operation, x, self._sincos)
@@ -451,7 +462,7 @@ class LoopedProgram:
     """Loops that compute accelerations, and where they keep their numbers; `guards` of them hold where the program serves."""
 
     source: RoundsProgram
-    groups: Groups
+    groups: LaneGroups
     loops: list[Loop]
     memory: Memory
 

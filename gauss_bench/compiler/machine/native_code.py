@@ -87,7 +87,7 @@ def compile_text(text: str, name: str, operations: int, cached: bool = True) -> 
     machine = _target_machine(3 if operations <= LARGE else 1)
     key = _key(text, operations)
     code = object_cache.load(key) if cached else None
-    found = code is not None
+    cached_already = code is not None
     if code is None:
         module = _binding().parse_assembly(text)
         module.verify()
@@ -95,7 +95,7 @@ def compile_text(text: str, name: str, operations: int, cached: bool = True) -> 
         if cached:
             object_cache.store(key, code)
     call, owner = _loaded(code, name, machine)
-    return NativeCode(call, time.perf_counter() - start, found, owner)
+    return NativeCode(call, time.perf_counter() - start, cached_already, owner)
 
 
 def _key(text: str, operations: int) -> str:

@@ -30,12 +30,12 @@ def trusted() -> Path | None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileExistsError):
             path.mkdir(mode=0o700)
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return None
-    own = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-    closed = os.name == "nt" or stat.S_IMODE(found.st_mode) == 0o700
-    return path if stat.S_ISDIR(found.st_mode) and own and closed else None
+    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    closed = os.name == "nt" or stat.S_IMODE(status.st_mode) == 0o700
+    return path if stat.S_ISDIR(status.st_mode) and own and closed else None
 
 
 def load(key: str) -> bytes | None:

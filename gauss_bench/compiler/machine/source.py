@@ -62,8 +62,8 @@ def function(g: Graph, roots: list[int], arguments: Sequence[str], inputs: Mappi
     """The compiled source, on floats or arrays."""
     space: dict[str, Any] = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "abs": np.abs, "where": np.where}
     exec(source(g, roots, arguments, inputs), space)
-    found: Callable[..., list[Any]] = space["evaluate"]
-    return found
+    evaluate: Callable[..., list[Any]] = space["evaluate"]
+    return evaluate
 
 
 def on_arrays(given: Function) -> Callable[..., list[Array]]:
@@ -77,9 +77,9 @@ def on_arrays(given: Function) -> Callable[..., list[Array]]:
 
     def call(*arrays: Array) -> list[Array]:
         with np.errstate(all="ignore"):
-            found = evaluate(*(x.T for x in arrays))
+            values = evaluate(*(x.T for x in arrays))
         shape = arrays[0].shape[:1]
-        columns = [np.broadcast_to(x, shape) for x in found]
+        columns = [np.broadcast_to(x, shape) for x in values]
         cuts = np.cumsum([0, *(len(result) for result in results)]).tolist()
         return [np.array(columns[a:b]).reshape(b - a, *shape).T for a, b in pairwise(cuts)]
 

@@ -140,41 +140,41 @@ class Driver:
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
         """All trajectories to their end; a lost one is not a number from there on."""
         level = self.programs.level(integrator, batch.h, batch.states[:, self.programs.n :])
-        found = self.programs.runner(0, integrator, level).run(batch, threads)
+        outcome = self.programs.runner(0, integrator, level).run(batch, threads)
         last = self.programs.levels(integrator) - 1
-        while len(batch.states) > 1 and level < last and (found.far & ~found.complete).any():
+        while len(batch.states) > 1 and level < last and (outcome.far & ~outcome.complete).any():
             level += 1  # together and from the start: quicker than to finish each alone
-            found = self._again(batch, found, integrator, level, threads)
-        return self.resume(batch, found, integrator, level)
+            outcome = self._again(batch, outcome, integrator, level, threads)
+        return self.resume(batch, outcome, integrator, level)
 
-    def resume(self, batch: Batch, found: Outcome, integrator: str, level: int) -> Outcome:
+    def resume(self, batch: Batch, outcome: Outcome, integrator: str, level: int) -> Outcome:
         """Trajectories that stopped to their end, one by one."""
         self.tally = Tally()
-        for k in np.flatnonzero(~found.complete):
-            Continuation(self, batch, integrator, found, int(k), level).finish()
-        return found
+        for k in np.flatnonzero(~outcome.complete):
+            Continuation(self, batch, integrator, outcome, int(k), level).finish()
+        return outcome
 
-    def _again(self, batch: Batch, found: Outcome, integrator: str, level: int, threads: int) -> Outcome:
+    def _again(self, batch: Batch, outcome: Outcome, integrator: str, level: int, threads: int) -> Outcome:
         """Run those that went too far with a longer reach."""
-        rows = np.flatnonzero(found.far & ~found.complete)
+        rows = np.flatnonzero(outcome.far & ~outcome.complete)
         part = replace(batch, states=batch.states[rows], parameters=batch.parameters[rows])
         new = self.programs.runner(0, integrator, level).run(part, threads)
-        for old, more in zip(vars(found).values(), vars(new).values(), strict=True):
+        for old, more in zip(vars(outcome).values(), vars(new).values(), strict=True):
             old[rows] = more
-        return found
+        return outcome
 
 
 class Continuation:
     """One trajectory that stopped, followed to its end; writes into the outcome of its batch."""
 
-    def __init__(self, driver: Driver, batch: Batch, integrator: str, found: Outcome, row: int, level: int):
-        self.driver, self.batch, self.integrator, self.found, self.row = driver, batch, integrator, found, row
-        self.state, self.p = found.states[row].copy(), batch.parameters[row]
-        self.at = int(found.done[row])
+    def __init__(self, driver: Driver, batch: Batch, integrator: str, outcome: Outcome, row: int, level: int):
+        self.driver, self.batch, self.integrator, self.outcome, self.row = driver, batch, integrator, outcome, row
+        self.state, self.p = outcome.states[row].copy(), batch.parameters[row]
+        self.at = int(outcome.done[row])
         self.stored = before(self.at, batch.every)
         self.used, self.level = 0, level
         self.tried: set[int] = set()
-        self.far = bool(found.far[row])
+        self.far = bool(outcome.far[row])
 
     @property
     def t(self) -> float:
@@ -182,12 +182,12 @@ class Continuation:
 
     def finish(self) -> None:
         """Choose, run, and choose again until all samples are there."""
-        found, row, slots = self.found, self.row, self.batch.slots
+        outcome, row, slots = self.outcome, self.row, self.batch.slots
         self._choose()
         while self.stored < slots:
             self._run()
-        found.states[row], found.done[row] = found.samples[row, -1], self.at
-        found.complete[row] = bool(np.isfinite(found.states[row]).all())
+        outcome.states[row], outcome.done[row] = outcome.samples[row, -1], self.at
+        outcome.complete[row] = bool(np.isfinite(outcome.states[row]).all())
 
     def _run(self) -> None:
         """Run by the chosen code: to the end where samples fall into step, else to the next sample."""
@@ -199,7 +199,7 @@ class Continuation:
         outcome = self.driver.programs.runner(self.used, self.integrator, self.level).run(part)
         complete, moved = bool(outcome.complete[0]), int(outcome.done[0])
         samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
-        self.found.samples[self.row, self.stored : self.stored + len(samples)] = samples
+        self.outcome.samples[self.row, self.stored : self.stored + len(samples)] = samples
         self.stored += len(samples)
         self.at += moved
         self.state, self.far = outcome.states[0], bool(outcome.far[0])
@@ -215,14 +215,14 @@ class Continuation:
             self.level += 1
             return
         self.tried.add(self.used)
-        found = driver.best(self.t, self.state, self.p, self.tried)
-        if found is None:
+        k = driver.best(self.t, self.state, self.p, self.tried)
+        if k is None:
             self._step()
             self.tried.clear()
-            found = driver.best(self.t, self.state, self.p, set())
-        if found is not None:
-            driver.tally.switches += found != self.used
-            self.used = found
+            k = driver.best(self.t, self.state, self.p, set())
+        if k is not None:
+            driver.tally.switches += k != self.used
+            self.used = k
         self.level = driver.programs.level(self.integrator, self.batch.h, self.state[driver.programs.n :])
 
     def _step(self) -> None:
@@ -235,7 +235,7 @@ class Continuation:
             self._lose()
         elif due:
             self.state = np.concatenate(driver.by_rank.project(self.t, q, v) if driver.projected else (q, v))
-            self.found.samples[self.row, self.stored] = self.state
+            self.outcome.samples[self.row, self.stored] = self.state
             self.stored += 1
         else:
             try:
@@ -250,7 +250,7 @@ class Continuation:
     def _lose(self) -> None:
         """What cannot go on is not a number from here, rather than a wrong one."""
         self.driver.tally.lost += self.stored < self.batch.slots
-        self.found.samples[self.row, self.stored :] = np.nan
+        self.outcome.samples[self.row, self.stored :] = np.nan
         self.stored = self.batch.slots
 
 

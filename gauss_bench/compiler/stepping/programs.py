@@ -99,8 +99,8 @@ class NativeEvaluator:
         y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
         out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
         self.native(lanes).call(address(y), address(p), address(at), address(out), len(y))
-        found = out_of_lanes(out, count)
-        return found[:, :-1], found[:, -1] > 0
+        rows = out_of_lanes(out, count)
+        return rows[:, :-1], rows[:, -1] > 0
 
     def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
         """Accelerations (n,) of one state, or None where a guard fails."""

@@ -105,16 +105,16 @@ class WrittenOut:
 
 def sines(w: Writer, angles: Mapping[int, str]) -> dict[str, str]:
     """Sine and cosine of angles in the text, from nothing: "%s2", "%c2" of angle 2 ..."""
-    g, found = Graph(), dict[str, str]()
+    g, names = Graph(), dict[str, str]()
     outer, w.names = w.names, {}
     for i, name in angles.items():
         q = g.leaf(name)
         w.names[q] = name
         pair = sincos(g, q)
         w.write(g, live(g, pair))
-        found |= {f"%s{i}": w.names[pair[0]], f"%c{i}": w.names[pair[1]]}
+        names |= {f"%s{i}": w.names[pair[0]], f"%c{i}": w.names[pair[1]]}
     w.names = outer
-    return found
+    return names
 
 
 class Looped:
@@ -198,18 +198,18 @@ def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT) 
     """The step written out where it stays short, else looped over its stages."""
     if integrator == "rk4" and 4 * code.acceleration.operations > longest:
         return Looped(code, reach)
-    found = WrittenOut(code, STEPS[integrator](code, reach))
-    return Looped(code, reach) if integrator == "rk4" and found.operations > longest else found
+    written = WrittenOut(code, STEPS[integrator](code, reach))
+    return Looped(code, reach) if integrator == "rk4" and written.operations > longest else written
 
 
 def rollout(code: Code, integrator: str, reach: Reach, lanes: int, longest: int = WRITTEN_OUT) -> Listing:
     """The module that steps by one integrator within one reach."""
-    found = body(code, integrator, reach, longest)
-    loop = _Loop(code, found, lanes)
-    return Listing("\n".join((loop.w.declarations(), loop.text(), _over_groups(code, lanes))), found.operations)
+    step = body(code, integrator, reach, longest)
+    loop = _RolloutWriter(code, step, lanes)
+    return Listing("\n".join((loop.w.declarations(), loop.text(), _over_groups(code, lanes))), step.operations)
 
 
-class _Loop:
+class _RolloutWriter:
     """Writes the function that steps one group, around a body."""
 
     def __init__(self, code: Code, body: Body, lanes: int):

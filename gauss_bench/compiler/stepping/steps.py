@@ -117,10 +117,10 @@ class Builder:
 
     def times_h(self, factor: float, power: int = 1) -> int:
         """Factor times a power of the step; does not change in the loop."""
-        found = self.g.const(factor)
+        product = self.g.const(factor)
         for _ in range(power):
-            found = self.g.mul(found, self.h)
-        return found
+            product = self.g.mul(product, self.h)
+        return product
 
     def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
         return [self.g.add(a, self.g.mul(factor, b)) for a, b in zip(x, d, strict=True)]
@@ -148,9 +148,9 @@ class Builder:
         """Rotate sines and cosines of the angles by d[i], and let the positions `to` have them."""
         if not self.reach.rotates:
             return []
-        found = [trigonometry.rotated(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
-        self.share(to, found)
-        return found
+        turned = [trigonometry.rotated(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
+        self.share(to, turned)
+        return turned
 
     def share(self, q: list[int], pairs: list[Pair]) -> None:
         """Let the angles of q have sines and cosines known otherwise, if any."""
@@ -195,9 +195,9 @@ class Builder:
         """Mask where everything limited stays in its bounds and v is finite."""
         g = self.g
         score = g.make("le", g.total(self.score), g.const(1.0))
-        found = g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
-        assert found is not None
-        return found
+        mask = g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
+        assert mask is not None
+        return mask
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
         """The step whose results are q, v and sines."""

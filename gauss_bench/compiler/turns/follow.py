@@ -52,7 +52,7 @@ Outputs = Literal["states", "path"]
 
 
 @dataclass(frozen=True, eq=False)
-class Code:
+class ClosingCode:
     """A program in machine arithmetic.
 
     Attributes:
@@ -84,17 +84,17 @@ class Code:
         masks = [self.near, self.turn, self.regular]
         return [*pairs, self.score, self.square, *self.moved.values(), *masks, *self.guards, *self.guess, *self.outputs]
 
-    def replaced(self, graph: Graph, roots: list[int]) -> "Code":
+    def replaced(self, graph: Graph, roots: list[int]) -> "ClosingCode":
         """The same code in another graph, for its roots there."""
         new = iter(roots)
         start = {k: (next(new), next(new)) for k in self.start}
         score, square, moved = next(new), next(new), {name: next(new) for name in self.moved}
         near, turn, regular = next(new), next(new), next(new)
         guards, guess = [next(new) for _ in self.guards], [next(new) for _ in self.guess]
-        return Code(graph, start, score, square, moved, near, turn, regular, guards, guess, list(new))
+        return ClosingCode(graph, start, score, square, moved, near, turn, regular, guards, guess, list(new))
 
 
-def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> Code:
+def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> ClosingCode:
     """A program as code that stores states, or the unknowns x alone ("path"); with `library`, sines are left to the target."""
     g = Graph()
 
@@ -117,7 +117,7 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
         moved |= {f"%s{k}": pair[0], f"%c{k}": pair[1]}
     scale = [g.const(1.0 / length) for length in program.lengths]
     jump = [g.mul(c, g.sub(a, b)) for c, a, b in zip(scale, guess, last, strict=True)]
-    return Code(
+    return ClosingCode(
         g,
         {k: sincos(guess[k]) for k in turning},
         g.squares(residual),
@@ -134,8 +134,8 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
 
 def _regular(g: Graph, guards: list[Pair]) -> int:
     """Mask where the square of every guard is at least what it must be."""
-    found = g.both([g.make("le", least, g.mul(x, x)) for x, least in guards])
-    return g.make("le", g.const(0.0), g.const(1.0)) if found is None else found
+    mask = g.both([g.make("le", least, g.mul(x, x)) for x, least in guards])
+    return g.make("le", g.const(0.0), g.const(1.0)) if mask is None else mask
 
 
 def _within(g: Graph, values: list[int], bound: float) -> int:
@@ -152,7 +152,7 @@ def follow(program: ClosureProgram, outputs: Outputs, lanes: int) -> Listing:
     """The module that follows `lanes` lanes at a time."""
     code = written(program, outputs)
     code = code.replaced(*rewrite(code.graph, code.roots()))
-    loop = _Loop(program, code, lanes)
+    loop = _FollowWriter(program, code, lanes)
     operations = count_operations(code.graph, live(code.graph, code.roots()))
     return Listing("\n".join((loop.w.declarations(), loop.text(), _over_groups(program, lanes))), operations)
 
@@ -174,7 +174,7 @@ class _Blocks:
     closed: list[int]
 
 
-def _blocks(code: Code) -> _Blocks:
+def _blocks(code: ClosingCode) -> _Blocks:
     g, values = code.graph, live(code.graph, code.roots())
     iterate = {f"%{letter}{k}" for k in range(len(code.guess)) for letter in "xsc"}
     varying = _depending(g, iterate)
@@ -200,17 +200,17 @@ def _blocks(code: Code) -> _Blocks:
 
 def _depending(g: Graph, names: set[str]) -> set[int]:
     """Values that depend on leaves of these names."""
-    found: set[int] = set()
+    dependent: set[int] = set()
     for x in range(len(g.operation)):
-        if str(g.payload[x]) in names if g.operation[x] == "leaf" else any(k in found for k in g.operands[x]):
-            found.add(x)
-    return found
+        if str(g.payload[x]) in names if g.operation[x] == "leaf" else any(k in dependent for k in g.operands[x]):
+            dependent.add(x)
+    return dependent
 
 
-class _Loop:
+class _FollowWriter:
     """Writes the function that follows one group."""
 
-    def __init__(self, program: ClosureProgram, code: Code, lanes: int):
+    def __init__(self, program: ClosureProgram, code: ClosingCode, lanes: int):
         self.program, self.code, self.w = program, code, Writer(lanes)
         self.leaves = leaves(code.graph, live(code.graph, code.roots()))
         self.blocks = _blocks(code)
@@ -239,14 +239,14 @@ class _Loop:
         """Load what does not change; type and first value of everything carried."""
         w = self.w
         w.names = {x: name for name, x in self.leaves.items()}
-        found = [w.load("%x", k) for k in self.unknowns]
+        start = [w.load("%x", k) for k in self.unknowns]
         self.signs = [w.load("%signs", k) for k in self.guards]
         w.names |= {x: w.load("%p", int(name[2:])) for name, x in self.leaves.items() if name.startswith("%p")}
         w.write(self.code.graph, self.blocks.fixed)
         self.tolerance = w.broadcast("%tolerance")
         places = [w.let(f"load i64, ptr {w.address('%where', lane, 'i64')}") for lane in range(w.lanes)]
         self.places = [w.address("%out", place, "double") for place in places]
-        carried = {f"%{letter}{k}": (w.real, found[k]) for letter in "Xl" for k in self.unknowns}
+        carried = {f"%{letter}{k}": (w.real, start[k]) for letter in "Xl" for k in self.unknowns}
         carried |= {f"%guard{k}": (w.real, w.const(0.0)) for k in self.guards}
         return carried | {"%alive": (w.mask, w.splat("true", "i1")), "%done": (w.real, w.const(0.0)), "%i": ("i64", "0")}
 
@@ -428,7 +428,7 @@ class Followed:
     guards: Array
 
 
-class Runner(Protocol):
+class Follower(Protocol):
     """Follows lanes."""
 
     def run(self, course: Course, threads: int = 1) -> Followed: ...
@@ -514,9 +514,9 @@ class ArrayFollower:
                 turn, regular, *values = self._checks(x, s, c, guess, last, u, p)
                 at = _stacked(values, lanes)
                 alive = alive & good & turn & regular & (course.signs.T * at >= 0.0).all(axis=0)
-                found = _stacked(self._closed(x, s, c, w, b, inputs[i + 1, :K], u, p), lanes)
-                course.rows[course.where[alive] + i] = found[U:].T[alive]
-                last, guards, guess = np.where(alive, x, last), np.where(alive, at, guards), found[:U]
+                rows = _stacked(self._closed(x, s, c, w, b, inputs[i + 1, :K], u, p), lanes)
+                course.rows[course.where[alive] + i] = rows[U:].T[alive]
+                last, guards, guess = np.where(alive, x, last), np.where(alive, at, guards), rows[:U]
                 closed += alive
                 if not alive.any():
                     break

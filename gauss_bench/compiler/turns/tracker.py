@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.loop_program import ClosureProgram, loop_values
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.turns.follow import LARGEST, TURN, Course, Followed, Runner
+from gauss_bench.compiler.turns.follow import LARGEST, TURN, Course, Followed, Follower
 from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_closure import loop_motion
@@ -51,7 +51,7 @@ class Lost(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class NextSample:
     """From a closed state q (n,) to inputs u with rates w and second rates b (K,), known variables as the loops count them."""
 
     q: Array
@@ -72,7 +72,7 @@ class Judge:
         """The mechanism with the open numbers p (n_p,)."""
         return with_numbers(self.mechanism, dict(zip(self.names, p.tolist(), strict=True)))
 
-    def step(self, step: Step, p: Array) -> Array:
+    def step(self, step: NextSample, p: Array) -> Array:
         """The row of numbers of a sample.
 
         Raises:
@@ -228,7 +228,9 @@ FEW = 4  # samples of a part, at least
 class Tracker:
     """Follows motions with the runners of one program: `states` stores whole rows, `path` the unknowns alone, in one lane."""
 
-    def __init__(self, program: ClosureProgram, equations: LoopEquations, states: Runner, path: Runner, judge: Judge, lanes: int):
+    def __init__(
+        self, program: ClosureProgram, equations: LoopEquations, states: Follower, path: Follower, judge: Judge, lanes: int
+    ):
         self.program, self.equations, self.states, self.path = program, equations, states, path
         self.judge, self.lanes = judge, lanes
         length = max(program.lengths, default=1.0)
@@ -346,17 +348,17 @@ class Tracker:
         each = min(count, max(1, ceil(count * self.strides(u))))
         nodes = np.arange(1, (parts - 1) * each + 1) * count // each
         way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
-        found = self._walked(motion, np.concatenate([way, u[:1], u[nodes]]))
-        return found[lead::each]
+        path = self._walked(motion, np.concatenate([way, u[:1], u[nodes]]))
+        return path[lead::each]
 
     def _walked(self, motion: Motion, u: Array) -> Array:
         """Unknowns along the inputs u (k, K), from the start; NaN from where the way is lost."""
-        found = np.full((len(u), self.program.unknowns), np.nan)
+        path = np.full((len(u), self.program.unknowns), np.nan)
         at, x = 0, motion.start.x
         while at < len(u):
             followed, rows = self._single(Start(x, u[at], motion.start.signs), u[at:], motion.p)
             closed = int(followed.closed[0])
-            found[at : at + closed] = rows[:closed]
+            path[at : at + closed] = rows[:closed]
             at += closed
             if at == len(u) or not closed:
                 break
@@ -364,7 +366,7 @@ class Tracker:
             if ahead is None:
                 break
             x = ahead
-        return found
+        return path
 
     def _between(self, motion: Motion, x: Array, before: Array, after: Array) -> Array | None:
         """Unknowns at `after` from those at `before`, on a way that is divided ever more finely."""
@@ -405,7 +407,7 @@ class Tracker:
                 return at + int(followed.closed[0]), followed.x[0]
         n = self.program.n
         q = rows[at - 1, :n] if at else self.state(motion, x)
-        rows[at] = self.judge.step(Step(q.copy(), *np.split(motion.levels[at], 3)), motion.p)
+        rows[at] = self.judge.step(NextSample(q.copy(), *np.split(motion.levels[at], 3)), motion.p)
         status[at] = Status.LIBRARY
         return at + 1, loop_values(self.equations, self.judge.mechanism_with(motion.p), rows[at, :n])[: self.program.unknowns]
 
@@ -448,13 +450,13 @@ APART = "with these numbers the linkage cannot be assembled where the file has i
 
 def deformed_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> list[Start]:
     """The starts of linkages with numbers p (linkages, n_p), from that with the nominal ones; with a fault where there is none."""
-    found = np.full((len(p), len(start.x)), np.nan)
+    ends = np.full((len(p), len(start.x)), np.nan)
     for steps in STEPS:
-        left = np.flatnonzero(~np.isfinite(found).all(axis=1))
+        left = np.flatnonzero(~np.isfinite(ends).all(axis=1))
         if len(left):
-            found[left] = _deformed(tracker, start, nominal, p[left], steps)
-    faults = ["" if good else APART for good in np.isfinite(found).all(axis=1)]
-    return [replace(start, x=x, fault=fault) for x, fault in zip(found, faults, strict=True)]
+            ends[left] = _deformed(tracker, start, nominal, p[left], steps)
+    faults = ["" if good else APART for good in np.isfinite(ends).all(axis=1)]
+    return [replace(start, x=x, fault=fault) for x, fault in zip(ends, faults, strict=True)]
 
 
 def _deformed(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:

@@ -1,7 +1,8 @@
 """Applied forces on links as forces of the world: for each link a force through its centre of mass and a moment about it.
 
 A force F at a link-fixed point with arm r counts as F and r x F. What acts along an axis of another link acts on that link with the
-opposite force on the same line. The derivation shares nothing with that of `mechanism.forces`, and works for symbols too.
+opposite force on the same line. The derivation shares nothing with `mechanism/coordinates.py` and the lowering of forces to it, on
+purpose: each kind is derived here a second time, or not certified. It works for symbols too.
 
     spring        on the second point: F = -(k (L - rest) + c L') d / L,    d from the first to the second,  L L' = d . d'
     axis spring   x = u . d,  x' = u . d' + omega u x d,                    F = (k (rest - x) - c x') u
@@ -28,6 +29,8 @@ from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.taylor.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scaled, sub
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merged
+
+KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDamper, JointDamping)
 
 
 class Loads:
@@ -99,6 +102,8 @@ class Loads:
             case JointDamping():
                 for pair in f.pairs:
                     self._damp(pair, f.c)
+            case _:
+                raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
     def _linear(self, k: Any, c: Any, rest: Any, x: Value, rate: Value) -> Value:
         return sub(mul(self.of(k), sub(self.of(rest), x)), mul(self.of(c), rate))
