@@ -84,7 +84,8 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     evidence = examine(evaluator, run.trajectory, reference, acceleration_error(mechanism, run.trajectory) if off is None else off)
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
-    row |= figures(mechanism, run.trajectory, evidence) | {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
+    row |= figures(mechanism, run.trajectory, evidence)
+    row |= {"step_count": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= {"note": "; ".join(filter(None, (run.message, unknown))), "valid": verdict.valid, "flag": verdict.sentence}
     if not verdict.valid:
         row |= {"status": str(Status.INVALID), "message": verdict.sentence}
@@ -123,8 +124,8 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
     }
     for t in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
-        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
-        row[f"crank_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
+        row[f"measured_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
+        row[f"measured_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
     return row
@@ -137,6 +138,7 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
         return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    columns = (errors.t, errors.measured, drift.position[near], drift.velocity[near], evidence.energy[near])
-    names = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
+    apart = errors.length.max(axis=1), errors.angle.max(axis=1)
+    columns = (errors.t, errors.measured, *apart, drift.position[near], drift.velocity[near], evidence.energy[near])
+    names = ("t", "measured_error", "length_error", "angle_error", "position_drift", "velocity_drift", "energy_error")
     return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]
