@@ -61,7 +61,7 @@ def test_engines_within_a_twentieth_tie() -> None:
 
 def test_an_error_below_the_references_bar_is_no_number() -> None:
     text = said("four_bar, torque", row(measured_error_t2=0.9e-12), row(engine="lagrange", measured_error_t2=1.1e-12))
-    assert "Crank error below the reference's bar (1e-12 rad): `gauss`." in text
+    assert "Error of angle of crank below the reference's bar (1e-12 rad): `gauss`." in text
 
 
 @pytest.mark.parametrize(("error", "same"), [(0.9e-6, True), (1.1e-6, False)])
