@@ -1,6 +1,7 @@
 """The rows of CONTRIBUTING.md as worked examples: each is done as it says, and what it promises holds."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -153,3 +154,76 @@ def test_a_force_touches_its_keys_and_its_kind(tmp_path: Path) -> None:
     insert(mechanism / "model.py", "@dataclass(frozen=True, eq=False)\nclass CoulombFriction:", KIND)
     insert(mechanism / "model.py", '    "coulomb_friction": CoulombFriction.read,', '    "motor": Motor.read,\n')
     assert "gauss" in run(tmp_path, USED)
+
+
+SECTION = '''"""What the weather was."""
+
+from collections.abc import Iterator
+
+from gauss_bench.report.content import Finding, Section, Table, Text, columns, text_cell
+from gauss_bench.report.rows import Run
+
+PLACE = 95
+TABLES = ("weather",)
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    if rows := run.table("weather"):
+        yield Finding("Weather", f"It was {rows[0]['sky']} in {rows[0]['place']}.")
+
+
+def section(run: Run) -> Section:
+    head, numeric = columns(("place", "sky", "temperature"), 2)
+    rows = tuple(tuple(text_cell(row[x]) for x in ("place", "sky", "temperature")) for row in run.table("weather"))
+    return Section("Weather", "weather", (Text("Looked up by hand."), Table("Weather", head, rows, numeric)))
+'''
+TABLE = """    "weather": Table("a place", (text("place", "name"), text("sky", "seen"), number("temperature", "there", "K")), 1),
+"""
+
+
+def copied(folder: Path) -> Path:
+    for name in ("gauss_bench", "mechanisms"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def said_by(folder: Path, *command: str) -> str:
+    """What a command says that runs in a copy of the project."""
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, cwd=folder, env=environment, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_the_schema(tmp_path: Path) -> None:
+    folder = copied(tmp_path)
+    (folder / "gauss_bench" / "report" / "sections" / "weather.py").write_text(SECTION, encoding="utf-8")
+    schema = folder / "gauss_bench" / "tables.py"
+    text = schema.read_text(encoding="utf-8")
+    start = "TABLES: dict[str, Table] = {\n"
+    assert text.count(start) == 1
+    schema.write_text(text.replace(start, start + TABLE), encoding="utf-8")
+    run = folder / "run"
+    row = "{'place': 'Bonn', 'sky': 'dry', 'temperature': 281.5}"
+    write = f"from pathlib import Path; from gauss_bench.tables import *; d = Path({str(run)!r}); write_schema(d); "
+    said_by(folder, "-c", write + f"write_table('weather', [{row}], d)")
+    said_by(folder, "-m", "gauss_bench", "report", "--out", str(run))
+    page = (run / "README.md").read_text(encoding="utf-8")
+    assert "**Weather.** It was dry in Bonn." in page
+    assert "| Bonn | dry | 281.5 |" in page
+
+
+def test_a_new_linkage_is_one_file(tmp_path: Path) -> None:
+    folder = copied(tmp_path)
+    document = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
+    new, count = re.subn(r'^name( *)= "four_bar"', r'name\1= "my_four_bar"', document, count=1, flags=re.MULTILINE)
+    assert count == 1
+    (folder / "mechanisms" / "my_four_bar.toml").write_text(new, encoding="utf-8")
+    assert "my_four_bar" in said_by(folder, "-m", "gauss_bench", "list")
+    assert "my_four_bar" in said_by(folder, "-m", "gauss_bench", "show", "my_four_bar")
+    draw = "from pathlib import Path; from gauss_bench.report.drawings.drawing import write_drawings; "
+    said_by(folder, "-c", draw + "write_drawings(Path('drawn'))")
+    assert (folder / "drawn" / "my_four_bar.svg").exists()
+    command = ("run", "my_four_bar", "--suite", "gate", "--engine", "gauss", "--steps", "0.01", "--until", "0.1", "--no-costs")
+    said_by(folder, "-m", "gauss_bench", *command, "--out", "run")
+    assert "my_four_bar" in (folder / "run" / "results.csv").read_text(encoding="utf-8")

@@ -39,4 +39,16 @@ LIMITATIONS = (
 
 
 def section(run: Run) -> Section:
-    return Section("Known limitations", "limitations", (Bullets(LIMITATIONS),))
+    return Section("Known limitations", "limitations", (Bullets((*LIMITATIONS, *left_out(run))),))
+
+
+def left_out(run: Run) -> tuple[str, ...]:
+    """What the suite did not run, each with its reason."""
+    told = []
+    for rule in run.environment.get("left_out", []):
+        words = [
+            ", ".join(f"{x:g}" if isinstance(x, float) else f"`{x}`" for x in rule[k]) for k in rule if k not in ("why", "steps")
+        ]
+        words += [f"at steps of {', '.join(f'{x:g}' for x in rule['steps'])} s"] if rule.get("steps") else []
+        told.append(f"**Left out:** {' '.join(words)}, because {rule['why']}.")
+    return tuple(told)

@@ -1,0 +1,152 @@
+"""The schema of tables: what is written is read, what is not declared is refused or left alone, and older files are understood."""
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gauss_bench import tables
+from gauss_bench.bench.gate import read_baseline
+from gauss_bench.cli import main
+from gauss_bench.report.build import build_report, tables_read
+from gauss_bench.tables import FORMAT, KEY, TABLES, Column, Table, TableError
+
+REPORTS = Path(__file__).parents[1] / "reports"
+VALUES: dict[str, tuple[Any, ...]] = {
+    "text": ("", 'a, "b"\nc', "nan", "True", "1"),
+    "number": (math.nan, 0.0, -1.25, 1e-300, math.inf),
+    "flag": (None, True, False),
+}
+
+
+def row(table: Table, turn: int) -> dict[str, Any]:
+    """A row whose values are those of each kind in turn."""
+    return {c.name: VALUES[c.kind][(turn + k) % len(VALUES[c.kind])] for k, c in enumerate(table.columns)}
+
+
+def same(one: Any, other: Any) -> bool:
+    return one == other or (isinstance(one, float) and isinstance(other, float) and math.isnan(one) and math.isnan(other))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
+    rows = [row(TABLES[name], turn) | ({"format": FORMAT} if name == "baseline" else {}) for turn in range(5)]
+    path = tables.write_table(name, rows, tmp_path)
+    tables.write_schema(tmp_path)
+    found = tables.read_table(name, tmp_path)
+    assert path.suffix == f".{TABLES[name].suffix}"
+    assert len(found) == len(rows)
+    for one, other in zip(rows, found, strict=True):
+        for column in TABLES[name].columns:
+            if name == "series" and column.kind == "number" and column.name not in ("step", "t_end"):
+                continue  # curves are kept in single precision
+            assert same(one[column.name], other[column.name]), column.name
+    tables.write_table(name, found, tmp_path)
+    assert all(map(same, found[0].values(), tables.read_table(name, tmp_path)[0].values()))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_column_says_what_it_is(name: str) -> None:
+    table = TABLES[name]
+    assert table.meaning
+    assert len(set(table.names)) == len(table.names)
+    assert all(column.meaning for column in table.columns)
+    assert 0 <= table.keys <= len(table.columns)
+
+
+def test_every_table_that_a_section_reads_is_in_the_schema() -> None:
+    assert set(tables_read()) <= set(TABLES)
+
+
+def test_a_new_text_column_breaks_neither_writer_nor_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = TABLES["agreement"]
+    new = Table(old.meaning, (*old.columns, Column("remark", "text", "a word on the linkage")), old.keys)
+    monkeypatch.setitem(TABLES, "agreement", new)
+    told = {"mechanism": "four_bar", "first": "a", "second": "b", "position": 1e-16, "remark": "not a number"}
+    tables.write_table("agreement", [told], tmp_path)
+    tables.write_schema(tmp_path)
+    assert tables.read_table("agreement", tmp_path)[0]["remark"] == "not a number"
+    assert build_report(tmp_path)
+
+
+def test_a_column_that_somebody_added_to_a_file_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "agreement.csv").write_text("mechanism,first,second,position,velocity,acceleration,why\nfour_bar,a,b,1,2,3,words\n")
+    tables.write_schema(tmp_path)
+    (found,) = tables.read_table("agreement", tmp_path)
+    assert "why" not in found
+    assert build_report(tmp_path)
+
+
+def test_a_column_without_a_place_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(KeyError, match="invented"):
+        tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("mechanism,first,second,position,velocity\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
+        ("mechanism,first,second,position,velocity,acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
+    ],
+)
+def test_a_damaged_table_is_refused_with_a_sentence(
+    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "agreement.csv").write_text(content)
+    tables.write_schema(tmp_path)
+    assert main(["report", "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert "agreement.csv" in told
+    assert said in told
+    assert not (tmp_path / "README.md").exists()
+
+
+@pytest.mark.parametrize("form", [FORMAT + 1, "two", 0, None])
+def test_a_format_that_is_not_known_is_refused(form: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tables.write_table("agreement", [], tmp_path)
+    (tmp_path / tables.SCHEMA_FILE).write_text(json.dumps({"format": form}))
+    assert main(["report", "--out", str(tmp_path)]) == 2
+    assert tables.SCHEMA_FILE in capsys.readouterr().err
+    assert not (tmp_path / "README.md").exists()
+
+
+def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_path: Path) -> None:
+    head = [*KEY, "metric", "value", "accepted"]
+    line = ["four_bar", "torque", "gauss", "default", "rk4", "none", "0.001", "1", "position_error", "1e-9", "2026-01-01 first"]
+    path = tmp_path / "baseline.csv"
+    for more, read in (([], True), ([str(FORMAT)], True), ([str(FORMAT + 1)], False)):
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows([[*head, *(["format"] if more else [])], [*line, *more]])
+        if read:
+            assert list(read_baseline(path)["value"]) == ["1e-9"]
+        else:
+            with pytest.raises(TableError, match=f"format {FORMAT + 1} is later"):
+                read_baseline(path)
+
+
+@pytest.mark.parametrize("name", [name for name in TABLES if (REPORTS / f"{name}.csv").exists()])
+def test_committed_tables_are_read_and_keep_their_figures(name: str) -> None:
+    path = REPORTS / f"{name}.csv"
+    form = None if name == "baseline" else tables.format_of(REPORTS)
+    found = tables.read_file(name, path, form)
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert len(found) == len(lines)
+    for one, line in zip(found, lines, strict=True):
+        for column in TABLES[name].columns[: TABLES[name].keys]:
+            if column.kind == "text" and column.name in line:
+                assert one[column.name] == line[column.name] or column.name == "metric"
+
+
+def test_times_that_format_1_gave_to_stabilised_runs_are_not_taken_over(tmp_path: Path) -> None:
+    """They were those of steps without stabilisation."""
+    lines = ["mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,step_time"]
+    lines += [f"four_bar,torque,gauss,default,rk4,{s},0.001,2,ok,5e-5" for s in ("none", "projection")]
+    (tmp_path / "results.csv").write_text("\n".join(lines) + "\n")
+    plain, stabilised = tables.read_table("results", tmp_path)
+    assert plain["step_time"] == 5e-5
+    assert math.isnan(stabilised["step_time"])
