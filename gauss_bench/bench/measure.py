@@ -10,10 +10,10 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.context import Alteration, unaltered
+from gauss_bench.bench.offers import Offer, describe
 from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
-from gauss_bench.engines.extras import not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -31,6 +31,12 @@ NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkag
 @lru_cache(maxsize=8)
 def mechanism_of(linkage: str, scenario: str) -> Mechanism:
     return load(linkage, scenario or None)
+
+
+@lru_cache(maxsize=8)
+def described(engine: str) -> Offer:
+    """What an engine offers, asked in this process: a worker."""
+    return describe(engine)
 
 
 @lru_cache(maxsize=4)
@@ -69,12 +75,11 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
         if states is not None:
             row.update(acceleration_errors(model, states))
 
-    try:
-        engine = get(case.engine)
-    except ImportError as error:
-        return {"row": row | {"status": str(Status.SKIP), "message": not_installed(error)}, "series": []}
+    offered = described(case.engine)
+    if not offered.usable:
+        return {"row": row | {"status": str(offered.status), "message": offered.reason}, "series": []}
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
-    run = one_run(engine, alter(mechanism), case.choice, wanted, inspect)
+    run = one_run(get(case.engine), alter(mechanism), case.choice, wanted, inspect)
     if run.trajectory is None:
         return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
