@@ -44,9 +44,14 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
+    from gauss_bench.report.errors import NoRun
+    from gauss_bench.suites.read import SuiteError
+    from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
-    return named or isinstance(error, (LinkageError, ChoiceError, CertificateError, MissingExtra, Busy, OSError))
+    return named or isinstance(
+        error, (LinkageError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError)
+    )
 
 
 def print_json(item: Any) -> None:
@@ -175,53 +180,44 @@ def verify(options: argparse.Namespace) -> int:
     return 0 if rows and all(row.get("passed", False) for row in rows) else 1
 
 
-def chosen_cases(options: argparse.Namespace, suite: str) -> list[Any]:
-    """The cases of a suite, for the linkages and engines asked for.
+def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
+    """The suites of these names as one, for the linkages and engines asked for.
 
     Raises:
-        LinkageError, KeyError: a linkage or an engine that cannot be used; before anything is run.
+        SuiteError, LinkageError, KeyError: what cannot be used; before anything is run.
     """
-    from gauss_bench.bench.cases import SCENARIOS, SUITES, as_asked
     from gauss_bench.bench.offers import offers
     from gauss_bench.mechanism.load import load
+    from gauss_bench.suites.read import joined, of_engines, read_suite, restricted, scenario_of
 
+    suite = joined([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
-    linkages = {x: load(x, asked or SCENARIOS.get(x)).scenario for x in options.linkages} or None
+    chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
     offers(options.engines or [])
-    cases = SUITES[suite](linkages, options.engines)
-    return as_asked(cases, getattr(options, "until", None), getattr(options, "steps", None))
+    suite = restricted(suite, chosen) if chosen else suite
+    return of_engines(suite, options.engines) if options.engines else suite
 
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.bench.asked import checked_budget
-    from gauss_bench.bench.runner import CASE_LIMIT
+    from gauss_bench.bench.cases import as_asked, cases
+    from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.runner import run as run_suite
 
-    if options.suite == "kernel":
-        return run_kernel(options)
-    cases, limit = chosen_cases(options, options.suite), checked_budget(options.budget, CASE_LIMIT)
-    rows = run_suite(cases, options.out, options.suite, options.jobs, not options.no_costs, not options.linkages, limit)
+    names = options.suite or ["quick"]
+    suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
+    as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
+    asked = (options.until, options.steps, limit)
+    tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
     if options.json:
-        print_json(rows.to_dict("records"))
+        print_json(tables)
     else:
-        print(text.format_run(rows, options.out))
-    return 0
+        print(text.format_run(tables, options.out))
+    if options.report:
+        from gauss_bench.report.build import build_report
 
-
-def run_kernel(options: argparse.Namespace) -> int:
-    """The suite of the compiled formulations: no cases, but tables of its own."""
-    from gauss_bench.bench.kernel_suite import LINKAGES, run_kernels, summary
-    from gauss_bench.engines.extras import require
-    from gauss_bench.mechanism.load import load
-
-    require("llvmlite")
-    chosen = {x: load(x, options.scenario or LINKAGES.get(x)).scenario for x in options.linkages} or None
-    tables = run_kernels(chosen, options.out, options.jobs)
-    if options.json:
-        print_json({name: table.to_dict("records") for name, table in tables.items()})
-    else:
-        print(f"{summary(tables)}; tables in {options.out}")
+        build_report(options.out)
     return 0
 
 
@@ -238,15 +234,16 @@ def check(options: argparse.Namespace) -> int:
 
     from gauss_bench.api import text
     from gauss_bench.bench import gate
-    from gauss_bench.bench.measure import unaltered
+    from gauss_bench.bench.cases import cases
+    from gauss_bench.bench.context import unaltered
     from gauss_bench.bench.runner import measure_all
 
-    cases = chosen_cases(options, "gate")
+    chosen = cases(chosen_suite(options, ["gate"]))
     if not options.accept and not options.baseline.exists():
         print(f"error: {options.baseline}: no baseline there; write one with --accept REASON", file=sys.stderr)
         return BAD_INPUT
     alter = partial(gate.scaled_inertia, options.plant_inertia) if options.plant_inertia else unaltered
-    rows, references = measure_all(cases, options.baseline.parent, options.jobs, alter)
+    rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
     found = gate.facts(rows, references)
     if options.accept:
         changed, refused = gate.accept(found, options.baseline, options.accept)

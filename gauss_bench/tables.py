@@ -1,113 +1,775 @@
-"""The tidy table: schema of a row, provenance, and files that are never half written."""
+"""Every table of a run: its columns with their types, units and meanings, for whoever writes, reads or shows them.
 
+A row is a mapping from column to value: a text, a number or a flag as the schema says. A missing text is empty, a missing number
+NaN, a missing flag None. Writing refuses what the schema does not know, so that no column appears by accident. Reading takes the
+schema's columns and leaves alone what others may have added to a file. The folder of a run carries the format's number and the
+schema itself in `tables.json`; a folder without it is of format 1 and is brought up to date while it is read (`migrated`), one of
+a later format is refused. A new table is one entry of TABLES.
+"""
+
+import csv
+import io
 import json
+import math
 import os
-import platform
-import subprocess
-import sys
-from collections.abc import Callable, Iterable
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import pandas as pd
+FORMAT = 2
+SCHEMA_FILE = "tables.json"
+DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
 
-KEY = ["mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end"]
-TEXTS = ["status", "message", "note", "flag", "link_errors", "measured", "measured_unit"]
-FLAGS = ["valid", "control"]
-NUMBERS = [
-    "steps",
-    "evaluations",
-    "acceleration_error_median",
-    "acceleration_error_max",
-    "crank_error_t05",
-    "crank_error_t1",
-    "crank_error_t2",
-    "crank_error_bar_t05",
-    "crank_error_bar_t1",
-    "crank_error_bar_t2",
-    "position_error",
-    "length_error",
-    "angle_error",
-    "velocity_error",
-    "position_error_bar",
-    "velocity_error_bar",
-    "compared",
-    "observed_order",
-    "position_drift",
-    "velocity_drift",
-    "acceleration_residual",
-    "energy_error",
-    "energy_error_bar",
-]
-COSTS = [
-    "build_time",
-    *(f"{q}_{k}" for q in ("step", "native_step", "acceleration") for k in ("time", "ratio", "ratio_low", "ratio_high")),
-]
-SIDE_TABLES = (
-    "references",
-    "certificates",
-    "agreement",
-    "singular",
-    "basins",
-    "driving",
-    "audit",
-    "reproduction",
-    "paper_motion",
-    "published",
+Row = Mapping[str, Any]
+
+
+class TableError(ValueError):
+    """A file that cannot be read as the table it should be; the message names file and column."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    Attributes:
+        name: the heading in files.
+        kind: what its values are.
+        meaning: in words.
+        unit: "" for texts, flags, counts and ratios.
+        exact: whether a number keeps all its digits in a CSV file.
+    """
+
+    name: str
+    kind: Literal["text", "number", "flag"]
+    meaning: str
+    unit: str = ""
+    exact: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: what a row is, and its columns; the first `keys` of them tell rows apart."""
+
+    meaning: str
+    columns: tuple[Column, ...]
+    keys: int = 0
+    suffix: Literal["csv", "parquet"] = "csv"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.columns)
+
+
+def text(name: str, meaning: str) -> Column:
+    return Column(name, "text", meaning)
+
+
+def flag(name: str, meaning: str) -> Column:
+    return Column(name, "flag", meaning)
+
+
+def number(name: str, meaning: str, unit: str = "", exact: bool = False) -> Column:
+    return Column(name, "number", meaning, unit, exact)
+
+
+def spread(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
+    """A lower quartile or a ratio of two, with its 5 and 95 percent points."""
+    return (
+        number(name, meaning, unit),
+        number(f"{name}_low", f"{meaning}: 5 percent point", unit),
+        number(f"{name}_high", f"{meaning}: 95 percent point", unit),
+    )
+
+
+WHERE = (text("mechanism", "name of the linkage"), text("scenario", "of the linkage file"))
+METHOD = (
+    text("engine", "as the command line calls it"),
+    text("settings", "label of the engine's options"),
+    text("integrator", "as the engine calls it"),
+    text("stabilization", "as the engine calls it"),
 )
-KERNEL_TABLES = (
-    "kernel_machine",
-    "kernel_steps",
-    "kernel_claim",
-    "kernel_ladder",
-    "kernel_accuracy",
-    "kernel_batch",
-    "kernel_rhs",
-    "kernel_bounds",
-    "kernel_agreement",
-    "kernel_long",
-    "kernel_energy",
-    "kernel_kinematics",
-    "scaling",
-    "kernel_growth",
+CASE = (
+    *WHERE,
+    *METHOD,
+    number("step", "of the integration, or spacing of samples where the integrator chooses its own", "s"),
+    number("t_end", "end of the run", "s"),
 )
-PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
+KEY = tuple(c.name for c in CASE)
+OUTCOME = (text("status", "ok, or how it ended"), text("message", "why it did not end ok"))
+SECONDS = spread("seconds", "lower quartile of processor time", "s")
+RIVALS = (number("rival_seconds", "the same of what it is compared with", "s"), *spread("ratio", "rival_seconds / seconds"))
+AIM = (number("target", "what was aimed at"), flag("met", "whether it is reached"))
+CHECKPOINTS = {"t05": 0.5, "t1": 1.0, "t2": 2.0}  # [s]
 
 
-def table(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
-    """All columns in order, rows sorted by key, texts never missing, numbers NaN where there is none."""
-    frame = pd.DataFrame(list(rows)).reindex(columns=[*KEY, *TEXTS, *FLAGS, *NUMBERS, *COSTS])
-    for column in [*KEY[:6], *TEXTS]:
-        frame[column] = frame[column].fillna("").astype(str)
-    for column in FLAGS:
-        frame[column] = frame[column].fillna(False).astype(bool)
-    for column in [*KEY[6:], *NUMBERS, *COSTS]:
-        frame[column] = frame[column].astype(float)
-    return frame.sort_values(KEY, ascending=[True] * 6 + [False, True], kind="stable", ignore_index=True)
+def _levels(meaning: str) -> tuple[Column, ...]:
+    return tuple(number(level, f"{meaning} of {level}s") for level in ("position", "velocity", "acceleration"))
 
 
-def write_table(frame: pd.DataFrame, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """CSV (diffable, ten digits) or Parquet (types, provenance in its metadata) by the ending of the path; atomic."""
-    if path.suffix == ".csv":
-        # errors mean something in their first digits; Parquet keeps them all
-        atomically(path, lambda part: frame.to_csv(part, index=False, float_format="%.10g", lineterminator="\n"))
-        return
+RESULTS = Table(
+    "one case of the accuracy suites: a linkage, an engine and everything that was chosen for it",
+    (
+        *CASE,
+        *OUTCOME,
+        text("note", "what the engine told of its run"),
+        text("flag", "why a run that ended counts for nothing"),
+        text("link_errors", "JSON: largest position and velocity error of each link"),
+        text("measured", "the coordinate whose error is told apart: an angle, a slide or a place"),
+        text("measured_unit", "its unit"),
+        flag("valid", "whether the run passed the validity gate"),
+        flag("control", "whether the engine is a negative control, wrong on purpose"),
+        number("steps", "taken"),
+        number("evaluations", "of the equations of motion"),
+        number("acceleration_error_median", "of the relative error at the same states"),
+        number("acceleration_error_max", "of the relative error at the same states"),
+        *(number(f"crank_error_{k}", f"of the measured coordinate after {t:g} s", "measured_unit") for k, t in CHECKPOINTS.items()),
+        *(number(f"crank_error_bar_{k}", f"of the reference after {t:g} s", "rad") for k, t in CHECKPOINTS.items()),
+        number("length_error", "largest of any link's place over all times", "m"),
+        number("angle_error", "largest of any link's angle over all times", "rad"),
+        number("compared", "times at which a truth is known"),
+        number("position_error", "largest over links and times", "m, rad"),
+        number("velocity_error", "largest over links and times", "m/s, rad/s"),
+        number("position_error_bar", "of the reference", "m, rad"),
+        number("velocity_error_bar", "of the reference", "m/s, rad/s"),
+        number("observed_order", "from this step and the next larger one"),
+        number("position_drift", "largest residual of the constraints", "m, rad"),
+        number("velocity_drift", "largest rate of it", "m/s, rad/s"),
+        number("acceleration_residual", "largest second rate of it", "m/s^2, rad/s^2"),
+        number("energy_error", "largest error of the balance of energy, work and losses", "J"),
+        number("energy_error_bar", "of that balance's quadrature", "J"),
+        number("build_time", "of the model, generated code taken from the store", "s"),
+        *(
+            column
+            for name, words in (
+                ("step", "one step called from Python"),
+                ("native_step", "one step in the engine's own loop"),
+                ("acceleration", "one acceleration called from Python"),
+            )
+            for column in (number(f"{name}_time", words, "s"), *spread(f"{name}_ratio", f"{words}, to the baseline engine's"))
+        ),
+    ),
+    len(CASE),
+)
+
+TABLES: dict[str, Table] = {
+    "results": RESULTS,
+    "references": Table(
+        "the motion that errors are measured against",
+        (
+            *WHERE,
+            number("t_end", "until where", "s"),
+            text("method", "how it was found"),
+            number("error_bar_q", "of positions", "m, rad"),
+            number("error_bar_v", "of velocities", "m/s, rad/s"),
+            number("floor_q", "what rounding all parameters moves positions by", "m, rad"),
+            *(number(f"crank_{k}", f"measured coordinate after {t:g} s", "rad or m", exact=True) for k, t in CHECKPOINTS.items()),
+        ),
+        3,
+    ),
+    "series": Table(
+        "one case at one time: the curves of the figures",
+        (
+            *CASE,
+            number("t", "time", "s"),
+            number("crank_error", "of the measured coordinate", "rad or m"),
+            number("position_drift", "largest residual of the constraints", "m, rad"),
+            number("velocity_drift", "largest rate of it", "m/s, rad/s"),
+            number("energy_error", "of the balance of energy, work and losses", "J"),
+        ),
+        len(CASE) + 1,
+        "parquet",
+    ),
+    "samples": Table(
+        "one block of one interleaved race",
+        (
+            *WHERE,
+            *METHOD,
+            text("quantity", "what was timed"),
+            number("step", "of the steps that were timed", "s"),
+            number("round", "of the race"),
+            number("seconds", "processor time of one repetition", "s"),
+        ),
+        8,
+        "parquet",
+    ),
+    "lost": Table(
+        "a task whose worker was lost, of tables whose rows have no status",
+        (text("table", "that it was to fill"), *WHERE, *OUTCOME),
+        3,
+    ),
+    "untimed": Table("what could not be timed", (*WHERE, *METHOD, text("quantity", "what was to be timed"), *OUTCOME), 7),
+    "agreement": Table(
+        "kinematics of a driven turn, one way against another",
+        (text("mechanism", "name of the linkage"), text("first", "one way"), text("second", "the other"), *_levels("difference")),
+        3,
+    ),
+    "singular": Table(
+        "a position at which a coordinate reverses",
+        (
+            text("mechanism", "name of the linkage"),
+            text("coordinate", "that reverses"),
+            text("kind", "limit or dead centre"),
+            number("crank_deg", "angle of the crank there", "deg"),
+        ),
+        4,
+    ),
+    "basins": Table(
+        "a search for the assembly from random starts",
+        (
+            text("mechanism", "name of the linkage"),
+            text("form", "of the equations"),
+            text("method", "of the search"),
+            number("spread", "of the starts", "rad or m"),
+            number("right", "share that ends in the assembly"),
+            number("other", "share that ends in another root"),
+            number("iterations", "mean"),
+        ),
+        4,
+    ),
+    "driving": Table(
+        "a driven turn: torque and joint forces from an engine's accelerations",
+        (
+            text("mechanism", "name of the linkage"),
+            *METHOD,
+            *OUTCOME,
+            number("torque_error", "relative to the largest torque"),
+            number("mean_torque", "over the turn, relative to the largest"),
+            number("force_error", "of joint forces, relative to the largest"),
+        ),
+        5,
+    ),
+    "audit": Table(
+        "one statement of a paper",
+        (
+            text("paper", "short reference"),
+            text("equation", "number"),
+            text("name", "what is stated"),
+            text("printed", "as it stands there"),
+            text("intended", "as it should read, where that differs"),
+            text("measured", "what the discrepancy is"),
+            text("reason", "why the tolerance is what it is"),
+            text("sentence", "what follows for a reader"),
+            text("cited", "the paper, in full, and how it was read"),
+            text("assumed", "what its numbers need that it does not give"),
+            text("cause", "of failing, short; lines with one cause are one mistake"),
+            text("cause_text", "why the line fails"),
+            text("doubt", "why it may be the extracted text's fault and not the paper's"),
+            text("verdict", "ok, misprint, wrong, loose, not given or unreadable"),
+            number("printed_off", "discrepancy of the printed form", "as measured"),
+            number("intended_off", "discrepancy of the right form", "as measured"),
+            number("tolerance", "largest discrepancy of a right form", "as measured"),
+            flag("stands", "whether the measurement agrees with the verdict"),
+            text("faults", "where it does not"),
+            text("example", "a number to check by hand"),
+            number("example_printed", "as the printed form has it"),
+            number("example_intended", "as the right form has it"),
+            number("example_true", "as it is"),
+        ),
+        3,
+    ),
+    "reproduction": Table(
+        "one quantity of the first paper's example",
+        (
+            text("group", "of quantities"),
+            text("key", "unique name"),
+            text("quantity", "in words"),
+            number("value", "in its unit", "unit"),
+            text("unit", "of the value"),
+            number("bracket", "uncertainty", "unit"),
+            text("verdict", "refuted, holds or not shown, for claims"),
+            text("statement", "what is assumed here, for what is left out"),
+        ),
+        2,
+    ),
+    "paper_motion": Table(
+        "the motion of that example at one time",
+        (
+            number("t", "time", "s"),
+            *(
+                number(f"{x}{rate}", words, unit + per)
+                for x, words, unit in (
+                    ("x1", "crank's centre", "m"),
+                    ("y1", "crank's centre", "m"),
+                    ("theta1", "crank's angle", "rad"),
+                    ("x3", "slider", "m"),
+                )
+                for rate, per in (("", ""), ("_rate", "/s"))
+            ),
+        ),
+        1,
+    ),
+    "published": Table(
+        "a published value held against a certified one",
+        (
+            *WHERE,
+            number("t", "time", "s"),
+            text("quantity", "its name"),
+            text("published", "as printed"),
+            text("certified", "to as many digits"),
+            number("difference", "of the two"),
+            number("printed_digits", "count"),
+            number("true_digits", "count"),
+            number("error_bar", "of the certified value"),
+            number("floor", "what rounding all parameters moves it by"),
+        ),
+        4,
+    ),
+    "certificates": Table(
+        "a certified scenario, or why it is none",
+        (
+            *OUTCOME,
+            *WHERE,
+            number("digits", "of positions and velocities"),
+            number("until", "certified until", "s"),
+            number("duration", "of the scenario", "s"),
+            flag("complete", "whether it is certified to its end"),
+            *(number(f"error_{x}", f"bar of {x} at the end", "SI") for x in ("q", "v", "a", "multipliers")),
+            *(number(f"floor_{x}", f"what rounding all parameters moves {x} by", "SI") for x in ("q", "v", "a")),
+            number("crank_end", "angle at the end", "rad"),
+            number("samples", "stored"),
+            number("step", "of the collocation", "s"),
+            text("method", "of the stored values"),
+            *(
+                column
+                for name in ("taylor", "collocation")
+                for column in (
+                    number(f"{name}_until", "reached", "s"),
+                    number(f"{name}_off_closed_form", "largest position error", "m, rad"),
+                    text(f"{name}_stopped", "why it ended"),
+                    text(f"{name}_method", "in words"),
+                    number(f"{name}_drift_q", "residual of the constraints", "m, rad"),
+                    number(f"{name}_drift_v", "rate of it", "m/s, rad/s"),
+                )
+            ),
+        ),
+    ),
+    "kernel_machine": Table(
+        "the processor, measured and named",
+        (
+            text("key", "unique name"),
+            text("quantity", "in words"),
+            text("unit", "of the value"),
+            *OUTCOME,
+            *spread("value", "measured", "unit"),
+            text("statement", "of what is not measured"),
+        ),
+        1,
+    ),
+    "kernel_steps": Table(
+        "a step of a compiled formulation in its own loop, against another engine's",
+        (
+            *WHERE,
+            text("formulation", "which is compiled"),
+            text("stabilization", "of the compiled one"),
+            text("rival", "engine"),
+            text("settings", "of the rival"),
+            number("step", "of both", "s"),
+            *OUTCOME,
+            *SECONDS,
+            *RIVALS,
+            *AIM,
+        ),
+        6,
+    ),
+    "kernel_claim": Table(
+        "n - m unknowns against n + m, with nothing else that differs",
+        (
+            *WHERE,
+            number("n", "coordinates"),
+            number("rows", "independent constraint rows"),
+            number("unknowns_gauss", "n - m"),
+            number("unknowns_lagrange", "n + m"),
+            *(
+                number(f"{what}_{name}", f"{words} of one acceleration")
+                for name in ("gauss", "lagrange")
+                for what, words in (("operations", "count"), ("divisions", "count"), ("critical", "cycles of the longest chain"))
+            ),
+            *OUTCOME,
+            *SECONDS,
+            *RIVALS,
+            text("verdict", "holds, open or reversed"),
+            *spread("batch_ratio", "the same of many trajectories in lanes"),
+            *spread("numpy_ratio", "the same of one acceleration of the textbook's form"),
+        ),
+        2,
+    ),
+    "kernel_ladder": Table(
+        "a method at one step: what it reaches after one second, and for how long it runs",
+        (
+            *WHERE,
+            *METHOD,
+            number("step", "of the integration", "s"),
+            number("seconds", "processor time of the run", "s"),
+            number("error", "of the measured coordinate after one second", "rad or m"),
+            number("error_bar", "of the reference", "rad"),
+            *OUTCOME,
+            text("ended", "why no smaller step was tried, at the last one"),
+        ),
+        7,
+    ),
+    "kernel_accuracy": Table(
+        "what a method takes to reach an accuracy",
+        (
+            *WHERE,
+            number("accuracy", "wanted of the measured coordinate after one second", "rad or m"),
+            *METHOD,
+            text("ended", "why no smaller step was tried"),
+            number("step", "the largest that reaches it", "s"),
+            number("error", "there", "rad"),
+            *OUTCOME,
+            *SECONDS,
+            flag("best", "whether it is the fastest way of its engine"),
+            *spread("ratio", "seconds / those of the compiled formulation's fastest way"),
+        ),
+        7,
+    ),
+    "kernel_batch": Table(
+        "many trajectories from different states on one core, against another engine's",
+        (
+            *WHERE,
+            number("states", "trajectories"),
+            number("steps", "of each"),
+            text("rival", "engine"),
+            text("settings", "of the rival"),
+            number("rival_steps", "of each"),
+            *OUTCOME,
+            *SECONDS,
+            *RIVALS,
+            number("lanes", "of a vector"),
+            number("lanes_error", "largest difference from single runs", "m, rad"),
+            number("lost", "trajectories that ended early"),
+            *AIM,
+        ),
+        2,
+    ),
+    "kernel_rhs": Table(
+        "one right-hand side, a state in and its accelerations out",
+        (
+            *WHERE,
+            text("own", "how the compiled formulation is asked"),
+            text("rival", "how the engine is asked"),
+            text("engine", "the rival"),
+            text("settings", "of the rival"),
+            *OUTCOME,
+            *SECONDS,
+            *RIVALS,
+            *AIM,
+        ),
+        6,
+    ),
+    "kernel_bounds": Table(
+        "how near a step comes to what the processor allows",
+        (
+            *WHERE,
+            text("quantity", "one trajectory or a batch"),
+            *OUTCOME,
+            *SECONDS,
+            number("cycles", "of the longest chain of operations"),
+            number("flops", "operations of a step"),
+            number("bound", "least time", "s"),
+            number("share", "of the bound that is reached"),
+        ),
+        3,
+    ),
+    "kernel_agreement": Table(
+        "accelerations of a compiled formulation against the same in numpy",
+        (
+            *WHERE,
+            text("formulation", "which is compiled"),
+            text("place", "where the states are taken from"),
+            number("states", "compared"),
+            *OUTCOME,
+            number("error", "worst relative difference"),
+            number("numpy_error", "the same of two formulations in numpy"),
+            text("against", "what it is compared with"),
+            *AIM,
+        ),
+        4,
+    ),
+    "kernel_long": Table(
+        "a long run with projection where no energy is lost or gained",
+        (
+            *WHERE,
+            text("formulation", "which is compiled"),
+            number("step", "of the integration", "s"),
+            number("t_end", "end of the run", "s"),
+            *OUTCOME,
+            number("position_drift", "largest residual of the constraints", "m, rad"),
+            number("velocity_drift", "largest rate of it", "m/s, rad/s"),
+            number("energy", "largest kinetic energy", "J"),
+            number("energy_first", "largest error in the first tenth", "J"),
+            number("energy_last", "largest error in the last tenth", "J"),
+            number("energy_max", "largest error", "J"),
+            *AIM,
+            number("order", "of the energy's error, from the run at twice the step"),
+        ),
+        4,
+    ),
+    "kernel_energy": Table(
+        "the energy error of a long run, tenth by tenth",
+        (
+            *WHERE,
+            text("formulation", "which is compiled"),
+            number("step", "of the integration", "s"),
+            number("t", "end of the tenth", "s"),
+            number("energy_error", "largest in it", "J"),
+        ),
+        5,
+    ),
+    "kernel_kinematics": Table(
+        "positions with velocities and accelerations over a turn of the crank",
+        (
+            *WHERE,
+            number("samples", "of the turn"),
+            text("method", "in words"),
+            *OUTCOME,
+            *SECONDS,
+            *spread("rate", "positions per second", "1/s"),
+            *(number(f"{x}_error", f"of {x}s, relative to the largest") for x in ("position", "velocity", "acceleration")),
+            *AIM,
+        ),
+        4,
+    ),
+    "scaling": Table(
+        "one right-hand side of a chain of four-bars",
+        (
+            text("engine", "and its way"),
+            text("quantity", "how it is asked"),
+            number("size", "windows of the chain"),
+            number("n", "coordinates"),
+            *OUTCOME,
+            number("generate_seconds", "to generate the code or build the model", "s"),
+            number("compile_seconds", "to compile it", "s"),
+            number("error", "of the accelerations, relative to the largest"),
+            number("seconds", "lower quartile of processor time", "s"),
+            number("low", "5 percent point", "s"),
+            number("high", "95 percent point", "s"),
+        ),
+        3,
+    ),
+    "kernel_growth": Table(
+        "how that time grows",
+        (
+            text("engine", "and its way"),
+            text("quantity", "how it is asked"),
+            number("sizes", "that the exponent is taken from"),
+            number("from", "windows of the smallest of them"),
+            number("exponent", "p of seconds ~ size^p"),
+        ),
+        2,
+    ),
+    "baseline": Table(
+        "one figure of the accuracy gate",
+        (
+            *CASE,
+            text("metric", "column of the results, or of the references"),
+            text("value", "accepted"),
+            text("accepted", "date and reason"),
+            number("format", "of this table"),
+        ),
+        len(CASE) + 1,
+    ),
+}
+RENAMED: dict[str, dict[str, str]] = {}  # table -> column of format 1 -> column of today
+
+
+def row_of(table: Table, values: Row) -> dict[str, Any]:
+    """A row with every column of the table and its type.
+
+    Raises:
+        KeyError: the schema knows a given column not.
+        TypeError, ValueError: a value is not of its column's type.
+    """
+    strange = values.keys() - set(table.names)
+    if strange:
+        raise KeyError(f"columns without a place in the schema: {', '.join(sorted(map(str, strange)))}")
+    return {column.name: typed(column, values.get(column.name)) for column in table.columns}
+
+
+def typed(column: Column, value: Any) -> Any:
+    """A value, or what is written of it, as its column's type."""
+    missing = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+    match column.kind:
+        case "text":
+            return "" if missing else str(value)
+        case "number":
+            return math.nan if missing else float(value)
+        case "flag":
+            if missing or isinstance(value, bool):
+                return value if isinstance(value, bool) else None
+            words = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+            if str(value).lower() not in words:
+                raise ValueError(f"{value!r} is neither true nor false")
+            return words[str(value).lower()]
+
+
+def written(column: Column, value: Any) -> str:
+    """A typed value as a CSV file has it."""
+    if column.kind == "number":
+        return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{DIGITS}g}"
+    return "" if value is None else str(value)
+
+
+def csv_text(table: Table, rows: Iterable[Row]) -> str:
+    """The table as a CSV file: a head, and a line a row."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(table.names)
+    for row in rows:
+        whole = row_of(table, row)
+        writer.writerow([written(c, whole[c.name]) for c in table.columns])
+    return out.getvalue()
+
+
+def write_table(name: str, rows: Iterable[Row], folder: Path, provenance: Mapping[str, Any] | None = None) -> Path:
+    """Write a table of the schema into a folder, its kind of file as the schema says; atomic.
+
+    Raises:
+        KeyError: there is no such table, or a row has a column that it has not.
+    """
+    table = TABLES[name]
+    path = folder / f"{name}.{table.suffix}"
+    if table.suffix == "csv":
+        write_text(path, csv_text(table, rows))
+    else:
+        write_parquet(name, rows, path, provenance)
+    return path
+
+
+def write_parquet(name: str, rows: Iterable[Row], path: Path, provenance: Mapping[str, Any] | None = None) -> None:
+    """A table as Parquet, which keeps all digits, with format and provenance in its metadata; curves in single precision."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    content = pa.Table.from_pandas(frame, preserve_index=False)
-    metadata = {**(content.schema.metadata or {}), b"gauss_bench": json.dumps(provenance or {}).encode()}
-    atomically(path, lambda part: pq.write_table(content.replace_schema_metadata(metadata), part, compression="zstd"))
+    table = TABLES[name]
+    whole = [row_of(table, row) for row in rows]
+    real = pa.float32() if name == "series" else pa.float64()  # a pen's width is 1e-3
+    kinds = {"text": pa.string(), "number": real, "flag": pa.bool_()}
+    numbers = {"step", "t_end"}
+    fields = [(c.name, pa.float64() if c.name in numbers else kinds[c.kind]) for c in table.columns]
+    content = pa.table([pa.array([row[n] for row in whole], t) for n, t in fields], names=[n for n, _ in fields])
+    told = {"table": name, "format": FORMAT, **(provenance or {})}
+    content = content.replace_schema_metadata({b"gauss_bench": json.dumps(told).encode()})
+    atomically(path, lambda part: pq.write_table(content, part, compression="zstd"))
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """A table written by `write_table`."""
-    if path.suffix == ".parquet":
-        return pd.read_parquet(path)
-    frame = pd.read_csv(path, keep_default_na=False, na_values={c: [""] for c in [*NUMBERS, *COSTS]})
-    return frame
+def write_schema(folder: Path) -> None:
+    """Write what every column means, and the format of the tables beside it."""
+    said = {name: {"meaning": t.meaning, "keys": t.keys, "columns": [asdict(c) for c in t.columns]} for name, t in TABLES.items()}
+    write_text(folder / SCHEMA_FILE, json.dumps({"format": FORMAT, "tables": said}, indent=1) + "\n")
+
+
+def format_of(folder: Path) -> int:
+    """The format of the tables in a folder; 1 where it does not say.
+
+    Raises:
+        TableError: it is a later one than is known here, or `tables.json` is damaged.
+    """
+    path = folder / SCHEMA_FILE
+    if not path.exists():
+        return 1
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))["format"]
+        if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+            raise ValueError(f"{found!r} is no format")
+    except (ValueError, KeyError, TypeError) as error:
+        raise TableError(f"{path}: does not tell the format of the tables beside it: {error}") from error
+    return checked(found, path)
+
+
+def checked(found: int, path: Path) -> int:
+    """A format that can be read.
+
+    Raises:
+        TableError: it is later than FORMAT.
+    """
+    if found > FORMAT:
+        raise TableError(f"{path}: format {found} is later than this version of gauss-bench can read, which is {FORMAT}")
+    return found
+
+
+def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
+    """Rows of a table in the folder of a run, typed, in the order of the file; none where there is no such file.
+
+    Raises:
+        TableError: the file is damaged, lacks a column, holds what is not of its column's type, or is of a later format.
+    """
+    found = format_of(folder)
+    for path in (folder / f"{name}.csv", folder / f"{name}.parquet"):
+        if path.exists():
+            return read_file(name, path, found)
+    return ()
+
+
+def read_file(name: str, path: Path, form: int | None = None) -> tuple[dict[str, Any], ...]:
+    """Rows of a table in a file of the given format, or of the one that its own column `format` tells.
+
+    Raises:
+        TableError: as `read_table`.
+    """
+    table = TABLES[name]
+    head, lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    if form is None:
+        form = _own_format(path, head, lines)
+    if form < FORMAT:
+        head, lines = migrated(name, head, lines)
+    lacking = [c.name for c in (table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
+    if head and lacking:
+        raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
+    rows = []
+    for count, line in enumerate(lines, 1):
+        row = {}
+        for column in table.columns:
+            try:
+                row[column.name] = typed(column, line.get(column.name))
+            except (TypeError, ValueError) as error:
+                raise TableError(f"{path}: table {name}, row {count}, column {column.name!r}: {error}") from error
+        rows.append(row)
+    return tuple(rows)
+
+
+def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int:
+    """What the column `format` says, or 1 where there is none."""
+    try:
+        told = {int(float(line["format"])) for line in lines} if "format" in head else {1}
+    except (TypeError, ValueError) as error:
+        raise TableError(f"{path}: column 'format': {error}") from error
+    return checked(max(told, default=FORMAT), path)
+
+
+def migrated(name: str, head: list[str], lines: list[dict[str, Any]]) -> tuple[list[str], list[dict[str, Any]]]:
+    """What a file of format 1 says, under the names of today; what it does not say is missing in every row."""
+    names = RENAMED.get(name, {})
+    fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
+    if name == "results":  # in which stabilised runs were given the times of steps without stabilisation
+        timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
+        fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
+    if name == "baseline":  # whose rows tell of columns
+        metrics = RENAMED.get("results", {}) | RENAMED.get("references", {})
+        fresh = [line | {"metric": metrics.get(line.get("metric", ""), line.get("metric", ""))} for line in fresh]
+    return [names.get(x, x) for x in head], fresh
+
+
+def _csv_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file, strict=True)
+            lines = [{k: x for k, x in line.items() if k is not None} for line in reader]
+            return list(reader.fieldnames or []), lines
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise TableError(f"{path}: no CSV file: {error}") from error
+
+
+def _parquet_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise TableError(f"{path}: no Parquet file: {error}") from error
+    return content.column_names, content.to_pylist()
 
 
 def atomically(path: Path, write: Callable[[Path], object]) -> None:
@@ -123,56 +785,5 @@ def atomically(path: Path, write: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
-def write_text(path: Path, text: str) -> None:
-    atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
-
-
-def package_versions() -> dict[str, str]:
-    """Versions of what computes; engines that are not installed are left out."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def environment() -> dict[str, Any]:
-    """Where and with what a run was made."""
-    return {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "commit": _git("rev-parse", "--short=12", "HEAD"),
-        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
-        "python": platform.python_version(),
-        "platform": f"{platform.system()} {platform.machine()}",
-        "cpu": _cpu(),
-        "cores": os.cpu_count(),
-        "threads": 1,
-        "blas": _blas(),
-        "versions": package_versions(),
-    }
-
-
-def _git(*arguments: str) -> str:
-    try:
-        command = ["git", "-C", str(Path(__file__).parent), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return ""
-
-
-def _cpu() -> str:
-    if sys.platform == "linux":
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()
-
-
-def _blas() -> str:
-    import numpy as np
-
-    config: Any = np.show_config(mode="dicts")
-    blas = config.get("Build Dependencies", {}).get("blas", {})
-    return f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()
+def write_text(path: Path, content: str) -> None:
+    atomically(path, lambda part: part.write_text(content, encoding="utf-8"))

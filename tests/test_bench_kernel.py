@@ -1,34 +1,33 @@
 """The kernel suite: targets are held the right way round, a miss is told, and its report needs its tables alone."""
 
-import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from gauss_bench.bench import targets as kernel_targets
-from gauss_bench.bench.kernel_chains import mechanism_named, name_of
-from gauss_bench.bench.kernel_effort import FULL, REDUCED
-from gauss_bench.bench.kernel_suite import exponents, run_kernels, summary
-from gauss_bench.bench.kernel_timing import Key, Measured, Missing
+from gauss_bench.api.text import format_run
+from gauss_bench.bench.clock import Key, Measured, Missing, at_least, at_most
 from gauss_bench.bench.measurements.claim import verdict
-from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, lead_time, with_ratios
-from gauss_bench.bench.measurements.ladder import METHODS, Method, largest_step, why_ended
-from gauss_bench.bench.measurements.limits import CHAINS, chain_text
+from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, largest_step, lead_time, why_ended, with_ratios
+from gauss_bench.bench.measurements.growth import exponents
 from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.steps import step_rows
+from gauss_bench.bench.runner import run
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
-from gauss_bench.report.build import build_report, read_run
-from gauss_bench.report.kernel_findings import kernel_findings
-from gauss_bench.tables import KERNEL_TABLES
+from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.rows import Run
+from gauss_bench.suites.read import read_suite, restricted
+from gauss_bench.suites.schema import Method, Suite
+from gauss_bench.tables import TABLES, read_table, write_table
 from gauss_bench.trajectory import Status
 
+SUITE = read_suite("kernel")
+KERNEL = [name for name in TABLES if name.startswith("kernel_") or name == "scaling"]
 SPREAD = ("seconds", "seconds_low", "seconds_high")
 RATIO = ("ratio", "ratio_low", "ratio_high")
 PROMISED = {
@@ -52,16 +51,29 @@ PROMISED = {
 }
 
 
+def small() -> Suite:
+    """The kernel suite on the four-bar alone, with less of everything."""
+    suite = restricted(SUITE, {"four_bar": "torque"})
+    less: dict[str, dict[str, Any]] = {
+        "cost": {"rounds": 3, "engines": ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")},
+        "agreement": {"states": 50},
+        "equal_accuracy": {"cap": 0.05, "rounds": 3, "lead": 0.005},
+        "long_runs": {"duration": 2.0},
+        "turns": {"rounds": 3},
+    }
+    parts = {name: tuple(x.model_copy(update=y) for x in getattr(suite, name)) for name, y in less.items()}
+    return suite.model_copy(update=parts)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("kernel")
-    run_kernels({"four_bar": "torque"}, found, 2, REDUCED)
+    run(small(), found, 2, name="kernel")
     return found
 
 
-def table(folder: Path, name: str) -> list[dict[str, Any]]:
-    frame = pd.read_csv(folder / f"{name}.csv", keep_default_na=False)
-    return [{str(k): x for k, x in row.items()} for row in frame.to_dict("records")]
+def table(folder: Path, name: str) -> tuple[dict[str, Any], ...]:
+    return read_table(name, folder)
 
 
 def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -> None:
@@ -79,43 +91,47 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
 
 
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
-    before = (folder / ".run" / "kernel.jsonl").read_bytes()
+    before = (folder / ".run" / "journal.jsonl").read_bytes()
     steps = (folder / "kernel_steps.csv").read_bytes()
-    run_kernels({"four_bar": "torque"}, folder, 1, REDUCED)
-    assert (folder / ".run" / "kernel.jsonl").read_bytes() == before
+    run(small(), folder, 1, name="kernel")
+    assert (folder / ".run" / "journal.jsonl").read_bytes() == before
     assert (folder / "kernel_steps.csv").read_bytes() == steps
 
 
 def test_targets_are_held_the_right_way_round() -> None:
-    assert kernel_targets.at_least({"x": 2.0}, "x", 1.0)["met"]
-    assert not kernel_targets.at_least({"x": 0.5}, "x", 1.0)["met"]
-    assert kernel_targets.at_most({"x": 0.5}, "x", 1.0)["met"]
-    assert not kernel_targets.at_most({"x": 2.0}, "x", 1.0)["met"]
-    for held in (kernel_targets.at_least, kernel_targets.at_most):
+    assert at_least({"x": 2.0}, "x", 1.0)["met"]
+    assert not at_least({"x": 0.5}, "x", 1.0)["met"]
+    assert at_most({"x": 0.5}, "x", 1.0)["met"]
+    assert not at_most({"x": 2.0}, "x", 1.0)["met"]
+    for held in (at_least, at_most):
         assert not held({"status": "error"}, "x", 1.0)["met"], "what was not measured has met nothing"
         assert not held({"x": math.nan}, "x", 1.0)["met"]
-    assert "met" not in kernel_targets.at_least({"x": 0.5}, "x", None)
+    assert "met" not in at_least({"x": 0.5}, "x", None)
 
 
 @pytest.mark.parametrize(("slower", "met"), [(1.0, True), (3.0, False)])
 def test_a_slower_kernel_misses_its_target(slower: float, met: bool) -> None:
     """MuJoCo at 100 times a step of the kernel: enough for 80 times; planted three times slower it is not."""
-    mechanism = load("crank_slider", "paper")
-    own = {Key("step", f, "default", s): np.full(9, slower * 1e-7) for f in ("gauss", "lagrange") for s in ("none", "projection")}
-    rows = step_rows(mechanism, Measured({**own, **{Key("step", "mujoco", s): np.full(9, 1e-5) for s in ("tuned", "default")}}, {}))
+    own = {
+        Key("native_step", f, stabilization=s): np.full(9, slower * 1e-7)
+        for f in ("gauss-native", "lagrange-native")
+        for s in ("none", "projection")
+    }
+    rivals = {Key("native_step", "mujoco", s): np.full(9, 1e-5) for s in ("tuned", "default")}
+    rows = step_rows(("crank_slider", "paper"), SUITE.steps[0], 1e-4, Measured({**own, **rivals}, {}))
     aimed = [row for row in rows if row["formulation"] == "gauss" and row["stabilization"] == "none"]
     assert len(aimed) == 2
     assert all(row["met"] is met and row["target"] == 80.0 for row in aimed)
     assert all(row["ratio"] == pytest.approx(100 / slower) for row in aimed)
     assert all("met" not in row for row in rows if row["formulation"] == "lagrange")
-    told = summary({"kernel_steps": pd.DataFrame(rows)})
+    told = format_run({"kernel_steps": rows}, Path("out"))
     assert ("missed: crank_slider paper gauss" in told) is not met
 
 
 def test_what_cannot_be_timed_leaves_rows_with_the_reason() -> None:
-    mechanism = load("crank_slider", "paper")
-    lost = {Key("step", "mujoco", s): Missing(Status.SKIP, "not installed: mujoco") for s in ("tuned", "default")}
-    rows = step_rows(mechanism, Measured({Key("step", "gauss"): np.full(9, 1e-7)}, lost))
+    lost = {Key("native_step", "mujoco", s): Missing(Status.SKIP, "not installed: mujoco") for s in ("tuned", "default")}
+    measured = Measured({Key("native_step", "gauss-native"): np.full(9, 1e-7)}, lost)
+    rows = step_rows(("crank_slider", "paper"), SUITE.steps[0], 1e-4, measured)
     assert all(row["status"] == "skip" and row["message"] for row in rows)
     assert not any(row.get("met", False) for row in rows)
 
@@ -149,16 +165,15 @@ def test_the_largest_step_that_reaches_a_target_is_taken() -> None:
     ],
 )
 def test_a_ladder_ends_where_it_must_and_says_why(rows: list[dict[str, Any]], reason: str) -> None:
-    assert why_ended(rows, 1.0) == reason
+    assert why_ended(rows, 1e-9, 1.0) == reason
 
 
 def test_a_method_that_cannot_reach_an_accuracy_is_a_row_with_its_best() -> None:
-    own, soft = METHODS[0], Method("mujoco", "tuned", "rk4", "none")
-    ladders = [
-        (own, [rung(1e-2, 1e-4), rung(5e-3, 1e-10)], "done"),
-        (soft, [rung(1e-2, 1e-4), rung(5e-3, 2e-5)], "the error stays"),
-    ]
-    rows = equal_accuracy("four_bar", "torque", ladders, 3, 1e-3)["kernel_accuracy"]
+    own, soft = Method(engine="gauss-native"), Method(engine="mujoco", settings="tuned")
+    rungs = [x | own.model_dump() for x in (rung(1e-2, 1e-4), rung(5e-3, 1e-10) | {"ended": "done"})]
+    rungs += [x | soft.model_dump() for x in (rung(1e-2, 1e-4), rung(5e-3, 2e-5) | {"ended": "the error stays"})]
+    part = SUITE.equal_accuracy[0].model_copy(update={"methods": (own, soft), "rounds": 3, "lead": 1e-3})
+    rows = equal_accuracy("four_bar", "torque", part, rungs)["kernel_accuracy"]
     reached, missed = ([row for row in rows if row["engine"] == engine] for engine in (own.engine, soft.engine))
     assert [(row["status"], row["best"], row["ratio"]) for row in reached] == [("ok", True, 1.0)] * 2
     assert [row["status"] for row in missed] == ["cannot reach"] * 2
@@ -166,11 +181,12 @@ def test_a_method_that_cannot_reach_an_accuracy_is_a_row_with_its_best() -> None
 
 
 def test_the_best_way_of_an_engine_is_its_fastest_and_ratios_are_to_the_kernels() -> None:
-    fast, slow, other = METHODS[1], METHODS[0], METHODS[2]
+    slow, other = Method(engine="gauss-native"), Method(engine="mujoco", settings="tuned")
+    fast = Method(engine="gauss-native", stabilization="projection")
     times = {fast: 1e-4, slow: 3e-4, other: 2e-2}
     measured = Measured({m: np.full(5, x) for m, x in times.items()}, {})
-    rows = [{**vars(m), "status": "ok", "seconds": x} for m, x in times.items()]
-    found = with_ratios(rows, measured)
+    rows = [{**m.model_dump(), "status": "ok", "seconds": x} for m, x in times.items()]
+    found = with_ratios(rows, measured, "gauss-native")
     assert [(row["best"], round(row["ratio"], 6)) for row in found] == [(True, 1.0), (False, 3.0), (True, 200.0)]
 
 
@@ -186,7 +202,7 @@ def test_long_runs_are_cut_at_a_step_and_short_ones_are_not() -> None:
 )
 def test_a_long_run_must_keep_its_order_and_its_constraints(energy: float, drift: float, met: bool) -> None:
     coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
-    assert judged(coarse | {"energy_max": energy, "position_drift": drift}, coarse)["met"] is met
+    assert judged(coarse | {"energy_max": energy, "position_drift": drift}, coarse, SUITE.long_runs[0])["met"] is met
 
 
 def test_growth_is_the_exponent_of_large_sizes_alone() -> None:
@@ -194,14 +210,14 @@ def test_growth_is_the_exponent_of_large_sizes_alone() -> None:
         {"engine": "a", "quantity": "q", "size": n, "seconds": 1.0 if n < 16 else 1e-9 * n**1.5, "status": "ok"}
         for n in (1, 4, 16, 64, 256)
     ]
-    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "status": "skip"}])
+    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "status": "skip"}], 16)
     assert found["exponent"] == pytest.approx(1.5)
     assert found["sizes"] == 3
 
 
 def test_a_chain_of_pendulums_has_as_many_freedoms_as_links() -> None:
     for links in (1, 3):
-        mechanism = mechanism_named(name_of(links), "swing")
+        mechanism = load(f"pendulums_{links}", "swing")
         assert (mechanism.n, mechanism.dof, mechanism.redundant) == (3 * links, links, 0)
 
 
@@ -233,8 +249,8 @@ def test_the_bare_call_of_pinocchio_gives_the_adapters_accelerations() -> None:
 
 
 def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) -> None:
-    for name in KERNEL_TABLES:
-        (tmp_path / f"{name}.csv").write_bytes((folder / f"{name}.csv").read_bytes())
+    for path in folder.glob("kernel_*.csv"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
     files = build_report(tmp_path)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     for title in ("Is the paper right?", "The native kernel", "A step against MuJoCo", "Distance to the machine's limit"):
@@ -248,30 +264,23 @@ def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) 
 
 def test_the_report_of_a_run_in_which_everything_failed_tells_why(tmp_path: Path) -> None:
     row = {"mechanism": "four_bar", "scenario": "torque", "status": "crashed", "message": "the process died with signal SIGSEGV"}
-    for name in set(KERNEL_TABLES) - {"kernel_growth"}:  # which is worked out from another
-        pd.DataFrame([row]).to_csv(tmp_path / f"{name}.csv", index=False)
+    for name in KERNEL:
+        known = {k: x for k, x in row.items() if k in TABLES[name].names}
+        write_table(name, [known] if "status" in known else [], tmp_path)
     build_report(tmp_path)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert page.count("SIGSEGV") >= 8
-    assert any(finding.tone == "bad" for finding in kernel_findings(read_run(tmp_path)))
+    assert any(finding.tone == "bad" for finding in all_findings(read_run(tmp_path)))
 
 
-def test_a_miss_is_the_first_thing_the_findings_say(folder: Path) -> None:
-    run = read_run(folder)
+def test_a_miss_is_the_first_thing_the_findings_say() -> None:
     row = {"mechanism": "six_bar", "formulation": "gauss", "stabilization": "none", "settings": "tuned", "status": "ok"}
     met = row | {"ratio": 60.0, "target": 48.0, "met": True}
     for planted, tone in ((met, "good"), (met | {"ratio": 30.0, "met": False}, "bad")):
-        found = next(kernel_findings(replace(run, kernels={"kernel_steps": (planted,)})))
+        found = next(all_findings(Run({}, {"kernel_steps": (planted,)})))
         assert found.tone == tone
         assert ("six_bar" in found.text and "30.0, 48.0 wanted" in found.text) is (tone == "bad")
 
 
-def test_findings_say_nothing_of_a_run_without_kernels(tmp_path: Path) -> None:
-    (tmp_path / "environment.json").write_text(json.dumps({}))
-    assert not list(kernel_findings(read_run(tmp_path)))
-
-
-def test_the_whole_suite_is_larger_than_the_reduced_one() -> None:
-    assert FULL.rounds > REDUCED.rounds
-    assert max(FULL.sizes) > max(REDUCED.sizes)
-    assert FULL.batch == 4096
+def test_findings_say_nothing_of_a_run_without_kernels() -> None:
+    assert not list(all_findings(Run({}, {})))

@@ -12,20 +12,28 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gauss_bench.bench.cases import Case, gate
-from gauss_bench.bench.clock import compare_costs, ratio
+from gauss_bench.bench.cases import Case, cases
+from gauss_bench.bench.clock import ratio
 from gauss_bench.bench.journal import Busy, Journal
 from gauss_bench.bench.measure import measure
-from gauss_bench.bench.runner import run
-from gauss_bench.tables import KEY, NUMBERS, read_table
+from gauss_bench.bench.measurements.cost import race
+from gauss_bench.bench.runner import measure_all, run
+from gauss_bench.suites.read import of_engines, read_suite, restricted
+from gauss_bench.suites.schema import Cost, Suite
+from gauss_bench.tables import KEY, TABLES, read_file
 
 ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
 COMMAND = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs"]
 COMMAND += [x for name in ENGINES for x in ("--engine", name)]
 
 
+def gate() -> Suite:
+    """The gate suite on the four-bar with three engines."""
+    return of_engines(restricted(read_suite("gate"), {"four_bar": "torque"}), ENGINES)
+
+
 def lines(folder: Path) -> list[bytes]:
-    journal = folder / ".run" / "gate.jsonl"
+    journal = folder / ".run" / "journal.jsonl"
     return journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
 
 
@@ -39,40 +47,45 @@ def test_kill_9_loses_no_finished_case_and_doubles_none(after: int, tmp_path: Pa
     process.wait()
     finished = [line for line in lines(tmp_path) if line.endswith(b"\n")]
     assert not list(tmp_path.glob("results*"))
-    (tmp_path / ".run" / "gate.jsonl").open("ab").write(b'{"key": "torn')  # what a kill in the middle of a write leaves
+    (tmp_path / ".run" / "journal.jsonl").open("ab").write(b'{"key": "torn')  # what a kill in the middle of a write leaves
     subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
     after_all = lines(tmp_path)
     assert after_all[: len(finished)] == finished
     keys = [json.loads(line)["key"] for line in after_all]
     assert len(keys) == len(set(keys))
-    rows = read_table(tmp_path / "results.csv")
-    assert len(rows) == len(gate({"four_bar": "torque"}, ENGINES))
-    assert not rows.duplicated(KEY).any()
+    rows = read_file("results", tmp_path / "results.csv", 2)
+    assert len(rows) == len(cases(gate()))
+    assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows)
     subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
     assert lines(tmp_path) == after_all
 
 
 def test_accuracy_rows_are_the_same_bit_by_bit(tmp_path: Path) -> None:
-    cases = gate({"four_bar": "torque"}, ENGINES)
     tables = []
     for name, jobs in (("one", 1), ("two", 2)):
-        run(cases, tmp_path / name, "gate", jobs, costs=False)
+        run(gate(), tmp_path / name, jobs, costs=False)
         tables.append((tmp_path / name / "results.csv").read_bytes())
     assert tables[0] == tables[1]
 
 
-def test_tables_of_both_kinds_hold_the_same_and_failures_are_rows(tmp_path: Path) -> None:
-    cases = [
+def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
+    chosen = [
         Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1),
         Case("crank_slider", "paper", "yuan_ge_eq16", "default", "rk4", "none", 1e-2, 1.0),
     ]
-    rows = run(cases, tmp_path, "gate", 1, costs=False)
+    rows, _ = measure_all(chosen, tmp_path, 1)
     assert list(rows["engine"]) == ["yuan_ge_eq16", "gauss"]
     assert list(rows["status"]) == ["nan", "ok"]
     assert rows["message"][0]
-    csv, parquet = read_table(tmp_path / "results.csv"), read_table(tmp_path / "results.parquet")
-    for column in NUMBERS:
-        np.testing.assert_allclose(csv[column], parquet[column], rtol=1e-9)
+
+
+def test_tables_of_both_kinds_hold_the_same(tmp_path: Path) -> None:
+    run(gate(), tmp_path, 1, costs=False)
+    csv, parquet = (read_file("results", tmp_path / f"results.{x}", 2) for x in ("csv", "parquet"))
+    numbers = [c.name for c in TABLES["results"].columns if c.kind == "number"]
+    for one, other in zip(csv, parquet, strict=True):
+        np.testing.assert_allclose([one[x] for x in numbers], [other[x] for x in numbers], rtol=1e-9)
+        assert all(one[x] == other[x] for x in one if x not in numbers)
     provenance = json.loads((tmp_path / "environment.json").read_text(encoding="utf-8"))
     assert {"versions", "cpu", "threads", "commit", "engines"} <= provenance.keys()
 
@@ -84,7 +97,7 @@ def test_two_runs_do_not_write_into_one_journal(tmp_path: Path) -> None:
 
 def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
     with Journal(tmp_path / "a.jsonl") as journal:
-        journal.add("case", "old", {"row": {"x": 1}})
+        journal.add("case", "old", {"results": [{"x": 1}]})
         assert journal.finished("case", "old")
         assert journal.finished("case", "new") is None
 
@@ -102,9 +115,9 @@ def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_pa
 
 
 def test_costs_are_interleaved_and_complete() -> None:
-    found = compare_costs("four_bar", "torque", ["gauss", "lagrange"])
+    found = race("four_bar", "torque", Cost(linkages={}, engines=("gauss", "lagrange"), integrators=1, step=1e-3, rounds=10))
     samples = pd.DataFrame(found["samples"])
-    assert not found["failed"]
+    assert not found["untimed"]
     counts = samples.groupby(["engine", "integrator", "quantity"]).size()
     assert counts.nunique() == 1
     assert (samples["seconds"] > 0).all()

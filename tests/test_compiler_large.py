@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.kernel_chains import mechanism_named
-from gauss_bench.bench.measurements.growth import growth, scaling
+from gauss_bench.bench.measurements.growth import exponent, scaling
 from gauss_bench.compiler.chains.looped import LoopedCode
 from gauss_bench.compiler.elimination.formulations import Plan
 from gauss_bench.compiler.elimination.partition import study
@@ -44,7 +43,7 @@ def every_linkage() -> Iterator[Mechanism]:
             mechanism = load(name, scenario)
             if not mechanism.has_friction:
                 yield mechanism
-    yield mechanism_named("pendulums_9", "swing")
+    yield load("pendulums_9", "swing")
     yield ladder(11)
 
 
@@ -244,7 +243,7 @@ def test_what_there_is_no_kernel_for_is_refused() -> None:
 
 
 def test_the_comparison_has_a_row_for_every_engine() -> None:
-    rows = scaling([1])["scaling"]
+    rows = scaling(1, 3)["scaling"]
     own = [x for x in rows if x["engine"].startswith("loops")]
     assert {x["engine"] for x in own} == {"loops, gauss", "loops, lagrange"}
     assert all(0 < x["low"] <= x["seconds"] <= x["high"] and x["error"] < ROUNDING for x in own)
@@ -252,8 +251,8 @@ def test_the_comparison_has_a_row_for_every_engine() -> None:
 
 
 def test_growth_is_the_slope_of_logarithms() -> None:
-    rows = [{"engine": "a", "quantity": "b", "size": n, "seconds": 3e-7 * n**1.25} for n in (1, 16, 64, 256)]
-    assert growth(rows, "a", "b") == pytest.approx(1.25)
+    sizes = (1, 16, 64, 256)
+    assert exponent(sizes, [3e-7 * n**1.25 for n in sizes]) == pytest.approx(1.25)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "sleigh"])

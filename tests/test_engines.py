@@ -6,16 +6,18 @@ from typing import Any
 
 import pytest
 
-from gauss_bench.bench.cases import SCENARIOS, Case
+from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.worker import Worker
 from gauss_bench.engines import FOREIGN, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import load
+from gauss_bench.suites.read import read_suite
 from tests.conftest import everything
 
 DATA = Path(__file__).parent / "data"
+SCENARIOS = read_suite("gate").accuracy[0].linkages
 # median relative error at the same state that each engine's arithmetic explains
 GATES = {
     ("mujoco", "rigid"): 1e-8,  # regularisation scaled down by 1e-6

@@ -6,8 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Block, compare_costs, interleaved, lasting, ratio, timed
+from gauss_bench.bench.clock import Block, interleaved, lasting, ratio, timed
+from gauss_bench.bench.measurements.cost import race
+from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
+
+MUJOCO = Cost(linkages={}, engines=("mujoco",), step=1e-3, rounds=4)
 
 
 @pytest.fixture
@@ -43,8 +47,8 @@ def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, 
 def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     costs = Costs(build=5e-3, step=7e-6, native_step=3e-6, acceleration=2e-6)
     replace_engine(monkeypatch, "mujoco", clock, costs)
-    found = compare_costs("four_bar", "torque", ["mujoco"])
-    assert not found["failed"]
+    found = race("four_bar", "torque", MUJOCO)
+    assert not found["untimed"]
     for quantity, seconds in vars(costs).items():
         measured = [x["seconds"] for x in found["samples"] if x["quantity"] == quantity]
         assert quantity == "call" or measured
@@ -62,7 +66,7 @@ def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypat
         true(self, times, native)
 
     monkeypatch.setattr(SyntheticModel, "prepare", prepare)
-    compare_costs("four_bar", "torque", ["mujoco"])
+    race("four_bar", "torque", MUJOCO)
     assert 0.9 <= max(durations) <= 1.0 + 1e-9
 
 

@@ -6,29 +6,35 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.kernel_effort import REDUCED
-from gauss_bench.bench.kernel_timing import Key, Measured, compared
+from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared
+from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import batch
-from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, lead_time
-from gauss_bench.bench.measurements.growth import CONTENDERS, scaling, task
-from gauss_bench.bench.measurements.kernel_costs import kernel_costs
-from gauss_bench.bench.measurements.ladder import Method, ladder
-from gauss_bench.bench.measurements.limits import LATENCY_KEY, RATE_KEY, bound_rows, processor_rows
+from gauss_bench.bench.measurements.cost import BARE, race
+from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, ladder, lead_time
+from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
+from gauss_bench.bench.measurements.limits import bounded
 from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
-from gauss_bench.bench.measurements.turns import kinematics_speed
-from gauss_bench.bench.targets import at_least, at_most
+from gauss_bench.bench.measurements.turns import turn
+from gauss_bench.bench.runner import completed
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
+from gauss_bench.suites.read import read_suite
+from gauss_bench.suites.schema import Cost, Method
 from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled
 
 Rows = list[dict[str, Any]]
-OWN = Method("gauss-native", "default", "rk4", "none")
-RIVAL = Method("mujoco", "tuned", "rk4", "none")
+SUITE = read_suite("kernel")
+BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
+TURNS = SUITE.turns[0].model_copy(update={"rounds": 3})
+LONG = SUITE.long_runs[0]
+OWN = Method(engine="gauss-native")
+RIVAL = Method(engine="mujoco", settings="tuned")
 
 
 @pytest.fixture
@@ -45,7 +51,7 @@ def test_a_batch_is_compared_by_the_step_of_one_trajectory(clock: Clock, monkeyp
     """The kernel takes 10 ns for a step of a trajectory, MuJoCo 3 us: 300 times as long, however many steps each is given."""
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=3e-6))
-    (row,) = batch("crank_slider", "paper", REDUCED)["kernel_batch"]
+    (row,) = batch("crank_slider", "paper", BATCH)["kernel_batch"]
     assert (row["seconds"], row["rival_seconds"]) == pytest.approx((10e-9, 3e-6))
     assert row["ratio"] == pytest.approx(300.0)
     assert row["met"] is False
@@ -63,7 +69,7 @@ def test_lanes_that_disturb_each_other_are_told(clock: Clock, monkeypatch: pytes
     monkeypatch.setattr(Kernel, "rollout", disturbed)
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock)
-    (row,) = batch("crank_slider", "paper", REDUCED)["kernel_batch"]
+    (row,) = batch("crank_slider", "paper", BATCH)["kernel_batch"]
     assert row["lanes_error"] == pytest.approx(2e-3)
 
 
@@ -81,7 +87,12 @@ def costs() -> dict[str, Rows]:
         replace_engine(patched, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
         replace_engine(patched, "gauss", clock, Costs(acceleration=50e-6))
         replace_engine(patched, "lagrange", clock, Costs(acceleration=40e-6))
-        found: dict[str, Rows] = kernel_costs("four_bar", "torque", REDUCED)
+        engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
+        both = ("gauss-native", "lagrange-native")
+        part = Cost(linkages={}, engines=engines, step=1e-4, rounds=3, batch=both, bare=("pinocchio",), processor=True)
+        found: dict[str, Rows] = race("four_bar", "torque", part)
+        found |= claim.counted("four_bar", "torque") | limits.counted("four_bar", "torque")
+    completed(SUITE, found)
     return found
 
 
@@ -105,10 +116,10 @@ def test_a_right_hand_side_is_a_quarter_of_a_step_of_runge_and_kutta(costs: dict
 
 
 def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> None:
-    keys = {Key("step", "gauss"): STEP, Key("acceleration call", "gauss"): CALL}
+    keys = {Key("native_step", "gauss-native"): STEP, Key("acceleration", "gauss-native"): CALL}
     for settings in ("default", "one_iteration"):
-        keys |= {Key("constraintDynamics", "pinocchio", settings): 1e-6, Key("empty call", "pinocchio", settings): 2e-6}
-    rows = rhs_rows(load("four_bar", "torque"), Measured({key: np.full(5, x) for key, x in keys.items()}, {}))
+        keys |= {Key(BARE, "pinocchio", settings): 1e-6, Key("empty call", "pinocchio", settings): 2e-6}
+    rows = rhs_rows(("four_bar", "torque"), SUITE.right_hand_side[0], Measured({key: np.full(5, x) for key, x in keys.items()}, {}))
     net = [row for row in rows if row["rival"] == "less the call"]
     assert len(net) == 4
     assert all(0 < row["rival_seconds"] < 1e-8 for row in net)
@@ -129,7 +140,8 @@ def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Row
 
 
 def samples(**seconds: float) -> Measured:
-    keys = {"step": Key("step", "gauss"), "batch": Key("batch step", "gauss"), "latency": LATENCY_KEY, "rate": RATE_KEY}
+    own = {"step": Key("native_step", "gauss-native"), "batch": Key("batch step", "gauss-native")}
+    keys = own | {"latency": LATENCY_KEY, "rate": RATE_KEY}
     return Measured({keys[name]: np.full(5, x) for name, x in seconds.items()}, {})
 
 
@@ -143,7 +155,8 @@ def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
 
 def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations() -> None:
     measured = samples(step=1e-6, batch=1e-7, latency=4e-9, rate=1e-9)  # a cycle of 1 ns
-    one, many = bound_rows(load("four_bar", "torque"), measured)
+    starts = limits.counted("four_bar", "torque")["kernel_bounds"]
+    one, many = (start | bounded(start, "gauss-native", measured) for start in starts)
     assert one["bound"] == pytest.approx(one["cycles"] * 1e-9)
     assert one["share"] == pytest.approx(one["bound"] / 1e-6)
     assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))
@@ -161,8 +174,9 @@ def test_time_to_solution_is_that_of_the_whole_second_at_the_step_that_reaches_i
     """The kernel: 1000 steps of 2 us; the rival: 10,000 steps of 30 us. Cut to a lead of 10 ms, both are scaled back."""
     replace_engine(monkeypatch, OWN.engine, clock, Costs(native_step=2e-6))
     replace_engine(monkeypatch, RIVAL.engine, clock, Costs(native_step=30e-6))
-    ladders = [(OWN, [rung(1e-3, 1e-10, 2e-3)], "done"), (RIVAL, [rung(1e-4, 1e-10, 0.3)], "done")]
-    rows = equal_accuracy("four_bar", "torque", ladders, 9, lead)["kernel_accuracy"]
+    rungs = [rung(1e-3, 1e-10, 2e-3) | OWN.model_dump(), rung(1e-4, 1e-10, 0.3) | RIVAL.model_dump()]
+    part = SUITE.equal_accuracy[0].model_copy(update={"methods": (OWN, RIVAL), "rounds": 3, "lead": lead})
+    rows = equal_accuracy("four_bar", "torque", part, rungs)["kernel_accuracy"]
     assert len(rows) == 4
     for row in rows:
         own = row["engine"] == OWN.engine
@@ -181,7 +195,7 @@ def test_a_rung_tells_the_error_at_one_second_and_the_time_it_took(
 ) -> None:
     """An engine whose crank is 3e-6 rad off at 1 ms, and whose error falls with the square of the step."""
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=20e-6), truth="gauss-native", off_position=3e-6, order=2.0)
-    found = ladder("four_bar", "torque", RIVAL, str(tmp_path), 4.0)
+    found = ladder("four_bar", "torque", RIVAL, 1e-9, 4.0, str(tmp_path))
     rows = [row for row in found["kernel_ladder"] if 1e-4 < row["step"] <= 1e-2 / 2**3]
     assert len(rows) > 2
     for row in rows:
@@ -198,15 +212,15 @@ def test_a_ladder_goes_on_as_long_as_half_the_step_is_within_the_cap(
 ) -> None:
     """A run of 100 steps takes 0.1 s, so that 1600 take 1.6 s and 3200 would take more than 2 s; the error falls all the while."""
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=1e-3), truth="gauss-native", off_position=1e-2, order=1.0)
-    found = ladder("four_bar", "torque", RIVAL, str(tmp_path), 2.0)
-    assert found["ended"] == "half the step would take longer than 2 s"
+    found = ladder("four_bar", "torque", RIVAL, 1e-9, 2.0, str(tmp_path))
+    assert found["kernel_ladder"][-1]["ended"] == "half the step would take longer than 2 s"
     assert [round(1 / row["step"]) for row in found["kernel_ladder"]] == [100, 200, 400, 800, 1600]
 
 
 def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     """A position takes 50 ns: twenty million a second."""
     charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
-    own, plain, _ = kinematics_speed("four_bar", REDUCED)["kernel_kinematics"]
+    own, plain, _ = turn("four_bar", "driven", TURNS)["kernel_kinematics"]
     assert own["seconds"] == pytest.approx(50e-9)
     assert own["rate"] == pytest.approx(20e6)
     assert own["met"] is True
@@ -226,7 +240,7 @@ def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, mon
 
     monkeypatch.setattr(Closure, "turn", wrong)
     charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
-    own = kinematics_speed("four_bar", REDUCED)["kernel_kinematics"][0]
+    own = turn("four_bar", "driven", TURNS)["kernel_kinematics"][0]
     assert own["acceleration_error"] == pytest.approx(1e-10, rel=0.01)
     assert own["met"] is False
 
@@ -237,7 +251,7 @@ def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch
     for name in list(CONTENDERS):
         if name not in ("loops, gauss", "straight line, gauss"):
             monkeypatch.delitem(CONTENDERS, name)
-    rows = scaling((1,))["scaling"]
+    rows = scaling(1, 3)["scaling"]
     assert len(rows) == 4
     for row in rows:
         assert row["seconds"] == pytest.approx(STEP / 4 if row["quantity"] == "in its own loop" else CALL)
@@ -245,14 +259,14 @@ def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch
 
 
 def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> None:
-    wanted = task(1)
+    wanted = right(1)
     assert wanted.error(1.001 * wanted.a) == pytest.approx(1e-3, rel=1e-9)
 
 
 @pytest.mark.parametrize(("order", "met"), [(4.0, True), (3.85, True), (3.7, False), (3.0, False), (6.0, True)])
 def test_the_energy_error_of_a_long_run_falls_with_order_four_within_a_fifth(order: float, met: bool) -> None:
     coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
-    found = judged(coarse | {"energy_max": 1e-6 / 2**order}, coarse)
+    found = judged(coarse | {"energy_max": 1e-6 / 2**order}, coarse, LONG)
     assert found["order"] == pytest.approx(order)
     assert found["met"] is met
 
@@ -261,7 +275,7 @@ def test_the_energy_error_of_a_long_run_falls_with_order_four_within_a_fifth(ord
 @pytest.mark.parametrize(("drift", "met"), [(0.9e-13, True), (1.1e-13, False)])
 def test_a_long_run_drifts_by_rounding_alone(column: str, drift: float, met: bool) -> None:
     row = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6} | {column: drift}
-    assert judged(row, {})["met"] is met
+    assert judged(row, {}, LONG)["met"] is met
 
 
 def test_a_target_that_is_just_reached_is_met() -> None:

@@ -1,6 +1,5 @@
 """What the report says of the papers follows from the rows, and turns round with them."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -8,27 +7,26 @@ import pytest
 from gauss_bench.papers.crank_slider import linkage
 from gauss_bench.papers.forms.example import shown
 from gauss_bench.papers.reproduction import paper_motion
-from gauss_bench.report.content import Section
-from gauss_bench.report.paper_figures import paper_figures
-from gauss_bench.report.paper_findings import paper_findings
+from gauss_bench.report.content import Finding, Section
+from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
 from tests.papers_tables import Rows, audited, reproduced
 
 
-@dataclass(frozen=True)
-class Told:
-    """The tables these sections read."""
+def told_of(audit: Rows = (), reproduction: Rows = (), motion: Rows = ()) -> Run:
+    """A run of the tables that these sections read."""
+    return Run({}, {"audit": audit, "reproduction": reproduction, "paper_motion": motion})
 
-    audit: Rows = ()
-    reproduction: Rows = ()
-    paper_motion: Rows = ()
+
+def paper_findings(run: Run) -> list[Finding]:
+    return [*papers.findings(run), *again.findings(run)]
 
 
 @pytest.fixture(scope="module")
-def told() -> Told:
+def told() -> Run:
     motion = paper_motion(linkage(), shown())
-    return Told(audited(), reproduced(), tuple(motion["paper_motion"]))
+    return told_of(audited(), reproduced(), tuple(motion["paper_motion"]))
 
 
 def words(section: Section) -> str:
@@ -49,76 +47,78 @@ def changed(rows: Rows, key: str, name: str, **cells: Any) -> Rows:
     return tuple(row | cells if row[key] == name else row for row in rows)
 
 
-def test_every_statement_is_printed_once(told: Told) -> None:
+def test_every_statement_is_printed_once(told: Run) -> None:
     section = papers.section(told)
     tables = [block for block in section.blocks if block.kind == "table"]
     lines = [table for table in tables[:-1] if not table.title.endswith("causes")]
-    assert sum(len(table.rows) for table in lines) == len(told.audit)
-    assert {row["paper"] for row in told.audit} == {table.title.partition(":")[0] for table in lines}
+    assert sum(len(table.rows) for table in lines) == len(told.table("audit"))
+    assert {row["paper"] for row in told.table("audit")} == {table.title.partition(":")[0] for table in lines}
     assert "contradict" not in words(section)
 
 
-def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines(told: Told) -> None:
-    causes = {(row["paper"], row["cause"]) for row in told.audit if row["cause"]}
+def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines(told: Run) -> None:
+    causes = {(row["paper"], row["cause"]) for row in told.table("audit") if row["cause"]}
     tables = [block for block in papers.section(told).blocks if block.kind == "table" and block.title.endswith("causes")]
     listed = [(table.title.partition(":")[0], row[0].text) for table in tables for row in table.rows]
     assert sorted(listed) == sorted(causes)
-    assert sum(int(row[2].text) for table in tables for row in table.rows) == sum(row["verdict"] != "ok" for row in told.audit)
-    wrong = [row for row in told.audit if row["verdict"] == "wrong"]
+    assert sum(int(row[2].text) for table in tables for row in table.rows) == sum(
+        row["verdict"] != "ok" for row in told.table("audit")
+    )
+    wrong = [row for row in told.table("audit") if row["verdict"] == "wrong"]
     (finding, *_) = paper_findings(told)
     assert f"{len(wrong)} wrong (1 cause)" in finding.text
-    two = changed(told.audit, "name", "inverse of a projector", cause="another")
-    (finding, *_) = paper_findings(Told(two))
+    two = changed(told.table("audit"), "name", "inverse of a projector", cause="another")
+    (finding, *_) = paper_findings(told_of(two))
     assert f"{len(wrong)} wrong (2 causes)" in finding.text
 
 
-def test_what_the_example_needs_and_the_paper_does_not_give_is_said_beside_its_numbers(told: Told) -> None:
+def test_what_the_example_needs_and_the_paper_does_not_give_is_said_beside_its_numbers(told: Run) -> None:
     taken = "the acceleration of gravity (9.81 m/s^2 is taken)"
     assert taken in words(again.section(told))
     assert taken in {finding.title: finding.text for finding in paper_findings(told)}["The paper's mechanism never stops"]
-    at_start = [row["example"] for row in told.audit if "crank acceleration" in row["example"]]
+    at_start = [row["example"] for row in told.table("audit") if "crank acceleration" in row["example"]]
     assert len(at_start) == 6
     assert all("inertias and gravity as assumed here" in example for example in at_start)
     assert "uniform bars and 9.81 m/s^2 are taken" in words(papers.section(told))
 
 
-def test_a_verdict_that_the_measurement_contradicts_stands_out(told: Told) -> None:
-    fallen = Told(changed(told.audit, "name", "velocities", stands=False, faults="what is printed is not right"))
+def test_a_verdict_that_the_measurement_contradicts_stands_out(told: Run) -> None:
+    fallen = told_of(changed(told.table("audit"), "name", "velocities", stands=False, faults="what is printed is not right"))
     assert "Verdicts that the measurement contradicts" in words(papers.section(fallen))
-    (first, *_) = paper_findings(fallen)
+    first = paper_findings(fallen)[0]
     assert first.tone == "bad"
     assert "velocities" in first.text
 
 
-def test_the_claim_is_refuted_with_the_numbers_of_the_rows(told: Told) -> None:
+def test_the_claim_is_refuted_with_the_numbers_of_the_rows(told: Run) -> None:
     text = words(again.section(told))
-    rows = {row["key"]: row for row in told.reproduction}
+    rows = {row["key"]: row for row in told.table("reproduction")}
     assert "refuted" in text
     assert all(f"{rows[key]['value']:.6g}" in text for key in ("mean", "settles_above", "damping", "stable_printed"))
-    slower = Told(told.audit, changed(told.reproduction, "key", "mean", value=-12.345678))
+    slower = told_of(told.table("audit"), changed(told.table("reproduction"), "key", "mean", value=-12.345678))
     assert "-12.3457" in words(again.section(slower))
 
 
-def test_a_mechanism_that_stops_is_not_refuted(told: Told) -> None:
-    stopping = Told(told.audit, changed(told.reproduction, "key", "stops", verdict="holds"))
+def test_a_mechanism_that_stops_is_not_refuted(told: Run) -> None:
+    stopping = told_of(told.table("audit"), changed(told.table("reproduction"), "key", "stops", verdict="holds"))
     assert "For the printed data this is refuted" not in words(again.section(stopping))
     assert all(finding.title != "The paper's mechanism never stops" for finding in paper_findings(stopping))
 
 
-def test_figures_2_to_9_are_drawn_and_come_out_the_same_twice(told: Told) -> None:
-    svg = paper_figures(told.paper_motion)
-    assert svg == paper_figures(told.paper_motion)
+def test_figures_2_to_9_are_drawn_and_come_out_the_same_twice(told: Run) -> None:
+    svg = again.paper_figures(told.table("paper_motion"))
+    assert svg == again.paper_figures(told.table("paper_motion"))
     assert all(f">{number}  " in svg or f">{number} " in svg for number in range(2, 10))
-    assert paper_figures(()) == ""
+    assert again.paper_figures(()) == ""
 
 
-def test_findings_name_what_is_wrong(told: Told) -> None:
+def test_findings_name_what_is_wrong(told: Run) -> None:
     titles = {finding.title: finding.text for finding in paper_findings(told)}
     assert len(titles) == 3
     assert "(15) of Yuan & Ge 2016 and (16) of Yuan & Ge 2016" in titles["What the papers print"]
 
 
 def test_a_run_without_papers_says_so() -> None:
-    assert "no paper" in words(papers.section(Told()))
-    assert "did not repeat" in words(again.section(Told()))
-    assert list(paper_findings(Told())) == []
+    assert "no paper" in words(papers.section(told_of()))
+    assert "did not repeat" in words(again.section(told_of()))
+    assert list(paper_findings(told_of())) == []

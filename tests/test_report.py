@@ -12,10 +12,9 @@ import pytest
 
 from gauss_bench.mechanism import schema
 from gauss_bench.mechanism.load import built_in, load, load_document
-from gauss_bench.report.build import build_report, read_run
+from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.drawings.drawing import draw, write_drawings
 from gauss_bench.report.drawings.pose import posed
-from gauss_bench.report.findings import all_findings
 from gauss_bench.report.palette import ENGINES, inline
 from gauss_bench.report.rows import KEYS, ranked
 

@@ -8,8 +8,9 @@ import pandas as pd
 
 from gauss_bench.bench.asked import checked_budget, duration, usable_steps
 from gauss_bench.bench.cases import crossed
+from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.offers import offers
-from gauss_bench.bench.runner import CASE_LIMIT, measure_all
+from gauss_bench.bench.runner import measure_all
 from gauss_bench.engines import names
 from gauss_bench.mechanism.load import load
 

@@ -91,7 +91,8 @@ def _verify(verb: argparse.ArgumentParser) -> None:
 
 def _run(verb: argparse.ArgumentParser) -> None:
     _suite(verb)
-    verb.add_argument("--suite", choices=("quick", "full", "gate", "kernel"), default="quick")
+    verb.add_argument("--suite", action="append", metavar="NAME", help="a suite's name or .toml file; may be given again (quick)")
+    verb.add_argument("--report", action="store_true", help="write the pages too")
     verb.add_argument("--scenario", help="of the linkages named (default: the first with a start)")
     verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the suite's for its own, else the scenario's)")
     verb.add_argument("--steps", type=_steps, metavar="H1,H2,...", help="in seconds, instead of the suite's")

@@ -1,14 +1,15 @@
 """What the command line says to people: the same objects that --json prints, as text."""
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from gauss_bench.bench.gate import Verdict
 from gauss_bench.bench.offers import offers
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.tables import TABLES
 
 STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
 
@@ -116,10 +117,25 @@ def format_kinematics(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def format_run(rows: pd.DataFrame, folder: Path) -> str:
-    counts = rows["status"].value_counts().sort_index()
-    said = ", ".join(f"{n} {status}" for status, n in counts.items())
-    return f"{len(rows)} cases ({said}); {int(rows['valid'].sum())} are valid; tables in {folder}"
+def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) -> str:
+    """How the cases of a run ended, and which of its targets were missed."""
+    lines = []
+    if rows := tables.get("results"):
+        counts = sorted(Counter(str(row["status"]) for row in rows).items())
+        said = ", ".join(f"{n} {status}" for status, n in counts)
+        lines.append(f"{len(rows)} cases ({said}); {sum(bool(row.get('valid')) for row in rows)} are valid")
+    aimed = [(name, row) for name, found in tables.items() for row in found if isinstance(row.get("met"), bool)]
+    if aimed:
+        missed = dict.fromkeys(" ".join(_names(name, row)) for name, row in aimed if not row["met"])
+        lines.append(f"{sum(row['met'] for _, row in aimed)} of {len(aimed)} targets met")
+        lines += [f"missed: {x}" for x in missed]
+    return "\n".join([*lines, f"tables in {folder}"])
+
+
+def _names(table: str, row: Mapping[str, Any]) -> list[str]:
+    """The words that tell a row of a table from others."""
+    keys = TABLES[table].columns[: TABLES[table].keys]
+    return [str(row[c.name]) for c in keys if c.kind == "text" and row.get(c.name)]
 
 
 def format_check(verdicts: list[Verdict]) -> str:
@@ -127,7 +143,7 @@ def format_check(verdicts: list[Verdict]) -> str:
     failed = sum(v.outcome == "fail" for v in verdicts)
     better = len(told) - failed
     lines = [str(v) for v in told]
-    lines.append(f"{len(verdicts)} figures: {failed} worse than their limit, {better} better than expected")
+    lines.append(f"{len(verdicts)} figures: {failed} beyond their limits, {better} better than expected")
     if failed:
         lines.append("If the change is meant, accept it with its reason: gauss-bench check --accept 'REASON'")
     elif better:

@@ -1,119 +1,69 @@
-"""Cost as ratios: all engines of a comparison in one process, in blocks, in a new random order every round.
+"""The clock: everything that is compared races in one process, in blocks, in a new random order every round.
 
 A machine's speed wanders, but it wanders for neighbours alike: the ratio of lower quartiles of interleaved blocks varies by a few
 per cent where single timings vary by half. What counts is the processor's time: waiting for a processor that others use too would
-lengthen long blocks, which always meet it, and spare short ones. Blocks last at least a millisecond, the garbage collector rests,
-and every block is kept; only compiled steps, of which a second of motion takes less, come in shorter ones. Sources: the practice of
-paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+lengthen long blocks, which always meet it, and spare short ones. Blocks last at least two milliseconds, the garbage collector
+rests, and every block is kept. Work that takes less, such as a second of compiled steps, is repeated within its block, so that the
+first repetition, which finds the processor's caches full of others' code, does not count for all.
+
+A time is the lower quartile of the rounds, with the 5 % and the 95 % point of the rounds beside it; a ratio is that of lower
+quartiles, with its spread over resampled rounds. What could not be built or run leaves its reason. Sources: the practice of paired
+benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
 """
 
 import gc
 import math
 import random
 import time
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice, Model
-from gauss_bench.mechanism.load import load
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.engines.base import Model
+from gauss_bench.engines.extras import not_installed
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure
+from gauss_bench.trajectory import RunFailure, Status
 
 BLOCK = 2e-3  # [s] shortest block, twice the millisecond that the clock and the scheduler need to look fine
-ROUNDS = 40
-LONGEST = 1000  # steps in a block: beyond a second of motion drift would change what is timed
-SLOW, SLOW_ROUNDS = 0.1, 4  # [s] blocks beyond it run in the first rounds only: 40 of them would take minutes
+MOTION = 1.0  # [s] longest run in a block: beyond it drift would change what is timed
+SLOW, SLOW_ROUNDS = 0.1, 4  # [s] blocks beyond it run in the first rounds only: all of them would take minutes
 RESAMPLES = 200  # of the rounds, for the spread of a ratio
-STEP = 1e-3  # [s] at which steps are timed: every engine is stable there
+
+Row = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Entry:
-    """What is timed: a quantity ("build", "step" from Python, "native_step", "acceleration") of one engine at one choice."""
+class Key(NamedTuple):
+    """What is timed: a quantity of an engine and everything that is chosen for it."""
 
-    engine: str
-    settings: str
-    integrator: str
     quantity: str
+    engine: str
+    settings: str = "default"
+    integrator: str = "rk4"
+    stabilization: str = "none"
 
 
 @dataclass
 class Block:
-    """A piece of work known by its entry: `ready()` untimed, `go()` timed, `count` repetitions in it, or a share of one."""
+    """A piece of work known by its entry.
+
+    `ready()` is not timed, `go()` is, both `again` times; `count` repetitions, or a share of one, are in one `go()`.
+    """
 
     entry: Hashable
     ready: Callable[[], None]
     go: Callable[[], None]
     count: float
+    again: int = 1
 
-
-def entries(engines: list[str]) -> list[Entry]:
-    """Each engine's settings and integrators, with the loops it has."""
-    found = []
-    for name in engines:
-        adapter = get(name)
-        for settings in adapter.settings:
-            found += [Entry(name, settings, adapter.integrators[0], quantity) for quantity in ("build", "acceleration")]
-            for integrator in adapter.integrators:
-                if integrator == "dop853":
-                    continue
-                if adapter.python_loop:
-                    found.append(Entry(name, settings, integrator, "step"))
-                if adapter.native_loop:
-                    found.append(Entry(name, settings, integrator, "native_step"))
-    return found
-
-
-def block(mechanism: Mechanism, entry: Entry) -> Block:
-    """A block of at least BLOCK seconds.
-
-    Raises:
-        RunFailure, ImportError: the engine cannot run the mechanism.
-    """
-    choice = Choice(entry.settings, entry.integrator, "none", STEP)
-    adapter = get(entry.engine)
-    model = adapter.build(mechanism, choice)
-    count = 1
-    while True:
-        if entry.quantity == "build":
-            made = _repeated(entry, lambda: adapter.build(mechanism, choice), count)
-        else:
-            made = _of(model, mechanism, entry, count)
-        made.ready()
-        elapsed = timed(made.go)
-        most = LONGEST if "step" in entry.quantity else 1_000_000
-        if elapsed >= BLOCK or count >= most:
-            return made
-        count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
-
-
-def _of(model: Model, mechanism: Mechanism, entry: Entry, count: int) -> Block:
-    if entry.quantity == "acceleration":
-        return _repeated(entry, lambda: model.acceleration(0.0, mechanism.q0, mechanism.v0), count)
-    times = np.array([0.0, count * STEP])
-    return Block(entry, lambda: model.prepare(times, native=entry.quantity == "native_step"), model.run, count)
-
-
-def lasting(entry: Hashable, call: Callable[[], object], work: int = 1) -> Block:
-    """A call that needs nothing ready, as often as BLOCK seconds take; each counts as `work` repetitions."""
-    call()
-    count = max(1, math.ceil(BLOCK / min(timed(call) for _ in range(3))))
-    block = _repeated(entry, call, count)
-    block.count = count * work
-    return block
-
-
-def _repeated(entry: Hashable, call: Callable[[], object], count: int) -> Block:
-    def calls() -> None:
-        for _ in range(count):
-            call()
-
-    return Block(entry, lambda: None, calls, count)
+    def seconds(self) -> float:
+        """Of one repetition, over the whole block."""
+        whole = 0.0
+        for _ in range(self.again):
+            self.ready()
+            whole += timed(self.go)
+        return whole / (self.count * self.again)
 
 
 def timed(go: Callable[[], object]) -> float:
@@ -123,7 +73,40 @@ def timed(go: Callable[[], object]) -> float:
     return (time.process_time_ns() - start) * 1e-9
 
 
-def interleaved(blocks: list[Block], rounds: int = ROUNDS, seed: int = 1) -> Iterator[tuple[Block, int, float]]:
+def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
+    """A call that needs nothing ready, as often as BLOCK seconds take; each counts as `work` repetitions."""
+    call()
+    count = max(1, math.ceil(BLOCK / max(min(timed(call) for _ in range(3)), 1e-8)))
+
+    def calls() -> None:
+        for _ in range(count):
+            call()
+
+    return Block(entry, lambda: None, calls, count * work)
+
+
+def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
+    """Steps of a model, called from Python or in its own loop: for BLOCK seconds, over MOTION at most, again where that is less.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    most, count = max(1, round(MOTION / step)), 1
+    while True:
+        block = Block(entry, _starting(model, step * np.arange(2.0) * count, native), model.run, count)
+        block.ready()
+        elapsed = timed(block.go)
+        if elapsed >= BLOCK or count >= most:
+            block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
+            return block
+        count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
+
+
+def _starting(model: Model, times: Array, native: bool) -> Callable[[], None]:
+    return lambda: model.prepare(times, native=native)
+
+
+def interleaved(blocks: list[Block], rounds: int, seed: int = 1) -> Iterator[tuple[Block, int, float]]:
     """Each block once a round, in a new random order every round: the block, the round, and seconds per repetition.
 
     A block that takes long, such as generating code, sits out the later rounds.
@@ -136,37 +119,126 @@ def interleaved(blocks: list[Block], rounds: int = ROUNDS, seed: int = 1) -> Ite
             for item in order.sample(blocks, len(blocks)):
                 if id(item) in slow and number >= SLOW_ROUNDS:
                     continue
-                item.ready()
-                seconds = timed(item.go)
-                if seconds > SLOW:
+                seconds = item.seconds()
+                if seconds * item.count * item.again > SLOW:
                     slow.add(id(item))
-                yield item, number, seconds / item.count
+                yield item, number, seconds
     finally:
         gc.enable()
 
 
-def compare_costs(linkage: str, scenario: str, engines: list[str], seed: int = 1) -> dict[str, Any]:
-    """Seconds per repetition of every entry in every round, {"samples": [...], "failed": [...]}: one interleaved run.
+class Missing(LookupError):
+    """A quantity that was not measured, with a status and a sentence."""
 
-    Call it in a process of its own: a foreign engine may end it.
-    """
-    mechanism = load(linkage, scenario or None)
-    blocks, failed = [], []
-    for entry in entries(engines):
-        if get(entry.engine).skip(mechanism, Choice(entry.settings, entry.integrator, "none", STEP)):
-            continue
+    def __init__(self, status: Status, message: str):
+        self.status = status
+        super().__init__(message)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Seconds per repetition of every entry, (rounds,) each, and why others have none."""
+
+    samples: Mapping[Hashable, Array]
+    failed: Mapping[Hashable, Missing]
+
+    def of(self, key: Hashable) -> Array:
+        """The samples of an entry.
+
+        Raises:
+            Missing: there are none.
+        """
+        if key in self.samples:
+            return self.samples[key]
+        raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, _words(key)))} was not measured")
+
+    def compared(self, own: Hashable, rival: Hashable) -> Row:
+        """`compared` of two entries.
+
+        Raises:
+            Missing: one of them was not measured.
+        """
+        return compared(self.of(own), self.of(rival))
+
+
+def _words(key: Hashable) -> tuple[Any, ...]:
+    return key if isinstance(key, tuple) else (key,)
+
+
+class Race:
+    """Entries to be timed against each other; one that cannot be built drops out with its reason."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Block] = []
+        self.failed: dict[Hashable, Missing] = {}
+
+    def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
+        """Enter the block that make(*arguments) returns, under the key."""
         try:
-            blocks.append(block(mechanism, entry))
-        except (RunFailure, ImportError) as error:
-            failed.append({**vars(entry), "message": str(error)})
-    samples = [{**vars(item.entry), "round": k, "seconds": x} for item, k, x in interleaved(blocks, seed=seed)]
-    return {"samples": samples, "failed": failed}
+            block = make(*arguments)
+        except RunFailure as failure:
+            self.failed[key] = Missing(failure.status, str(failure))
+        except ImportError as error:
+            self.failed[key] = Missing(Status.SKIP, not_installed(error))
+        else:
+            block.entry = key
+            self.blocks.append(block)
+
+    def run(self, rounds: int) -> Measured:
+        samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
+        for block, _, seconds in interleaved(self.blocks, rounds):
+            samples[block.entry].append(seconds)
+        return Measured({key: np.array(x) for key, x in samples.items()}, self.failed)
 
 
 def ratio(samples: Array, baseline: Array, seed: int = 1) -> tuple[float, float, float]:
     """Ratio of lower quartiles, and its 5 % and 95 % points over resampled rounds; both (rounds,) [s]."""
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, len(samples), (RESAMPLES, len(samples)))
-    spread = np.quantile(samples[picks], 0.25, axis=1) / np.quantile(baseline[picks], 0.25, axis=1)
-    low, high = np.quantile(spread, (0.05, 0.95))
+    resampled = np.quantile(samples[picks], 0.25, axis=1) / np.quantile(baseline[picks], 0.25, axis=1)
+    low, high = np.quantile(resampled, (0.05, 0.95))
     return float(np.quantile(samples, 0.25) / np.quantile(baseline, 0.25)), float(low), float(high)
+
+
+def common(one: Array, other: Array) -> tuple[Array, Array]:
+    """Both in the rounds that both have: slow blocks sit the later ones out."""
+    rounds = min(len(one), len(other))
+    return one[:rounds], other[:rounds]
+
+
+def spread(name: str, samples: Array) -> dict[str, float]:
+    """Lower quartile, and the 5 % and 95 % points."""
+    values = (float(x) for x in np.quantile(samples, (0.25, 0.05, 0.95)))
+    return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
+
+
+def compared(own: Array, rival: Array) -> Row:
+    """The own time over all its rounds, and how many times longer the rival takes in the rounds that both have."""
+    mine, theirs = common(own, rival)
+    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(theirs, 0.25))}
+    return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(theirs, mine), strict=True))
+
+
+def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
+    """A row with its status: of what make(*arguments) measures, or of why it measures nothing."""
+    try:
+        return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
+    except Missing as missing:
+        return start | {"status": str(missing.status), "message": str(missing)}
+
+
+def at_least(row: Row, column: str, target: float | None) -> Row:
+    """The row with its target, and whether the column reaches it; what was not measured has not reached it."""
+    if target is None:
+        return row
+    return row | {"target": target, "met": bool(_number(row, column) >= target)}
+
+
+def at_most(row: Row, column: str, target: float) -> Row:
+    """As `at_least`, for what should be small."""
+    return row | {"target": target, "met": bool(_number(row, column) <= target)}
+
+
+def _number(row: Row, column: str) -> float:
+    x = row.get(column)
+    return math.nan if x is None else float(x)

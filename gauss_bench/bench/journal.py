@@ -1,4 +1,4 @@
-"""Finished cases, one line each, appended and synced: a killed run loses nothing and repeats nothing.
+"""Finished tasks, one line each, appended and synced: a killed run loses nothing and repeats nothing.
 
 A line counts only if it is whole and was made by the same code, linkage and libraries; a torn last line is cut off before the next
 one is written.
@@ -12,8 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from gauss_bench.bench.provenance import package_versions
 from gauss_bench.mechanism.digest import source_digest
-from gauss_bench.tables import package_versions
 
 
 class Busy(RuntimeError):
@@ -60,13 +60,13 @@ class Journal:
         self.file.truncate(whole)
 
     def finished(self, key: str, stamp: str) -> dict[str, Any] | None:
-        """The entry of a case if it was made under the same stamp."""
+        """The rows of a task, by table, if they were made under the same stamp."""
         entry = self.entries.get(key)
-        return entry if entry and entry["stamp"] == stamp else None
+        return entry["tables"] if entry and entry["stamp"] == stamp else None
 
-    def add(self, key: str, stamp: str, content: dict[str, Any]) -> None:
-        """Append one finished case and wait until it is on disk."""
-        entry = {"key": key, "stamp": stamp, **content}
+    def add(self, key: str, stamp: str, tables: dict[str, Any]) -> None:
+        """Append one finished task and wait until it is on disk."""
+        entry = {"key": key, "stamp": stamp, "tables": tables}
         self.file.write(json.dumps(entry).encode() + b"\n")
         self.file.flush()
         os.fsync(self.file.fileno())

@@ -1,7 +1,6 @@
 """One case becomes one row: run by the one recipe, and judged by metrics alone."""
 
 import json
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
+from gauss_bench.bench.context import Alteration, unaltered
 from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
@@ -24,13 +24,8 @@ from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
-Alteration = Callable[[Mechanism], Mechanism]
 SERIES = 100  # points per curve in the report
 NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkage without a reference raises
-
-
-def unaltered(mechanism: Mechanism) -> Mechanism:
-    return mechanism
 
 
 @lru_cache(maxsize=8)

@@ -36,6 +36,7 @@ class Offer:
         settings: label -> options; the first is the default.
         integrators: the first is the default; empty where `status` is not OK.
         stabilizations: "none" and others.
+        adaptive: the integrators that choose their own steps.
         native_loop, python_loop: as in engines.base.
         status, reason: OK, or why it cannot be used.
     """
@@ -45,6 +46,7 @@ class Offer:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     integrators: tuple[str, ...] = ()
     stabilizations: tuple[str, ...] = ()
+    adaptive: tuple[str, ...] = ()
     native_loop: bool = False
     python_loop: bool = False
     status: Status = Status.OK
@@ -143,10 +145,11 @@ def describe(name: str) -> Offer:
         for word, offered in (("settings", settings), ("integrators", integrators), ("stabilizations", stabilizations)):
             if not offered:
                 raise TypeError(f"it offers no {word}")
+        adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    return Offer(name, _version(engine.version), settings, integrators, stabilizations, *loops)
+    return Offer(name, _version(engine.version), settings, integrators, stabilizations, adaptive, *loops)
 
 
 def _broken(name: str, error: Exception) -> Offer:

@@ -1,56 +1,92 @@
-"""Tasks answered in worker processes: named, resumable, and never lost with the worker."""
+"""Tasks answered in worker processes: named, resumable, and never lost with the worker.
+
+A task answers with rows of tables. One that is lost answers too: with a row of the table it was to fill, and the reason.
+"""
 
 import queue
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.tables import TABLES
+
+LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
+Rows = list[dict[str, Any]]
+Tables = dict[str, Rows]
 
 
 class Task(NamedTuple):
-    """What a worker is asked: function(*arguments), known by `key`; `stamp` says what the answer depends on."""
+    """What a worker is asked.
+
+    Attributes:
+        key: names the task and nothing else.
+        function, arguments: function(*arguments) gives the rows of tables, by table.
+        stamp: what the answer depends on besides.
+        table, start: where a failure is told, and the names that its row begins with.
+        limit: [s] that the answer may take.
+    """
 
     key: str
-    function: Callable[..., dict[str, Any]]
+    function: Callable[..., Tables]
     arguments: tuple[Any, ...]
     stamp: str
+    table: str
+    start: Mapping[str, Any] = {}
+    limit: float = LIMIT
+
+    def lost(self, failure: WorkerFailure) -> Tables:
+        """The answer of a task whose worker was lost."""
+        told = {"status": str(failure.status), "message": str(failure)}
+        if "status" in TABLES[self.table].names:
+            return {self.table: [{**self.start, **told}]}
+        place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
+        return {"lost": [{"table": self.table, **place, **told}]}
 
 
-def finish(tasks: list[Task], jobs: int, limit: float, label: str, journal: Journal | None = None) -> dict[str, dict[str, Any]]:
-    """Answers of all tasks by key: from the journal where they stand there, else from workers."""
+def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
+    """Answers of all tasks by key, in their order: from the journal where they stand there, else from workers."""
     done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-    answers: queue.SimpleQueue[tuple[str, dict[str, Any]] | BaseException] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[tuple[str, Tables] | BaseException] = queue.SimpleQueue()
     workers = min(jobs, len(waiting))
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
     for _ in range(workers):
-        threading.Thread(target=_serve, args=(todo, answers, limit), daemon=True).start()
+        threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
     for _ in tqdm(waiting, desc=label, disable=not sys.stderr.isatty(), file=sys.stderr):
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        key, content = answer
+        key, tables = answer
         if journal:
-            journal.add(key, waiting[key].stamp, content)
-        done[key] = content
-    return done
+            journal.add(key, waiting[key].stamp, tables)
+        done[key] = tables
+    return {task.key: done[task.key] for task in tasks}
 
 
-def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]", limit: float) -> None:
+def gathered(answers: Iterable[Tables]) -> Tables:
+    """All rows by table, in the order of the answers."""
+    tables: Tables = {}
+    for answer in answers:
+        for name, rows in answer.items():
+            tables.setdefault(name, []).extend(rows)
+    return tables
+
+
+def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
     """One thread with one worker process, taking tasks until there are none."""
     try:
         with Worker() as worker:
             while task := todo.get():
                 try:
-                    answers.put((task.key, worker.call(task.function, task.arguments, limit)))
+                    answers.put((task.key, worker.call(task.function, task.arguments, task.limit)))
                 except WorkerFailure as failure:
-                    answers.put((task.key, {"row": {"status": str(failure.status), "message": str(failure)}}))
+                    answers.put((task.key, task.lost(failure)))
     except BaseException as error:
         answers.put(error)

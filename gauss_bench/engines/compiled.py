@@ -3,6 +3,7 @@
 Gauss and Lagrange come from the same eliminator, so that what differs between the two is the formulation and nothing else.
 """
 
+from collections.abc import Callable
 from itertools import groupby
 
 import numpy as np
@@ -96,6 +97,10 @@ class CompiledModel:
             found = self.kernel.rollout(q, v, h, n, t, every=every, integrator=integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
         return found
+
+    def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
+        """A call that steps every state q, v (k, n), or one of them (n,), `count` times: last positions of the same shape."""
+        return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count)[0])
 
     def read(self) -> Trajectory:
         """The samples; how often the guard changed the partition, or left a step to the library, stands in the note."""

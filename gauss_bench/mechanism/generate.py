@@ -3,6 +3,9 @@
 n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
 (i l, 0) and N horizontals between their tops. On the parallelogram branch the whole is a pendulum; whenever all bars lie on the
 ground line it is singular. pendulum: one bar on a pin, let go at rest. projectile: one bar thrown.
+
+pendulums_N: N bars hanging one on the other, so that n = 3N coordinates meet m = 2N rows: N unknowns of Gauss's kind, coupled each
+with each, against 5N of Lagrange's, coupled only with their neighbours. No closed form is known of it.
 """
 
 import re
@@ -12,6 +15,7 @@ MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
 SPEED = 1.0  # [m/s] of the first top at the start, to the right
 RELEASE = 30.0  # [deg] of the pendulum's bar above the horizontal
 THROW, SPIN = (2.0, 7.0), 3.0  # [m/s], [rad/s] of the projectile
+FIRST, FAN = -60.0, 7.0  # [deg] of the first of many pendulums, and of each against the one before: no two are in line
 LARGEST = 400  # windows: beyond, the file would not be a linkage but a bridge
 
 
@@ -19,9 +23,11 @@ def generated(name: str) -> dict[str, Any] | None:
     """The document of a generated linkage, or None where the name is of no such family."""
     if name in SINGLE:
         return SINGLE[name]()
-    match = re.fullmatch(r"n_four_bar_([1-9][0-9]{0,2})", name)
-    count = int(match[1]) if match else 0
-    return n_four_bar(count) if 1 <= count <= LARGEST else None
+    match = re.fullmatch(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})", name)
+    count = int(match[2]) if match else 0
+    if match is None or count > LARGEST:
+        return None
+    return n_four_bar(count) if match[1] == "n_four_bar" else pendulums(count)
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
@@ -49,6 +55,25 @@ def n_four_bar(count: int) -> dict[str, Any]:
             "fall": {"duration": 10.0, "start": {"crank_deg": 90.0, "speed": -SPEED / LENGTH}},
             "driven": {"duration": 1.0, "driver": {"link": "v0", "law": "constant", "start_deg": 90.0, "speed": -1.0}},
         },
+    }
+
+
+def pendulums(count: int) -> dict[str, Any]:
+    """The document of the chain of `count` bars, let go at rest."""
+    bars = [f"bar{i}" for i in range(count)]
+    above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
+    angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}
+    return {
+        "format": "planar-linkage/1",
+        "name": f"pendulums_{count}",
+        "title": f"{count} pendulums, one hanging on the other",
+        "gravity": [0.0, -9.81],
+        "ground": {"points": {"O": [0.0, 0.0]}},
+        "links": {name: _bar("A", "B") for name in bars},
+        "joints": {f"P{i}": {"type": "revolute", "at": [point, f"bar{i}.A"]} for i, point in enumerate(above)},
+        "assembly": {"angles_deg": angles},
+        "observe": {"points": [f"{bars[-1]}.B"]},
+        "scenarios": {"swing": {"duration": 1.0, "start": {"angles_deg": angles, "speeds": dict.fromkeys(bars, 0.0)}}},
     }
 
 

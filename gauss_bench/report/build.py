@@ -1,138 +1,151 @@
 """Builds the report of a run: README.md for the forge, index.html for the browser, figures for both.
 
-The page is a list of sections; each is one file in `sections` with one function of the run, and one line here. Built twice from the
-same folder, every file comes out the same byte for byte.
+The page is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names the
+tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has something
+to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte for byte.
+What was written is listed in `figures/manifest.json`, and nothing else is ever taken away.
 """
 
 import json
-import math
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any
 
-import pandas as pd
-
-from gauss_bench.report.content import Block, Picture, Section
+from gauss_bench.report import sections as room
+from gauss_bench.report.content import AUTHORS, Block, Finding, Findings, Picture, Section, Text, count, listed
+from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import html_page, markdown_page
-from gauss_bench.report.rows import KEYS, Row, Run
-from gauss_bench.report.sections import (
-    acceleration,
-    claim,
-    cost,
-    drawing,
-    environment,
-    failures,
-    findings,
-    kernels,
-    kinematics,
-    limitations,
-    papers,
-    references,
-    reproduction,
-    settings,
-    stability,
-    trajectories,
-)
-from gauss_bench.tables import KERNEL_TABLES, SIDE_TABLES, write_text
+from gauss_bench.report.rows import Run, ok, order
+from gauss_bench.tables import FORMAT, TABLES, TableError, format_of, read_table, write_text
 
-FIRST = (findings.section,)
-PER_LINKAGE = (drawing.section, acceleration.section, trajectories.section, stability.section, cost.section)
-LAST = (
-    claim.section,
-    kernels.section,
-    kinematics.section,
-    references.section,
-    reproduction.section,
-    papers.section,
-    failures.section,
-    limitations.section,
-    settings.section,
-    environment.section,
-)
+ENVIRONMENT = "environment.json"
+MANIFEST = "manifest.json"
 
-OUTCOMES = (
-    "status",
-    "message",
-    "note",
-    "flag",
-    "link_errors",
-    "method",
-    "quantity",
-    "first",
-    "second",
-    "coordinate",
-    "kind",
-    "form",
-    *("paper", "equation", "name", "printed", "intended", "verdict", "measured", "reason", "sentence", "faults", "example"),
-    *("group", "key", "unit", "statement", "published", "certified"),
-    *(f"{pipeline}_{x}" for pipeline in ("taylor", "collocation") for x in ("stopped", "method")),
-    "file",
-    *("formulation", "place", "own", "rival", "against", "ended"),
-)
-TEXTS = (*(k for k in KEYS if k not in ("step", "t_end")), *OUTCOMES)
-FLAGS = ("valid", "control", "complete", "stands", "met", "best")
+
+def parts_of(package: ModuleType) -> list[ModuleType]:
+    """The sections and chapters of a room, in order."""
+    names = (module.name for module in iter_modules(package.__path__))
+    return sorted((import_module(f"{package.__name__}.{name}") for name in names), key=lambda m: (m.PLACE, m.__name__))
+
+
+def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
+    """Every section and chapter of a room, at every depth."""
+    for module in parts_of(package):
+        yield module
+        if hasattr(module, "__path__"):
+            yield from all_parts(module)
+
+
+def tables_read() -> tuple[str, ...]:
+    """The tables that the sections read, each once."""
+    return tuple(dict.fromkeys(name for module in all_parts() for name in getattr(module, "TABLES", ())))
 
 
 def read_run(folder: Path) -> Run:
-    """The rows and the environment the runner left in a folder; a missing table is an empty one."""
-    path = folder / "environment.json"
-    environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    tables = {name: _read_table(folder, name) for name in ("results", "series", "samples", *SIDE_TABLES)}
-    kernels = {name: _read_table(folder, name) for name in KERNEL_TABLES}
-    return Run(**tables, kernels=kernels, environment=environment)
+    """The rows and the environment that a run left in a folder.
 
-
-def _read_table(folder: Path, name: str) -> tuple[Row, ...]:
-    """Rows of a CSV or, without one, Parquet file, sorted by key; the status "nan" stays a text."""
-    path = folder / f"{name}.csv"
-    if path.exists():
-        empty = not path.read_text(encoding="utf-8").strip()
-        frame = pd.DataFrame() if empty else pd.read_csv(path, dtype=str, keep_default_na=False)
-    else:
-        path = path.with_suffix(".parquet")
-        frame = pd.read_parquet(path) if path.exists() else pd.DataFrame()
-    rows = [{str(k): _value(str(k), x) for k, x in row.items()} for row in frame.to_dict("records")]
-    return tuple(sorted(rows, key=_order))
-
-
-def _value(column: str, value: Any) -> Any:
-    if column in TEXTS:
-        return value if isinstance(value, str) else ""
-    if column in FLAGS:
-        return str(value).lower() in ("true", "1", "1.0")
-    return float(value) if value not in ("", None) else math.nan
-
-
-def _order(row: Row) -> tuple[Any, ...]:
-    """The key in order; larger steps first, as an error falls with them."""
-    words = tuple(str(row.get(k, "")) for k in KEYS if k not in ("step", "t_end"))
-    numbers = (-float(row.get("step", 0.0)), float(row.get("t", row.get("round", 0.0))))
-    return (*words, *(0.0 if math.isnan(x) else x for x in numbers))
+    Raises:
+        NoRun: there is none.
+        TableError: a file is damaged, or of a later format than is known here.
+    """
+    found = [name for name in TABLES if name != "baseline" and any((folder / f"{name}.{x}").exists() for x in ("csv", "parquet"))]
+    if not found:
+        raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
+    format_of(folder)
+    path = folder / ENVIRONMENT
+    try:
+        environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise TableError(f"{path}: no JSON: {error}") from error
+    tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in tables_read()}
+    return Run(environment, tables)
 
 
 def sections(run: Run) -> tuple[Section, ...]:
     """Everything the report says, in order."""
-    whole = [make(run) for make in FIRST]
-    chapters = []
-    for name in run.linkages:
-        parts = tuple(part for make in PER_LINKAGE if (part := make(run, name)) is not None)
-        chapters.append(Section(name, name, parts=parts))
-    linkages = [Section("Linkages", "linkages", parts=tuple(chapters))] if chapters else []
-    return (*whole, *linkages, *(make(run) for make in LAST))
+    return (first(run), *(part for module in parts_of(room) if (part := _section(module, run)) is not None))
+
+
+def _section(module: ModuleType, run: Run) -> Section | None:
+    """A section, or a chapter with the sections of its room."""
+    if not hasattr(module, "__path__"):
+        return _made(module.section(run))
+    if module.__name__.endswith(".linkage"):
+        chapters = []
+        for name in run.linkages:
+            inside = [part for m in parts_of(module) if (part := _made(m.section(run, name))) is not None]
+            chapters.append(Section(name, name, parts=tuple(inside)))
+    else:
+        chapters = [part for m in parts_of(module) if (part := _section(m, run)) is not None]
+    if not chapters and not module.NOTHING:
+        return None
+    return Section(module.TITLE, module.ANCHOR, () if chapters else (Text(module.NOTHING),), tuple(chapters))
+
+
+def _made(section: Any) -> Section | None:
+    assert section is None or isinstance(section, Section)
+    return section
+
+
+def first(run: Run) -> Section:
+    """What this is, who wrote it, and what the run found."""
+    engines = sorted({row["engine"] for row in run.results})
+    fine = sum(ok(row) for row in run.results)
+    scope = (
+        f"The run has {count(len(run.results), 'case')} of {count(len(engines), 'engine')} on {count(len(run.linkages), 'linkage')}"
+        f" ({listed(f'`{name}`' for name in run.linkages)}); {fine} ended ok."
+        if run.results
+        else "The run has no cases."
+    )
+    said = Findings(tuple(all_findings(run)))
+    return Section("Findings", "findings", (Text(AUTHORS), Text(scope), *((said,) if said.items else ())))
+
+
+def all_findings(run: Run) -> Iterator[Finding]:
+    """What the sections found, in their order."""
+    for module in all_parts():
+        if hasattr(module, "findings"):
+            yield from module.findings(run)
 
 
 def build_report(folder: Path) -> list[Path]:
-    """Write README.md, index.html and figures/*.svg into the folder of a run; returns what was written."""
+    """Write README.md, index.html and figures/*.svg into the folder of a run; returns what was written.
+
+    Figures that an earlier report wrote there and this one does not are taken away; other files are left alone.
+
+    Raises:
+        NoRun, TableError: as `read_run`; nothing is written then.
+    """
     run = read_run(folder)
     content = sections(run)
     pictures = {picture.name: picture.svg for section in content for picture in _pictures(section)}
-    files = {folder / "figures" / f"{name}.svg": svg for name, svg in sorted(pictures.items())}
+    figures = folder / "figures"
+    files = {figures / f"{name}.svg": svg for name, svg in sorted(pictures.items())}
     files[folder / "README.md"] = markdown_page(run, content)
     files[folder / "index.html"] = html_page(run, content)
+    before = manifest(figures)
     for path, text in files.items():
         write_text(path, text)
-    for stale in set((folder / "figures").glob("*.svg")) - files.keys():
-        stale.unlink()
+    names = sorted(path.name for path in files if path.parent == figures)
+    if names or before:
+        write_text(figures / MANIFEST, json.dumps({"format": FORMAT, "figures": names}, indent=1) + "\n")
+    for stale in before - set(names):
+        (figures / stale).unlink(missing_ok=True)
     return list(files)
+
+
+def manifest(figures: Path) -> set[str]:
+    """Names of the figures that an earlier report says to have written; none where it does not say so clearly."""
+    try:
+        names = json.loads((figures / MANIFEST).read_text(encoding="utf-8"))["figures"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return (
+        {x for x in names if isinstance(x, str) and Path(x).name == x and x.endswith(".svg")} if isinstance(names, list) else set()
+    )
 
 
 def _pictures(section: Section) -> list[Picture]:

@@ -3,14 +3,22 @@
 Number formats are fixed, so that two runs differ in a line only where a number does.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from gauss_bench.report.rows import Row, known, number, ok, own_steps
+from gauss_bench.report.rows import KEYS, Row, known, label, number, ok, own_steps
 
 NOTHING = "-"
+RANGE = "5..95 %"
+NOTE = "Times are lower quartiles of interleaved rounds; a spread is the range from the 5 to the 95 percent point."
 BELOW_LEGEND = "`< x` means below x, the reference's own error bar or the floor of rounded parameters: it cannot be told from 0."
+AUTHORS = (
+    "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "
+    "engines through adapters, all from the same file and the same start. **The authors of the suite also wrote the `gauss` "
+    "formulation it compares**; it passes through the same gate, the same clock and the same tables as every other row, and the "
+    "rows where it loses are printed like those where it wins."
+)
 
 
 @dataclass(frozen=True)
@@ -104,6 +112,9 @@ class Section:
     parts: tuple["Section", ...] = field(default=())
 
 
+Line = Callable[[Row], tuple[Cell, ...]]
+
+
 def error(x: float) -> str:
     """Two digits of an error."""
     return f"{x:.1e}" if known(x) else NOTHING
@@ -185,3 +196,85 @@ def status_cell(row: Row) -> Cell:
 def columns(head: Sequence[str], first_numeric: int, last_text: int = 0) -> tuple[tuple[str, ...], frozenset[int]]:
     """Head and the indices of its numeric columns: from `first_numeric` up to the last `last_text` columns."""
     return tuple(head), frozenset(range(first_numeric, len(head) - last_text))
+
+
+def exact_cell(row: Row, column: str) -> Cell:
+    """An error, which may be zero."""
+    return Cell("0", 0.0) if number(row, column) == 0 else error_cell(row, column)
+
+
+def texts(row: Row, *keys: str) -> tuple[Cell, ...]:
+    return tuple(text_cell(row.get(key, "")) for key in keys)
+
+
+def counts(row: Row, *keys: str) -> tuple[Cell, ...]:
+    """Whole numbers, and others as short as they are."""
+    return tuple(Cell(f"{number(row, key):g}", number(row, key)) if known(row.get(key)) else Cell("-") for key in keys)
+
+
+def duration(seconds: float) -> str:
+    """Three digits with a unit."""
+    unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
+    return f"{times(seconds * factor)} {unit}" if known(seconds) else "-"
+
+
+def time_of(row: Row, column: str = "seconds") -> Cell:
+    x = number(row, column)
+    return Cell(duration(x), x if known(x) else "")
+
+
+def span(row: Row, low: str = "seconds_low", high: str = "seconds_high") -> Cell:
+    a, b = number(row, low), number(row, high)
+    return Cell(f"{duration(a)}..{duration(b)}", a) if known(a) and known(b) else Cell("-")
+
+
+def goal(row: Row, written: Callable[[float], str] = times) -> tuple[Cell, Cell]:
+    """A target and whether it is met; nothing where there is none."""
+    x = number(row, "target")
+    if not known(x):
+        return Cell("-"), Cell("-")
+    return Cell(written(x), x), Cell("yes", "yes", "good") if row.get("met") else Cell("no", "no", "bad")
+
+
+def small(x: float) -> str:
+    return f"{x:.0e}"
+
+
+def remark(row: Row) -> Cell:
+    status = str(row.get("status", "ok") or "ok")
+    message = str(row.get("message", ""))
+    return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
+
+
+def titled_table(
+    title: str, head: tuple[str, ...], first: int, rows: Sequence[Row], line: Line, last_text: int = 1, folded: bool = False
+) -> Table:
+    """A table of lines, numbers from column `first` on, the last `last_text` columns text again."""
+    names, numeric = columns(head, first, last_text)
+    note = NOTE if {"spread", RANGE} & set(head) else ""
+    return Table(title, names, tuple(line(row) for row in rows), numeric, folded, note)
+
+
+def part(
+    title: str, words: str, rows: Sequence[Row], head: tuple[str, ...], first: int, line: Line, shown: Sequence[Row] | None = None
+) -> Section | None:
+    """A section of a table; where only some rows are `shown`, another one, folded, has all of them."""
+    if not rows:
+        return None
+    blocks: list[Block] = [Text(words), titled_table(title, head, first, rows if shown is None else shown, line)]
+    if shown is not None and len(shown) < len(rows):
+        blocks.append(titled_table(f"{title}: all of it", head, first, rows, line, folded=True))
+    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
+
+
+def run_of_numbers(values: Sequence[float]) -> str:
+    low, high = times(min(values)), times(max(values))
+    return low if low == high else f"{low} to {high}"
+
+
+def tied(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
+    """A case in words, with the engines that come within 5 percent of it by the same choices."""
+    same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
+    engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= 0.05 * abs(value(best))})
+    choices = label(best, "settings", "integrator", "stabilization", "step").partition("` ")[2]
+    return f"{listed(f'`{name}`' for name in engines)} {choices}".strip()

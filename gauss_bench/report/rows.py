@@ -21,41 +21,19 @@ OWN_STEPS = 0.02  # relative: a run whose number of steps differs more from dura
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What one run of the suite left behind.
+    """What one run of the suite left behind: where, when and with what it was made, and its rows by table, typed and sorted."""
 
-    Attributes:
-        results: one row per case, failures included, sorted by KEYS.
-        references: one row per mechanism and scenario.
-        series: one row per case and time.
-        samples: one row per cost sample.
-        agreement: one row per linkage and pair of kinematic methods.
-        singular: one row per limit of motion or dead centre.
-        basins: one row per linkage, form, spread and search.
-        driving: one row per linkage and way to run a driven turn.
-        certificates: one row per certified scenario.
-        audit: one row per line of the papers that was checked.
-        reproduction: one row per quantity of the first paper's example.
-        paper_motion: one row per time of that example's motion.
-        published: one row per published value held against a certified one.
-        kernels: rows of the kernel suite, by table.
-        environment: where, when and with what the run was made.
-    """
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    tables: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
 
-    results: tuple[Row, ...]
-    series: tuple[Row, ...]
-    samples: tuple[Row, ...]
-    environment: Mapping[str, Any]
-    references: tuple[Row, ...] = ()
-    agreement: tuple[Row, ...] = ()
-    singular: tuple[Row, ...] = ()
-    basins: tuple[Row, ...] = ()
-    driving: tuple[Row, ...] = ()
-    certificates: tuple[Row, ...] = ()
-    audit: tuple[Row, ...] = ()
-    reproduction: tuple[Row, ...] = ()
-    paper_motion: tuple[Row, ...] = ()
-    published: tuple[Row, ...] = ()
-    kernels: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
+    def table(self, name: str) -> tuple[Row, ...]:
+        """The rows of a table of the schema; none where the run did not fill it."""
+        return self.tables.get(name, ())
+
+    @property
+    def results(self) -> tuple[Row, ...]:
+        """The cases."""
+        return self.table("results")
 
     @property
     def linkages(self) -> tuple[str, ...]:
@@ -137,12 +115,9 @@ def own_steps(row: Row) -> bool:
 
 
 def run_time(row: Row) -> float:
-    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one.
-
-    NaN for stabilised runs: steps are timed without stabilisation.
-    """
+    """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "steps") if plain(row) else math.nan
+    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
 
 
 def method(row: Row) -> tuple[str, str, str, str]:
@@ -177,3 +152,16 @@ def costs(rows: Sequence[Row]) -> list[Row]:
 def _merged(group: Sequence[Row]) -> Row:
     """The first row, with every number it lacks taken from the next that has it."""
     return {k: next((r[k] for r in group if known(r.get(k))), x) if not known(x) else x for k, x in group[0].items()}
+
+
+def named(row: Row) -> str:
+    """Engine and settings as a figure names them."""
+    mark = " (control)" if row["control"] else ""
+    return f"{row['engine']} {row['settings'] if row['settings'] != 'default' else ''}".strip() + mark
+
+
+def order(row: Row) -> tuple[Any, ...]:
+    """Where a row stands in its table: by the key; larger steps first, as an error falls with them."""
+    words = tuple(str(row.get(k, "")) for k in KEYS if k not in ("step", "t_end"))
+    numbers = (-float(row.get("step", 0.0)), float(row.get("t", row.get("round", 0.0))))
+    return (*words, *(0.0 if math.isnan(x) else x for x in numbers))

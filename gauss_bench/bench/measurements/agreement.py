@@ -7,14 +7,14 @@ differ from each other says what there is left to agree on.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.kernel_timing import Missing, Row, row
-from gauss_bench.bench.measurements.steps import FORMULATIONS
-from gauss_bench.bench.targets import AGREEMENT, at_most
+from gauss_bench.bench.clock import Missing, Row, at_most, row
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements.claim import FORMULATIONS
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
@@ -24,6 +24,7 @@ from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -34,16 +35,24 @@ OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)
 SPEED = 10.0  # [rad/s] of the crank there
 
 
-def agreement(linkage: str, scenario: str, states: int) -> dict[str, Any]:
-    """One row for each formulation and kind of place, {"kernel_agreement": [...]}: the worst relative difference of a state."""
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One task for each linkage."""
+    return [
+        context.task("kernel_agreement", agreement, (*place, part.states, part.target), *place)
+        for part in suite.agreement
+        for place in part.linkages.items()
+    ]
+
+
+def agreement(linkage: str, scenario: str, states: int, target: float) -> Tables:
+    """One row for each formulation and kind of place: the worst relative difference of a state."""
     mechanism = load(linkage, scenario or None)
     rows = []
     for place, q, v in places(mechanism, states):
         for formulation in FORMULATIONS:
             start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation}
             start |= {"place": place, "states": len(q)}
-            found = row(start, differences, mechanism, formulation, q, v)
-            rows.append(at_most(found, "error", AGREEMENT))
+            rows.append(at_most(row(start, differences, mechanism, formulation, q, v), "error", target))
     return {"kernel_agreement": rows}
 
 

@@ -5,51 +5,53 @@ steps of each, which changes nothing in the time of one. That the lanes do not d
 trajectories, by other code: the same arithmetic with one lane.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, lasting
-from gauss_bench.bench.kernel_effort import Effort
-from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row
-from gauss_bench.bench.measurements.steps import STEPS, H
-from gauss_bench.bench.targets import BATCH, at_least
-from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.bench.clock import Block, Key, Measured, Race, Row, at_least, lasting, row
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.build import random_states
+from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
-LINKAGES = ("crank_slider", "six_bar")
-TARGETED = "crank_slider"
-SETTINGS = "tuned"
-RIVAL_STEPS = 10
+QUANTITY = "batch of different states"
 CHECKED = 32  # trajectories that are run again alone
-ROUNDS = 6  # an entry is timed in a sixth of the effort's rounds: one takes half a second
 
 
-def batch(linkage: str, scenario: str, effort: Effort) -> dict[str, Any]:
-    """The row of a linkage, {"kernel_batch": [...]}; a ratio is per step of one trajectory."""
-    mechanism, race, kernels = load(linkage, scenario or None), Race(), list[Kernel]()
-    states = random_states(mechanism, effort.batch)
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """One task for each linkage."""
+    return [context.task("kernel_batch", batch, (*place, part), *place) for part in suite.batch for place in part.linkages.items()]
+
+
+def batch(linkage: str, scenario: str, part: Batch) -> Tables:
+    """The row of a linkage; a ratio is per step of one trajectory."""
+    mechanism = load(linkage, scenario or None)
+    states = random_states(mechanism, part.states)
     q, v = shuffled(states.q, states.v)
+    models: dict[str, Any] = {}
 
-    def own() -> Block:
-        kernels.append(compile_kernel(mechanism, "gauss", backend="llvm"))
-        return lasting(None, lambda: kernels[0].rollout(q, v, H, STEPS), STEPS * len(q))
+    def entry(engine: str, settings: str, steps: int) -> Callable[[], Block]:
+        def make() -> Block:
+            models[engine] = get(engine).build(mechanism, Choice(settings, "rk4", "none", part.step))
+            return lasting(None, models[engine].batch(q, v, steps), steps * len(q))
 
-    def rival() -> Block:
-        model = get("mujoco").build(mechanism, Choice(SETTINGS, "rk4", "none", H))
-        return lasting(None, model.batch(q, v, RIVAL_STEPS), RIVAL_STEPS * len(q))  # type: ignore[attr-defined]
+        return make
 
-    race.add(Key("batch", "gauss"), own)
-    race.add(Key("batch", "mujoco", SETTINGS), rival)
-    measured = race.run(max(3, effort.rounds // ROUNDS))
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": STEPS}
-    start |= {"rival": "mujoco", "settings": SETTINGS, "rival_steps": RIVAL_STEPS}
-    found = row(start, lambda: _row(kernels[0], q, v, measured))
-    return {"kernel_batch": [at_least(found, "ratio", BATCH if mechanism.name == TARGETED else None)]}
+    own, rival = Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
+    race = Race()
+    race.add(own, entry(part.own, "default", part.steps))
+    race.add(rival, entry(part.rival, part.settings, part.rival_steps))
+    measured = race.run(part.rounds)
+    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": part.steps}
+    start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_steps}
+    told = row(start, lambda: _row(models[part.own], q, v, part.steps, measured, own, rival))
+    return {"kernel_batch": [at_least(told, "ratio", part.targets.get(mechanism.name))]}
 
 
 def shuffled(q: Array, v: Array) -> tuple[Array, Array]:
@@ -58,16 +60,16 @@ def shuffled(q: Array, v: Array) -> tuple[Array, Array]:
     return q[order], v[order]
 
 
-def _row(kernel: Kernel, q: Array, v: Array, measured: Measured) -> Row:
-    found = measured.compared(Key("batch", "gauss"), Key("batch", "mujoco", SETTINGS))
-    difference, lost = against_single_runs(kernel, q, v)
-    return found | {"lanes": kernel.lanes, "lanes_error": difference, "lost": lost}
+def _row(model: Any, q: Array, v: Array, steps: int, measured: Measured, own: Key, rival: Key) -> Row:
+    times = measured.compared(own, rival)
+    difference, lost = against_single_runs(model, q, v, steps)
+    return times | {"lanes": model.kernel.lanes, "lanes_error": difference, "lost": lost}
 
 
-def against_single_runs(kernel: Kernel, q: Array, v: Array) -> tuple[float, int]:
+def against_single_runs(model: Any, q: Array, v: Array, steps: int) -> tuple[float, int]:
     """Largest difference of positions in lanes and alone [m, rad], and trajectories that were lost in lanes."""
-    ends, _ = kernel.rollout(q, v, H, STEPS)
-    lost = kernel.lost
+    ends = model.batch(q, v, steps)()
+    lost = model.kernel.lost
     some = np.linspace(0, len(q) - 1, min(CHECKED, len(q))).astype(int)
-    alone = np.array([kernel.rollout(q[k], v[k], H, STEPS)[0] for k in some])
+    alone = np.array([model.batch(q[k], v[k], steps)() for k in some])
     return float(np.abs(ends[some] - alone).max()), lost

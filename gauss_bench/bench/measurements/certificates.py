@@ -3,13 +3,15 @@
 import hashlib
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from gauss_bench.bench.tasks import Task, finish
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.tasks import Rows, Tables, Task, finish, gathered
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.generate import SINGLE
 from gauss_bench.mechanism.load import built_in, document_of, load
@@ -24,8 +26,10 @@ from gauss_bench.reference.certificate import (
 )
 from gauss_bench.reference.certify import DIGITS, Uncertified, certify
 from gauss_bench.reference.verification import verify
+from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 
+TABLE = "certificates"
 LIMIT = 3600.0  # [s] for one certificate on a slow core
 CLOSED_FORMS = (*SINGLE, "n_four_bar_2")  # generated linkages whose certificates show the pipelines against the exact motion
 LONGER = {("crank_slider", "paper"): 10.0}  # [s] the paper's own example is shown until it runs steadily
@@ -104,14 +108,18 @@ def _wanted(name: str, scenario: str) -> bool:
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
     """Make every certificate of the suite anew, in its place; one row each."""
-    return _rows(
-        [Task(f"{name}|{scenario}", _certify_in_place, (name, scenario), "") for name, scenario in certified_scenarios()], jobs
-    )
+    return _rows([_task(x, _certify_in_place, x) for x in certified_scenarios()], jobs)
 
 
-def _certify_in_place(name: str, scenario: str) -> dict[str, Any]:
+def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
+    """A task that fills the table of certificates, or tells of one linkage why it did not."""
+    start = dict(zip(("mechanism", "scenario"), place, strict=True))
+    return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
+
+
+def _certify_in_place(name: str, scenario: str) -> Tables:
     path = certificate_path(load(name, scenario))
-    return {"row": certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)}
+    return {TABLE: [certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)]}
 
 
 def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> list[dict[str, Any]]:
@@ -127,7 +135,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
         certificate = read_certificate(path)
         owner = linkage or _owner(certificate, path)
         check_holds(certificate, load(owner, certificate.scenario), path)
-        tasks.append(Task(f"{certificate.name}|{certificate.scenario}|{path}", _verified, (str(path), owner), ""))
+        tasks.append(_task((certificate.name, certificate.scenario), _verified, (str(path), owner)))
     return _rows(tasks, jobs)
 
 
@@ -137,10 +145,11 @@ def _owner(certificate: Certificate, path: Path) -> str:
     return str(beside) if beside.is_file() else certificate.name
 
 
-def _verified(path: str, linkage: str) -> dict[str, Any]:
+def _verified(path: str, linkage: str) -> Tables:
     certificate = read_certificate(Path(path))
     found = verify(certificate, load(linkage, certificate.scenario))
-    return {"row": {"status": "ok", "file": path, **vars(found), "passed": found.passed}}
+    names = {"mechanism": certificate.name, "scenario": certificate.scenario}
+    return {TABLE: [names | {"status": "ok", "file": path, **vars(found), "passed": found.passed}]}
 
 
 def certificates_digest() -> str:
@@ -151,8 +160,13 @@ def certificates_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def certificate_table() -> dict[str, Any]:
-    """A row for every scenario of the suite: its certificate, or that it has none and why: {"certificates": [...]}."""
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One task for the whole table: it only reads."""
+    return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
+
+
+def certificate_table() -> Tables:
+    """A row for every scenario of the suite: its certificate, or that it has none and why."""
     rows = []
     for name, scenario in certified_scenarios():
         mechanism = load(name, scenario)
@@ -167,11 +181,9 @@ def certificate_table() -> dict[str, Any]:
         except CertificateError as error:
             row["message"] = str(error)
         rows.append(row)
-    return {"certificates": rows}
+    return {TABLE: rows}
 
 
-def _rows(tasks: list[Task], jobs: int) -> list[dict[str, Any]]:
+def _rows(tasks: list[Task], jobs: int) -> Rows:
     """One row a task, in order; a worker that was lost is a row with its reason."""
-    found = finish(tasks, jobs, LIMIT, "certificates")
-    names = ("mechanism", "scenario")
-    return [dict(zip(names, task.key.split("|"), strict=False)) | found[task.key]["row"] for task in tasks]
+    return gathered(finish(tasks, jobs, "certificates").values()).get(TABLE, [])

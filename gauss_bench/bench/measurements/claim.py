@@ -6,66 +6,73 @@ operations are those of one acceleration with its guards. The verdict follows fr
 ratio's spread covers 1.
 """
 
-import numpy as np
-
-from gauss_bench.bench.clock import Block, lasting
-from gauss_bench.bench.kernel_timing import Key, Measured, Missing, Race, Row, row
-from gauss_bench.bench.measurements.steps import FORMULATIONS, QUANTITY, STEPS, H
+from gauss_bench.bench.clock import Key, Measured, Missing, Row, row
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements.cost import ACCELERATION, BATCH, NATIVE, measured_by_linkage
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.elimination.program import costs, known_program
-from gauss_bench.compiler.kernel import Kernel
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.mechanism.load import load
+from gauss_bench.suites.schema import Claim, Suite
 
-BATCH, TEXTBOOK = "batch step", "acceleration"
-GROUPS = 16  # of lanes in a batch: enough that a call from Python does not count
+FORMULATIONS = ("gauss", "lagrange")
 
 
-def enter_batch(race: Race, mechanism: Mechanism, formulation: str, kernel: Kernel) -> None:
-    """Enter steps of many trajectories at once, all from the start: here only the formulations are compared."""
-    count = GROUPS * kernel.lanes
-    q, v = (np.tile(x, (count, 1)) for x in (mechanism.q0, mechanism.v0))
-    race.add(Key(BATCH, formulation), lambda: lasting(None, lambda: kernel.rollout(q, v, H, STEPS), STEPS * count))
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """Counts of operations on every linkage that both formulations race on."""
+    if not suite.claim:
+        return []
+    places = [x for part in suite.cost for x in part.linkages.items()]
+    return [context.task("kernel_claim", counted, x, *x) for x in dict.fromkeys(places)]
 
 
-def enter_textbook(race: Race, mechanism: Mechanism, formulation: str) -> None:
-    """Enter one acceleration of the textbook's form, terms included."""
-
-    def make() -> Block:
-        model = get(formulation).build(mechanism, Choice(step=H))
-        return lasting(None, lambda: model.acceleration(0.0, mechanism.q0, mechanism.v0))
-
-    race.add(Key(TEXTBOOK, formulation), make)
-
-
-def claim_row(mechanism: Mechanism, kernels: dict[str, Kernel | None], measured: Measured) -> Row:
-    """What both formulations cost, and how many times longer Lagrange's takes."""
+def counted(linkage: str, scenario: str) -> Tables:
+    """Unknowns and operations of both formulations, as far as they can be compiled."""
+    mechanism = load(linkage, scenario or None)
     rows = mechanism.n - mechanism.dof
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "n": mechanism.n, "rows": rows}
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
-        if kernels[formulation] is not None:
-            found = costs(known_program(mechanism, formulation, (), None, None))
-            start |= {f"{x}_{formulation}": getattr(found, x) for x in ("operations", "divisions", "critical")}
+        try:
+            told = costs(known_program(mechanism, formulation, (), None, None))
+        except KernelError:
+            continue  # the race tells why
+        start |= {f"{x}_{formulation}": getattr(told, x) for x in ("operations", "divisions", "critical")}
+    return {"kernel_claim": [start]}
+
+
+def complete(suite: Suite, tables: Tables) -> None:
+    """Fill in the ratios and the verdict."""
+    races = measured_by_linkage(tables)
+    for part in suite.claim:
+        for number, start in enumerate(tables.get("kernel_claim", [])):
+            measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
+            tables["kernel_claim"][number] = claim_row(start, part, measured)
+
+
+def claim_row(start: Row, part: Claim, measured: Measured) -> Row:
+    """What both formulations cost, and how many times longer the one with many unknowns takes."""
 
     def make() -> Row:
-        found = measured.compared(*(Key(QUANTITY, x) for x in FORMULATIONS))
-        return found | {"verdict": verdict(found["ratio_low"], found["ratio_high"])}
+        times = measured.compared(*(Key(NATIVE, x) for x in part.compiled))
+        return times | {"verdict": verdict(times["ratio_low"], times["ratio_high"])}
 
-    return row(start, make) | _ratio("batch", BATCH, measured) | _ratio("numpy", TEXTBOOK, measured)
+    many = [Key(BATCH, x) for x in part.compiled]
+    textbook = [Key(ACCELERATION, x) for x in part.numpy]
+    return row(start, make) | _ratio("batch", many, measured) | _ratio("numpy", textbook, measured)
 
 
-def _ratio(name: str, quantity: str, measured: Measured) -> Row:
-    """Lagrange's time over Gauss's, under another name; nothing where it was not measured."""
+def _ratio(name: str, keys: list[Key], measured: Measured) -> Row:
+    """The ratio under another name; nothing where it was not measured."""
     try:
-        found = measured.compared(*(Key(quantity, x) for x in FORMULATIONS))
+        times = measured.compared(*keys)
     except Missing:
         return {}
-    return {f"{name}_{x}": found[x] for x in ("ratio", "ratio_low", "ratio_high")}
+    return {f"{name}_{x}": times[x] for x in ("ratio", "ratio_low", "ratio_high")}
 
 
 def verdict(low: float, high: float) -> str:
-    """Whether fewer unknowns are faster, from the spread of Lagrange's time over Gauss's."""
+    """Whether fewer unknowns are faster, from the spread of the time with many over that with few."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

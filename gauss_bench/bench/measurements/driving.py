@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
@@ -17,45 +19,39 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
+from gauss_bench.suites.schema import Method, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-LINKAGES = ("crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar")
-STEP = 1e-3  # [s]
-WAYS = (
-    ("gauss", "default", "rk4", "projection"),
-    ("lagrange", "default", "rk4", "projection"),
-    ("pinocchio", "default", "rk4", "projection"),
-    ("mujoco", "rigid", "rk4", "none"),
-    ("mujoco", "tuned", "rk4", "none"),
-    ("mujoco", "default", "rk4", "none"),
-    ("exudyn", "tuned", "trapezoidal_index2", "none"),
-    ("exudyn", "tuned", "generalized_alpha", "none"),
-)
+
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One task for each linkage."""
+    return [
+        context.task("driving", driving, (*place, part.step, part.ways), *place)
+        for part in suite.driving
+        for place in part.linkages.items()
+    ]
 
 
-def driving(linkage: str) -> dict[str, Any]:
-    """One row for each way to run a driven turn: {"driving": [...]}; a way that fails is a row with a reason."""
-    mechanism = load(linkage, "driven")
+def driving(linkage: str, scenario: str, step: float, ways: tuple[Method, ...]) -> Tables:
+    """One row for each way to run a driven turn; a way that fails is a row with a reason."""
+    mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     reference = build_reference(mechanism, mechanism.duration)
-    exact = Trajectory(reference.t, reference.q, reference.v, reference.a, 0)
-    forces = metrics.reactions(evaluator, exact)
-    return {"driving": [_row(mechanism, evaluator, forces, *way) for way in WAYS]}
+    true = Trajectory(reference.t, reference.q, reference.v, reference.a, 0)
+    forces = metrics.reactions(evaluator, true)
+    return {"driving": [_row(mechanism, evaluator, forces, way, step) for way in ways]}
 
 
-def _row(
-    mechanism: Mechanism, evaluator: Evaluator, exact: Array, engine: str, settings: str, integrator: str, stabilization: str
-) -> dict[str, Any]:
-    row: dict[str, Any] = {"mechanism": mechanism.name, "engine": engine, "settings": settings}
-    row |= {"integrator": integrator, "stabilization": stabilization, "status": str(Status.OK), "message": ""}
-    choice = Choice(settings, integrator, stabilization, STEP)
+def _row(mechanism: Mechanism, evaluator: Evaluator, exact: Array, way: Method, step: float) -> dict[str, Any]:
+    row: dict[str, Any] = {"mechanism": mechanism.name, **way.model_dump(), "status": str(Status.OK), "message": ""}
+    choice, engine = Choice(way.settings, way.integrator, way.stabilization, step), way.engine
     try:
         reason = get(engine).skip(mechanism, choice)
         if reason:
             raise RunFailure(Status.SKIP, reason)
         model = get(engine).build(mechanism, choice)
-        model.prepare(np.arange(round(mechanism.duration / STEP) + 1) * STEP)
+        model.prepare(np.arange(round(mechanism.duration / step) + 1) * step)
         model.run()
         found = metrics.reactions(evaluator, model.read())
     except RunFailure as failure:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_turns_apart
 from gauss_bench.kinematics.inputs import inputs_of
@@ -16,11 +18,10 @@ from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 
-LINKAGES = ("crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar", "jansen")
 POSITIONS = 361
-SEARCHED = ("six_bar", "shaper", "eight_bar")
 STARTS = 60  # shares to 6 %: enough to tell "always" from "half" and "seldom"
 FORMS = (
     ("loop variables", (0.5, 1.0, np.pi), loop_form, whole_turns_apart),
@@ -29,9 +30,18 @@ FORMS = (
 Levels = tuple[Array, Array, Array]
 
 
-def geometry(linkage: str) -> dict[str, Any]:
-    """Rows of agreement over one driven turn, and the singular positions: {"agreement": [...], "singular": [...]}."""
-    mechanism = load(linkage, "driven")
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One task for each linkage."""
+    return [
+        context.task("agreement", geometry, (*place, place[0] in part.searched), *place)
+        for part in suite.geometry
+        for place in part.linkages.items()
+    ]
+
+
+def geometry(linkage: str, scenario: str, searched: bool) -> Tables:
+    """Agreement over one driven turn, the singular positions and, where asked for, searches for the assembly."""
+    mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, inputs_of(mechanism), times) for solve in (loop_motion, basic_motion))
     assert mechanism.driver is not None
@@ -45,9 +55,7 @@ def geometry(linkage: str) -> dict[str, Any]:
     names = list(ways)
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     agreement = [{"mechanism": mechanism.name, "first": a, "second": b, **differences(ways[a], ways[b])} for a, b in pairs]
-    iterations = {"link units": float(np.mean(loop.iterations)), "point coordinates": float(np.mean(basic.iterations))}
-    found = {"agreement": agreement, "iterations": iterations, "singular": singular(linkage)}
-    return found | {"basins": basin_rows(mechanism) if linkage in SEARCHED else []}
+    return {"agreement": agreement, "singular": singular(linkage), "basins": basin_rows(mechanism) if searched else []}
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:

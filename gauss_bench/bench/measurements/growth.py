@@ -21,6 +21,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, interleaved, lasting
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.tasks import Rows, Tables
+from gauss_bench.bench.tasks import Task as Request
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import get
@@ -28,16 +31,15 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
+from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-SIZES = (1, 4, 16, 64)
 MOMENT = "0.5"  # [s] of the closed form
 STEP = 1e-6  # [s] of own kernels: so short that they stay near the state
 EXUDYN_STEP = 1e-3  # [s]
 LOOPED = 1000  # of them in one call: what calling costs no longer counts
 EXUDYN_STEPS = 20  # in one call
-ROUNDS = 15
 LCABA = {"mu": 1e-4, "accuracy": 1e-10, "iterations": 20}
 TOO_LONG = {  # the largest size that is built, and what takes long beyond it
     "straight line": (64, "generating and compiling straight-line code takes more than half a minute"),
@@ -47,8 +49,19 @@ TOO_LONG = {  # the largest size that is built, and what takes long beyond it
 Row = dict[str, Any]
 
 
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
+    """One task for each size."""
+    return [context.task("scaling", scaling, (size, part.rounds), size=size) for part in suite.growth for size in part.sizes]
+
+
+def complete(suite: Suite, tables: Tables) -> None:
+    """Add the exponents, which are worked out from all sizes."""
+    for part in suite.growth:
+        tables["kernel_growth"] = exponents(tables.get("scaling", []), part.large)
+
+
 @dataclass(frozen=True, eq=False)
-class Task:
+class Right:
     """A mechanism at a state, with its accelerations in closed form."""
 
     mechanism: Mechanism
@@ -71,29 +84,27 @@ class Contender:
     compile_seconds: float
 
 
-def scaling(sizes: Sequence[int] = SIZES) -> dict[str, list[Row]]:
-    """Rows of every engine at every size, {"scaling": rows}.
-
-    Columns: engine, quantity, size (windows), n (coordinates), seconds (lower quartile of the rounds), low, high (their 5 % and
-    95 % points), generate_seconds, compile_seconds (of engines: to build the model, and 0), error (relative, of the accelerations),
-    status, message. What cannot be had leaves a row with a status and the reason.
-    """
-    rows: list[Row] = []
-    for size in sizes:
-        rows += _of_size(size)
+def scaling(size: int, rounds: int) -> Tables:
+    """Rows of every engine at a size; what cannot be had leaves a row with a status and the reason."""
+    rows, blocks = entered(right(size), size)
+    samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
+    for block, _, seconds in interleaved(blocks, rounds):
+        samples[block.entry].append(seconds)
+    for k, x in samples.items():
+        rows[k] |= dict(zip(("seconds", "low", "high"), map(float, np.quantile(x, (0.25, 0.05, 0.95))), strict=True))
     return {"scaling": rows}
 
 
-def task(size: int) -> Task:
+def right(size: int) -> Right:
     """The N-four-bar of a size."""
     mechanism = load(f"n_four_bar_{size}")
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
-    return Task(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
+    return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
-def _of_size(size: int) -> list[Row]:
-    wanted = task(size)
+def entered(wanted: Right, size: int) -> tuple[Rows, list[Block]]:
+    """A row for each engine and way to ask it, and the blocks to be timed, each with its row's number."""
     rows: list[Row] = []
     blocks: list[Block] = []
     for engine, build in CONTENDERS.items():
@@ -111,20 +122,11 @@ def _of_size(size: int) -> list[Row]:
             block.entry = len(rows)
             blocks.append(block)
             rows.append(start | {"quantity": quantity} | costs)
-    _time(rows, blocks)
-    return rows
+    return rows, blocks
 
 
-def _time(rows: list[Row], blocks: list[Block]) -> None:
-    samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
-    for block, _, seconds in interleaved(blocks, ROUNDS):
-        samples[block.entry].append(seconds)
-    for k, x in samples.items():
-        rows[k] |= dict(zip(("seconds", "low", "high"), map(float, np.quantile(x, (0.25, 0.05, 0.95))), strict=True))
-
-
-def _compiled(form: str, formulation: str) -> Callable[[Task], Contender]:
-    def build(wanted: Task) -> Contender:
+def _compiled(form: str, formulation: str) -> Callable[[Right], Contender]:
+    def build(wanted: Right) -> Contender:
         kernel = compile_kernel(wanted.mechanism, formulation, cache=False, form=form)
         blocks = _own(kernel, wanted)
         error = wanted.error(kernel.acceleration(wanted.q, wanted.v))
@@ -133,13 +135,13 @@ def _compiled(form: str, formulation: str) -> Callable[[Task], Contender]:
     return build
 
 
-def _own(kernel: Kernel, wanted: Task) -> dict[str, Block]:
+def _own(kernel: Kernel, wanted: Right) -> dict[str, Block]:
     steps = lasting(None, lambda: kernel.rollout(wanted.q, wanted.v, STEP, LOOPED), 4 * LOOPED)
     return {"in its own loop": steps, "called from Python": lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))}
 
 
-def _pinocchio(solver: str) -> Callable[[Task], Contender]:
-    def build(wanted: Task) -> Contender:
+def _pinocchio(solver: str) -> Callable[[Right], Contender]:
+    def build(wanted: Right) -> Contender:
         start = time.perf_counter()
         model: Any = get("pinocchio").build(wanted.mechanism, Choice())
         y, dy = model.tree.relative(wanted.q, wanted.v)
@@ -162,8 +164,8 @@ def _lcaba(model: Any, y: Array, dy: Array) -> Callable[[], Array]:
     return lambda: pin.lcaba(tree, data, y, dy, tau, rows, row_data, prox)
 
 
-def _mujoco(jacobian: str) -> Callable[[Task], Contender]:
-    def build(wanted: Task) -> Contender:
+def _mujoco(jacobian: str) -> Callable[[Right], Contender]:
+    def build(wanted: Right) -> Contender:
         start = time.perf_counter()
         built: Any = get("mujoco").build(wanted.mechanism, Choice(integrator="rk4"))
         mujoco, model = built.mujoco, built.model
@@ -178,7 +180,7 @@ def _mujoco(jacobian: str) -> Callable[[Task], Contender]:
     return build
 
 
-def _exudyn(wanted: Task) -> Contender:
+def _exudyn(wanted: Right) -> Contender:
     start = time.perf_counter()
     model: Any = get("exudyn").build(wanted.mechanism, Choice("tuned", "generalized_alpha", "none", EXUDYN_STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
@@ -188,7 +190,7 @@ def _exudyn(wanted: Task) -> Contender:
     return Contender({"one implicit step": block}, error, time.perf_counter() - start, 0.0)
 
 
-CONTENDERS: dict[str, Callable[[Task], Contender]] = {
+CONTENDERS: dict[str, Callable[[Right], Contender]] = {
     "loops, gauss": _compiled("looped", "gauss"),
     "loops, lagrange": _compiled("looped", "lagrange"),
     "straight line, gauss": _compiled("straight line", "gauss"),
@@ -200,8 +202,19 @@ CONTENDERS: dict[str, Callable[[Task], Contender]] = {
 }
 
 
-def growth(rows: Sequence[Row], engine: str, quantity: str, smallest: int = 16) -> float:
-    """Exponent p of seconds ~ size^p over the sizes from `smallest` on, by least squares of the logarithms."""
-    chosen = [x for x in rows if (x["engine"], x["quantity"]) == (engine, quantity) and x["size"] >= smallest]
-    sizes, seconds = (np.log([x[key] for x in chosen]) for key in ("size", "seconds"))
-    return float(np.polyfit(sizes, seconds, 1)[0])
+def exponents(rows: Rows, large: int) -> Rows:
+    """How time grows with size from `large` on, of everything that was timed at two such sizes or more."""
+    ended = [r for r in rows if r["status"] == Status.OK and r["size"] >= large]
+    ways = dict.fromkeys((r["engine"], r["quantity"]) for r in ended)
+    told = []
+    for engine, quantity in ways:
+        here = [r for r in ended if (r["engine"], r["quantity"]) == (engine, quantity)]
+        if len(here) > 1:
+            names = {"engine": engine, "quantity": quantity, "sizes": len(here), "from": large}
+            told.append(names | {"exponent": exponent([r["size"] for r in here], [r["seconds"] for r in here])})
+    return told
+
+
+def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
+    """p of seconds ~ size^p, by least squares of the logarithms."""
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])

@@ -5,42 +5,49 @@ energy grows with time; at half the step it must be about 2^4 times smaller at l
 kernel's. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).
 """
 
-from typing import Any
-
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.kernel_timing import Missing, Row, row
-from gauss_bench.bench.measurements.steps import FORMULATIONS
-from gauss_bench.bench.targets import DRIFT, ORDER, ORDER_MARGIN
+from gauss_bench.bench.clock import Missing, Row, row
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements.claim import FORMULATIONS
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.suites.schema import LongRuns, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
-SCENARIO = "conservative"
-STEP = 1e-3  # [s], and half of it
 SAMPLING = 1e-2  # [s]
 WINDOWS = 10  # in which the largest error of the energy is taken
 
 
-def long_run(linkage: str, duration: float) -> dict[str, Any]:
-    """Rows of both formulations at two steps, {"kernel_long": [...], "kernel_energy": [...]}."""
-    mechanism = load(linkage, SCENARIO)
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One task for each linkage."""
+    return [
+        context.task("kernel_long", long_run, (*place, part.model_copy(update={"linkages": {}})), *place)
+        for part in suite.long_runs
+        for place in part.linkages.items()
+    ]
+
+
+def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
+    """Rows of both formulations at two steps, and the error of their energy in each window."""
+    mechanism = load(linkage, scenario)
     rows: list[Row] = []
     windows: list[Row] = []
     for formulation in FORMULATIONS:
         coarse: Row = {}
-        for step in (STEP, STEP / 2):
-            start: Row = {"mechanism": mechanism.name, "scenario": SCENARIO, "formulation": formulation, "step": step}
+        for step in (part.step, part.step / 2):
+            start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation, "step": step}
             energies: list[float] = []
-            found = row(start | {"t_end": duration}, measured, mechanism, formulation, step, duration, energies)
-            rows.append(judged(found, coarse))
-            windows += [start | {"t": (k + 1) * duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
-            coarse = found
+            told = row(start | {"t_end": part.duration}, measured, mechanism, formulation, step, part.duration, energies)
+            rows.append(judged(told, coarse, part))
+            windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
+            coarse = told
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
@@ -79,12 +86,12 @@ def run(kernel: Kernel, step: float, duration: float) -> Trajectory:
     return Trajectory(t, q, v, np.zeros_like(q), round(duration / step))
 
 
-def judged(found: Row, coarse: Row) -> Row:
+def judged(fine: Row, coarse: Row, part: LongRuns) -> Row:
     """The row with the order of the energy's error, from the run at twice the step, and whether drift and order are as wanted."""
-    if found["status"] != Status.OK:
-        return found | {"target": DRIFT, "met": False}
-    met = max(found["position_drift"], found["velocity_drift"]) <= DRIFT
+    if fine["status"] != Status.OK:
+        return fine | {"target": part.drift, "met": False}
+    met = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift
     if coarse.get("status") != Status.OK:
-        return found | {"target": DRIFT, "met": met}
-    order = float(np.log2(coarse["energy_max"] / found["energy_max"])) if found["energy_max"] > 0 else np.inf
-    return found | {"order": order, "target": DRIFT, "met": met and order >= ORDER - ORDER_MARGIN}
+        return fine | {"target": part.drift, "met": met}
+    order = float(np.log2(coarse["energy_max"] / fine["energy_max"])) if fine["energy_max"] > 0 else np.inf
+    return fine | {"order": order, "target": part.drift, "met": met and order >= part.order - part.margin}

@@ -1,67 +1,68 @@
 """Kinematics compiled: positions, velocities and accelerations of all links per second, over whole turns of the crank.
 
 Each turn is judged by pure geometry, the closure in the crank angle by Newton's method, at every sample; errors are relative to the
-largest value of each level. The suite's own link units in numpy
-race along, and pylinkage where it is installed.
+largest value of each level. The suite's own link units in numpy race along, and pylinkage where it is installed.
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, lasting
-from gauss_bench.bench.kernel_effort import Effort
-from gauss_bench.bench.kernel_timing import Key, Measured, Race, Row, row, spread
-from gauss_bench.bench.measurements import pylinkage as kernel_pylinkage
-from gauss_bench.bench.targets import CLOSURE, KINEMATICS, at_least
+from gauss_bench.bench.clock import Block, Key, Measured, Race, Row, at_least, lasting, row, spread
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements import pylinkage
+from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.suites.schema import Suite, Turns
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-LINKAGES = ("four_bar", "eight_bar")
-SCENARIO = "driven"
-SAMPLES = 3600
 NATIVE, LINK_UNITS, RIVAL = "closure, compiled", "link units, numpy", "pylinkage"
 PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all the rest
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
-def kinematics_speed(linkage: str, effort: Effort) -> dict[str, Any]:
-    """Rows of a linkage, {"kernel_kinematics": [...]}."""
-    mechanism, race, closures = load(linkage, SCENARIO), Race(), list[Closure]()
-    turns: list[Callable[[], kernel_pylinkage.Turn]] = []
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """One task for each linkage."""
+    return [
+        context.task("kernel_kinematics", turn, (*place, part), *place) for part in suite.turns for place in part.linkages.items()
+    ]
+
+
+def turn(linkage: str, scenario: str, part: Turns) -> Tables:
+    """Rows of a linkage, one for each way."""
+    mechanism, race, closures, samples = load(linkage, scenario), Race(), list[Closure](), part.samples
+    turns: list[Callable[[], pylinkage.Turn]] = []
 
     def native() -> Block:
         closures.append(compile_closure(mechanism))
-        return lasting(None, lambda: closures[0].turn(SAMPLES), SAMPLES)
+        return lasting(None, lambda: closures[0].turn(samples), samples)
 
     def plain() -> Block:
-        times, inputs = np.arange(PLAIN_SAMPLES) / SAMPLES, inputs_of(mechanism)
+        times, inputs = np.arange(PLAIN_SAMPLES) / samples, inputs_of(mechanism)
         return lasting(None, lambda: loop_motion(mechanism, inputs, times), PLAIN_SAMPLES)
 
-    race.add(Key("turn", NATIVE), native)
-
     def rival() -> Block:
-        turns.append(kernel_pylinkage.turning(mechanism, SAMPLES))
-        return lasting(None, turns[0], SAMPLES)
+        turns.append(pylinkage.turning(mechanism, samples))
+        return lasting(None, turns[0], samples)
 
-    race.add(Key("turn", LINK_UNITS), plain)
-    race.add(Key("turn", RIVAL), rival)
-    measured = race.run(effort.rounds)
-    start: Row = {"mechanism": mechanism.name, "scenario": SCENARIO, "samples": SAMPLES}
-    own = row(start | {"method": NATIVE}, lambda: rates(measured, NATIVE) | errors(mechanism, closures[0].turn(SAMPLES)))
-    own = at_least(own, "rate", KINEMATICS[mechanism.name])
-    own["met"] = own.get("met", False) and all(own[level] <= CLOSURE for level in LEVELS)
+    for name, make in ((NATIVE, native), (LINK_UNITS, plain), (RIVAL, rival)):
+        race.add(Key("turn", name), make)
+    measured = race.run(part.rounds)
+    start: Row = {"mechanism": mechanism.name, "scenario": scenario, "samples": samples}
+    own = row(start | {"method": NATIVE}, lambda: rates(measured, NATIVE) | errors(mechanism, closures[0].turn(samples)))
+    own = at_least(own, "rate", part.targets.get(mechanism.name))
+    if "met" in own:
+        own["met"] = own["met"] and all(own[level] <= part.error for level in LEVELS)
     rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rates(measured, LINK_UNITS))
-    other = row(start | {"method": RIVAL}, lambda: rates(measured, RIVAL) | named(kernel_pylinkage.errors(mechanism, turns[0]())))
+    other = row(start | {"method": RIVAL}, lambda: rates(measured, RIVAL) | named(pylinkage.errors(mechanism, turns[0]())))
     if other["status"] == Status.OK:
-        other["message"] = kernel_pylinkage.version()
+        other["message"] = pylinkage.version()
     return {"kernel_kinematics": [own, rest, other]}
 
 

@@ -59,6 +59,7 @@ class Casadi:
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
     stabilizations = STABILIZATIONS
     settings = SETTINGS
+    adaptive = integrators  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
 

@@ -1,1 +1,1 @@
-"""The report's sections, one file each: a function of the run (and a linkage) to a Section, or None if there is nothing to say."""
+"""The report, section by section: a file each, a room for a chapter; see `report/build.py` for what a file must have."""

@@ -1,11 +1,26 @@
 """Is the paper right? Few unknowns against many, with nothing else that differs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Section, Text, listed, times
-from gauss_bench.report.kernel_lines import claimed, table
+from gauss_bench.report.content import (
+    Cell,
+    Finding,
+    Section,
+    Text,
+    counts,
+    listed,
+    ratio_cells,
+    remark,
+    text_cell,
+    texts,
+    time_of,
+    times,
+    titled_table,
+)
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
+PLACE = 20
+TABLES = ("kernel_claim",)
 CLAIM = (
     "The papers solve for n - m accelerations where Lagrange's multipliers solve for n + m unknowns, and say that this is cheaper. "
     "Here nothing else differs: one eliminator, one search for pivots and one code generator serve both formulations, and both "
@@ -22,11 +37,11 @@ HEAD = (
 
 def section(run: Run) -> Section:
     """Whether the papers' claim holds."""
-    rows = run.kernels.get("kernel_claim", ())
+    rows = run.table("kernel_claim")
     if not rows:
         return Section("Is the paper right?", "claim", (Text("The run raced no compiled formulations."),))
     ordered = sorted(rows, key=lambda r: (number(r, "unknowns_gauss"), number(r, "unknowns_lagrange"), str(r["mechanism"])))
-    lines = table("n - m unknowns against n + m", HEAD, 1, ordered, claimed)
+    lines = titled_table("n - m unknowns against n + m", HEAD, 1, ordered, claimed)
     return Section("Is the paper right?", "claim", (Text(CLAIM), Text(verdict(ordered)), lines))
 
 
@@ -55,3 +70,45 @@ def verdict(rows: Sequence[Row]) -> str:
 
 def _named(row: Row) -> str:
     return f"{row['mechanism']} ({times(number(row, 'ratio'))})"
+
+
+VERDICTS = {"holds": "good", "open": "warn", "reversed": "bad"}
+
+
+def claimed(row: Row) -> tuple[Cell, ...]:
+    """Both formulations of a linkage."""
+    kinds = ("operations", "divisions", "critical")
+    costs = counts(row, *(f"{kind}_{x}" for kind in kinds for x in ("gauss", "lagrange")))
+    ratios = (cell for name in ("ratio", "batch_ratio", "numpy_ratio") for cell in ratio_cells(row, name))
+    found = str(row.get("verdict", "")) or remark(row).text
+    return (
+        *texts(row, "mechanism"),
+        *counts(row, "n", "rows", "unknowns_gauss", "unknowns_lagrange"),
+        *costs,
+        time_of(row),
+        time_of(row, "rival_seconds"),
+        *ratios,
+        text_cell(found, VERDICTS.get(found, "bad")),
+    )
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """Whether fewer unknowns are faster, compiled."""
+    rows = [row for row in run.table("kernel_claim") if known(row.get("ratio"))]
+    if not rows:
+        return
+    found = grouped(sorted(rows, key=lambda r: number(r, "unknowns_gauss")), lambda r: str(r["verdict"]))
+    said = {"holds": "faster on", "open": "level on", "reversed": "slower on"}
+    parts = [f"{words} {listed(map(_ratio, found[key]))}" for key, words in said.items() if key in found]
+    text = (
+        f"Compiled by the same eliminator, n - m unknowns are {'; '.join(parts)} (times that n + m unknowns take, with its spread)."
+    )
+    whole = set(found) == {"holds"}
+    yield Finding(
+        "The paper's claim", f"{'Yes' if whole else 'In part' if 'holds' in found else 'No'}. {text}", "" if whole else "warn"
+    )
+
+
+def _ratio(row: Row) -> str:
+    x, low, high = (times(number(row, f"ratio{end}")) for end in ("", "_low", "_high"))
+    return f"{row['mechanism']} {x} ({low}..{high})"

@@ -3,6 +3,8 @@
 from gauss_bench.report.content import Cell, Section, Table, Text, columns, text_cell
 from gauss_bench.report.rows import Run
 
+PLACE = 110
+TABLES = ()
 FACTS = (
     "suite",
     "date",

@@ -1,18 +1,20 @@
 """Cases without a trajectory, each kind with its sentence."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, count, listed, text_cell
+from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, ok
 
+PLACE = 80
+TABLES = ("results", "untimed")
 NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 def section(run: Run) -> Section:
     failed = [row for row in run.results if not ok(row)]
     invalid = [row | {"message": row.get("flag", "")} for row in map(dict, run.results) if ok(row) and not row["valid"]]
-    lost = run.environment.get("costs_failed", [])
+    lost = [row for row in run.table("untimed") if row["status"] != "skip"]
     if not failed and not invalid and not lost:
         return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended and is valid."),))
     blocks: list[Block] = [Text("Cases that ended for the same reason share a line; none of them is in a figure or a ranking.")]
@@ -57,3 +59,18 @@ def where(rows: Sequence[Row]) -> str:
     steps = sorted({row["step"] for row in rows if known(row["step"])})
     parts.append(f"step {', '.join(f'{x:g}' for x in steps)}" if steps else "")
     return "; ".join(part for part in parts if part)
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
+    if rows:
+        groups = grouped(rows, lambda r: (r["engine"], r["status"])).items()
+        found = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)
+        text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {found}."
+        yield Finding("Failed cases", text, "bad")
+
+
+def _first(group: list[Row]) -> str:
+    row = group[0]
+    sentence = " ".join(str(row["message"]).split()).rstrip(".").replace("`", "") or "no message"
+    return f'such as {row["mechanism"]} {row["scenario"]} ("{sentence}")'

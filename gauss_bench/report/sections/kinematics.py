@@ -3,6 +3,8 @@
 from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, error_cell, text_cell
 from gauss_bench.report.rows import Row, Run, number
 
+PLACE = 40
+TABLES = ("agreement", "singular", "basins", "driving")
 WORDS = (
     "Over one driven turn the positions, velocities and accelerations of all links are found three ways that share the linkage "
     "file and nothing else: loop equations from link units, point coordinates with link constraints, and the constraints of the "
@@ -25,18 +27,21 @@ TORQUES = (
 
 
 def section(run: Run) -> Section:
-    if not run.agreement:
+    if not run.table("agreement"):
         return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))
     head, numeric = columns(("linkage", "one", "other", "position", "velocity", "acceleration"), 3)
-    lines = tuple(_agreement(row) for row in run.agreement)
+    lines = tuple(_agreement(row) for row in run.table("agreement"))
     blocks: list[Block] = [Text(WORDS), Table("Three ways, one motion", head, lines, numeric)]
-    if run.singular:
+    if run.table("singular"):
         head, numeric = columns(("linkage", "coordinate", "kind", "crank angle [deg]"), 3)
-        blocks += [Text(REVERSALS), Table("Limits and dead centres", head, tuple(_singular(row) for row in run.singular), numeric)]
-    if run.basins:
+        blocks += [
+            Text(REVERSALS),
+            Table("Limits and dead centres", head, tuple(_singular(row) for row in run.table("singular")), numeric),
+        ]
+    if run.table("basins"):
         head, numeric = columns(("linkage", "form", "spread", "search", "right", "other root", "iterations"), 2)
-        blocks += [Text(BASINS), Table("First guesses", head, tuple(_basin(row) for row in run.basins), numeric - {3})]
-    if run.driving:
+        blocks += [Text(BASINS), Table("First guesses", head, tuple(_basin(row) for row in run.table("basins")), numeric - {3})]
+    if run.table("driving"):
         names = (
             "linkage",
             "engine",
@@ -49,7 +54,10 @@ def section(run: Run) -> Section:
             "status",
         )
         head, numeric = columns(names, 5, last_text=1)
-        blocks += [Text(TORQUES), Table("Driving torque over a turn", head, tuple(_driving(row) for row in run.driving), numeric)]
+        blocks += [
+            Text(TORQUES),
+            Table("Driving torque over a turn", head, tuple(_driving(row) for row in run.table("driving")), numeric),
+        ]
     return Section("Kinematics", "kinematics", tuple(blocks))
 
 

@@ -3,6 +3,8 @@
 from gauss_bench.report.content import Bullets, Section
 from gauss_bench.report.rows import Run
 
+PLACE = 90
+TABLES = ()
 LIMITATIONS = (
     "**Equal steps are not equal accuracy.** Engines are compared at the error they reach, in the error-against-cost "
     "figures; a table row at the same step compares integrators as much as engines.",

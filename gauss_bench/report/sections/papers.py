@@ -1,11 +1,13 @@
 """The three papers, line by line: what is printed, what is right, how far off each is when computed, and why it fails."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Section, Table, Text, columns, count, error, listed, text_cell
-from gauss_bench.report.paper_findings import SAID, causes, verdicts
+from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, listed, text_cell
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
+PLACE = 70
+TABLES = ("audit",)
+SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out", "unreadable": "unreadable in our text"}
 WORDS = (
     "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "
     "fails, as it should read, both against a truth that knows neither. Whether a line holds follows from the two discrepancies. "
@@ -20,10 +22,10 @@ TONES = {"ok": "good", "wrong": "bad", "misprint": "warn", "loose": "warn"}
 
 
 def section(run: Run) -> Section:
-    if not run.audit:
+    if not run.table("audit"):
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
-    blocks: list[Block] = [Text(WORDS), Text(summary(run.audit))]
-    for paper, rows in grouped(run.audit, lambda row: str(row["paper"])).items():
+    blocks: list[Block] = [Text(WORDS), Text(summary(run.table("audit")))]
+    for paper, rows in grouped(run.table("audit"), lambda row: str(row["paper"])).items():
         off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
         sound = [row for row in rows if row not in off]
         told = [str(rows[0][key]) for key in ("cited", "assumed") if rows[0].get(key)]
@@ -34,7 +36,7 @@ def section(run: Run) -> Section:
             blocks.append(faulty(f"{paper}: what is not right as printed", off))
         if sound:
             blocks.append(right(f"{paper}: what is right as printed", sound))
-    numbers = [row for row in run.audit if row["example"]]
+    numbers = [row for row in run.table("audit") if row["example"]]
     if numbers:
         blocks += [Text(BY_HAND), by_hand(numbers)]
     return Section("The papers, audited", "papers", tuple(blocks))
@@ -120,3 +122,53 @@ def by_hand(rows: Sequence[Row]) -> Table:
 
 def value_cell(x: float) -> Cell:
     return Cell(f"{x:.7g}", x) if known(x) else Cell("-")
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """How many lines hold, and the fault that no residual gives away."""
+    yield from statements(run)
+    yield from unseen(run)
+
+
+def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
+    """(paper, cause) -> its lines; lines without a cause are left out."""
+    return grouped((row for row in rows if row.get("cause")), lambda row: (str(row["paper"]), str(row["cause"])))
+
+
+def verdicts(rows: Iterable[Row]) -> str:
+    """How many lines came out how, and for how many causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    parts = []
+    for verdict, group in grouped(rows, lambda row: str(row["verdict"])).items():
+        reasons = len(causes(group))
+        parts.append(f"{len(group)} {SAID.get(verdict, verdict)}" + (f" ({count(reasons, 'cause')})" if reasons else ""))
+    return listed(parts)
+
+
+def statements(run: Run) -> Iterator[Finding]:
+    """How many printed lines hold, for how many causes the others do not, and which are wrong."""
+    if not run.table("audit"):
+        return
+    papers = {row["paper"] for row in run.table("audit")}
+    off = [row for row in run.table("audit") if row["verdict"] != "ok"]
+    wrong = grouped((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
+    fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
+    lines = run.table("audit")
+    text = f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(lines)}."
+    text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
+    text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
+    yield Finding("What the papers print", text, "bad" if fallen else "warn" if off else "good")
+
+
+def unseen(run: Run) -> Iterator[Finding]:
+    """The printed formula that meets the constraints and is wrong."""
+    rows = {str(row["name"]): row for row in run.table("audit")}
+    meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
+    if meets is None or off is None or not (meets["stands"] and off["stands"]):
+        return
+    printed, true = (number(off, f"example_{key}") for key in ("printed", "true"))
+    yield Finding(
+        "A printed formula that no residual gives away",
+        f"Eq. {off['equation']} of {off['paper']}, read with Moore-Penrose inverses, meets every constraint to "
+        f"{error(number(meets, 'printed_off'))} and gives {printed:.4g} for the {off['example']}, where the truth is {true:.4g}.",
+        "warn",
+    )

@@ -1,8 +1,12 @@
 """The truth: what every error is measured against, how far it can be trusted, and below what no engine can be told apart."""
 
-from gauss_bench.report.content import Block, Bullets, Cell, Section, Table, Text, columns, error_cell, text_cell
+from collections.abc import Iterator
+
+from gauss_bench.report.content import Block, Bullets, Cell, Finding, Section, Table, Text, columns, count, error_cell, text_cell
 from gauss_bench.report.rows import Row, Run, known, number
 
+PLACE = 50
+TABLES = ("references", "certificates", "published")
 REFERENCES = (
     "An error bar is the largest disagreement of two integrations, made as the last column says, and the rounding of what is "
     "stored; no digit below it is used."
@@ -27,17 +31,17 @@ PUBLISHED = (
 
 def section(run: Run) -> Section:
     blocks: list[Block] = []
-    if run.references:
-        blocks += [Text(REFERENCES), _references(run.references)]
-    if run.certificates:
-        plain = [row for row in run.certificates if not known(row.get("taylor_off_closed_form"))]
-        exact = [row for row in run.certificates if known(row.get("taylor_off_closed_form"))]
+    if run.table("references"):
+        blocks += [Text(REFERENCES), _references(run.table("references"))]
+    if run.table("certificates"):
+        plain = [row for row in run.table("certificates") if not known(row.get("taylor_off_closed_form"))]
+        exact = [row for row in run.table("certificates") if known(row.get("taylor_off_closed_form"))]
         blocks += [Text(CERTIFICATES), _certificates(plain)]
-        early = tuple(_early(row) for row in run.certificates if row["status"] != "ok" or row["complete"] is False)
+        early = tuple(_early(row) for row in run.table("certificates") if row["status"] != "ok" or row["complete"] is False)
         blocks += [Bullets(early)] if early else []
         blocks += [Text(CLOSED_FORMS), _closed_forms(exact)] if exact else []
-    if run.published:
-        blocks += [Text(PUBLISHED), _published(run.published)]
+    if run.table("published"):
+        blocks += [Text(PUBLISHED), _published(run.table("published"))]
     return Section("The truth", "references", tuple(blocks) or (Text("The run recorded no references."),))
 
 
@@ -95,3 +99,22 @@ def _early(row: Row) -> str:
 
 def _angle(x: float) -> Cell:
     return Cell(f"{x:.15f}", x) if x == x else Cell("-")
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """How good published reference values are."""
+    off = [
+        row
+        for row in run.table("published")
+        if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))
+    ]
+    if off:
+        worst = min(off, key=lambda row: number(row, "true_digits"))
+        digits = f"{number(worst, 'printed_digits'):g} digits, of which {number(worst, 'true_digits'):g} are true"
+        printed = count(len(run.table("published")), "value")
+        text = f"The IVP test set prints {printed} for Andrews' squeezing mechanism, copied ever since; "
+        text += (
+            f"{len(off)} are off by more than ten times what the certified motion leaves open: {worst['quantity']} is printed with "
+        )
+        text += f"{digits}."
+        yield Finding("Published values", text, "warn")

@@ -1,13 +1,39 @@
 """The example of Yuan & Ge (2016) run again: what becomes of the crank-slider, in sentences whose numbers are the run's."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from gauss_bench.report.content import Block, Bullets, Cell, Picture, Section, Table, Text, columns, error, listed, text_cell
-from gauss_bench.report.paper_figures import paper_figures
-from gauss_bench.report.paper_findings import assumed
-from gauss_bench.report.rows import Row, Run, known, number
+from matplotlib.axes import Axes
 
+from gauss_bench.report.content import (
+    Block,
+    Bullets,
+    Cell,
+    Finding,
+    Picture,
+    Section,
+    Table,
+    Text,
+    columns,
+    error,
+    listed,
+    text_cell,
+)
+from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE
+from gauss_bench.report.plotting import (
+    panels,
+    svg,
+    titled,
+)
+from gauss_bench.report.rows import (
+    Row,
+    Run,
+    known,
+    number,
+)
+
+PLACE = 60
+TABLES = ("reproduction", "paper_motion")
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6
 CAPTION = (
@@ -24,15 +50,15 @@ VERDICTS = {"refuted": "bad", "holds": "good", "not shown": "warn"}
 
 
 def section(run: Run) -> Section:
-    rows = {str(row["key"]): row for row in run.reproduction}
+    rows = {str(row["key"]): row for row in run.table("reproduction")}
     if "stops" not in rows:
         return Section(TITLE, ANCHOR, (Text("The run did not repeat the example."),))
     blocks: list[Block] = [Text(verdict(rows)), Bullets(tuple(holding(rows))), Text(WHY)]
-    if svg := paper_figures(run.paper_motion):
+    if svg := paper_figures(run.table("paper_motion")):
         blocks.append(Picture("paper_motion", svg, "Crank and slider of the paper's example against time", CAPTION))
-    claims = [row for row in run.reproduction if row["group"] == "claims"]
-    omitted = [row for row in run.reproduction if row["group"] == "left out"]
-    blocks += [said("What the paper says of its example", claims), left_out(omitted), quantities(run.reproduction)]
+    claims = [row for row in run.table("reproduction") if row["group"] == "claims"]
+    omitted = [row for row in run.table("reproduction") if row["group"] == "left out"]
+    blocks += [said("What the paper says of its example", claims), left_out(omitted), quantities(run.table("reproduction"))]
     return Section(TITLE, ANCHOR, tuple(blocks))
 
 
@@ -122,3 +148,67 @@ def quantities(rows: Sequence[Row]) -> Table:
     )
     note = "Uncertainty: half the bracket of a bisection plus what a finer or coarser integration moves the value by."
     return Table("All quantities of the example", head, lines, numeric - {3}, folded=True, note=note)
+
+
+PANELS = (
+    ("x1", "crank's centre, x", "m", CRANK_EDGE),
+    ("y1", "crank's centre, y", "m", CRANK_EDGE),
+    ("theta1", "crank's angle", "rad", CRANK_EDGE),
+    ("x3", "slider, x", "m", BODY_EDGE),
+)
+
+
+FIRST = 2  # the paper's figure 1 is the drawing
+
+
+MARGIN = 0.2  # [inch] at the right, where these panels have no legend
+
+
+def paper_figures(rows: Sequence[Row]) -> str:
+    """SVG text of eight panels numbered as in the paper: a position and its speed in each row; empty without rows."""
+    if not rows:
+        return ""
+    figure, grid = panels(2, len(PANELS), width=3.7, height=1.75, share=False)
+    t = [number(row, "t") for row in rows]
+    for k, ((column, name, unit, colour), pair) in enumerate(zip(PANELS, grid, strict=True)):
+        rates = ((column, name, unit), (f"{column}_rate", f"{name}: speed", f"{unit}/s"))
+        for i, (axes, (key, title, label)) in enumerate(zip(pair, rates, strict=True)):
+            draw(axes, t, [number(row, key) for row in rows], colour)
+            titled(axes, f"{FIRST + 2 * k + i}  {title}")
+            axes.set_ylabel(label)
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    width = float(figure.get_size_inches()[0])
+    figure.subplots_adjust(right=1 - MARGIN / width, hspace=0.55, wspace=0.28)
+    figure.align_ylabels()
+    return svg(figure)
+
+
+def draw(axes: Axes, t: Sequence[float], y: Sequence[float], colour: str) -> None:
+    """One curve over the whole time."""
+    axes.plot(t, y, color=colour, linewidth=1.1)
+    axes.set_xlim(t[0], t[-1])
+    axes.locator_params(axis="y", nbins=5)
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """What becomes of the mechanism that is said to stop."""
+    rows = {str(row["key"]): row for row in run.table("reproduction")}
+    if "stops" not in rows or rows["stops"]["verdict"] != "refuted":
+        return
+    low, high = (number(rows[key], "value") for key in ("settles_above", "settles_below"))
+    torque, mean = number(rows["torque"], "value"), number(rows["mean"], "value")
+    yield Finding(
+        "The paper's mechanism never stops",
+        f'"{str(rows["stops"]["quantity"]).capitalize()}", says the first paper of its example. With the printed data it settles '
+        f"into turning at {mean:.4g} rad/s on average; from the printed start it comes to rest only for torques between "
+        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed. {assumed(rows)}",
+        "warn",
+    )
+
+
+def assumed(rows: Mapping[str, Row]) -> str:
+    """What the example's numbers need that the paper does not give, from the reproduction's rows by key."""
+    left_out = (rows[key] for key in ("inertias", "gravity") if key in rows)
+    taken = (f"the {row['quantity']} ({str(row['statement']).partition(';')[0]})" for row in left_out)
+    return f"The paper does not give {listed(taken)}."

@@ -3,6 +3,9 @@
 from gauss_bench.report.content import Section, Table, Text, columns, text_cell
 from gauss_bench.report.rows import Run
 
+PLACE = 100
+TABLES = ()
+
 
 def section(run: Run) -> Section:
     head, numeric = columns(("engine", "version", "settings", "option", "value"), 5)

@@ -7,6 +7,9 @@ from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.rows import Run
 
+PLACE = 10
+TABLES = ()
+
 
 def section(run: Run, name: str) -> Section | None:
     """A drawing of a linkage that comes with the suite; nothing of others, whose file the report does not have."""

@@ -1,0 +1,60 @@
+"""What all tasks of a run have in common: where references are kept, and what their answers depend on."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.bench.tasks import LIMIT, Tables, Task
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+
+CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
+Alteration = Callable[[Mechanism], Mechanism]
+
+
+def unaltered(mechanism: Mechanism) -> Mechanism:
+    return mechanism
+
+
+@dataclass(frozen=True)
+class Context:
+    """A run's surroundings.
+
+    Attributes:
+        store: folder of the references.
+        stamp: digest of the code, the libraries and the certificates.
+        alter: a fault that is planted in what engines are given.
+        until, steps: [s] what a user asks for instead of the suite's.
+        limit: [s] that one case may take.
+    """
+
+    store: str
+    stamp: str
+    alter: Alteration = unaltered
+    until: float | None = None
+    steps: tuple[float, ...] | None = None
+    limit: float = CASE_LIMIT
+
+    def task(
+        self,
+        table: str,
+        function: Callable[..., Tables],
+        arguments: tuple[Any, ...],
+        linkage: str = "",
+        scenario: str = "",
+        seen: str = "",
+        **names: Any,
+    ) -> Task:
+        """A task that fills a table; `names` begin the row that tells of its failure, `seen` is what else it depends on."""
+        told = [repr(x) for x in arguments if x != self.store and x is not self.alter]
+        digest = hashlib.sha256("\n".join([*told, seen]).encode()).hexdigest()[:16]
+        start: dict[str, Any] = dict(names)
+        stamp = self.stamp
+        if linkage:
+            mechanism = load(linkage, scenario or None)
+            start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | start
+            stamp = f"{stamp}.{mechanism.sha256[:16]}"
+        key = "|".join([table, function.__name__, linkage, scenario, *map(str, names.values()), digest])
+        limit = self.limit if table == "results" else LIMIT
+        return Task(key, function, arguments, stamp, table, start, limit)

@@ -1,0 +1,85 @@
+"""Accuracy: cases run and judged against a reference, with the references they are judged by."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gauss_bench.bench.cases import Case, as_asked, cases
+from gauss_bench.bench.context import Alteration, Context
+from gauss_bench.bench.measure import measure, mechanism_of, reference_of
+from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.mechanism.coordinates import value
+from gauss_bench.metrics import CHECKPOINTS, observed_order
+from gauss_bench.suites.schema import Suite
+from gauss_bench.tables import KEY
+
+
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """The references first, which the cases then share."""
+    return tasks(as_asked(cases(suite), context.until, context.steps), context)
+
+
+def tasks(chosen: Sequence[Case], context: Context) -> list[Task]:
+    """The tasks of cases, whatever suite they are of."""
+    wanted = dict.fromkeys((c.linkage, c.scenario, c.t_end) for c in chosen)
+    found = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
+    for case in chosen:
+        names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
+        arguments = (case, context.store, context.alter)
+        found.append(context.task("results", accuracy, arguments, case.linkage, case.scenario, **names))
+    return found
+
+
+def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
+    """What the table of references says of one, and the file it is kept in."""
+    mechanism = mechanism_of(linkage, scenario)
+    truth = reference_of(linkage, scenario, t_end, store)
+    coordinate = mechanism.measured.coordinate
+    row: dict[str, Any] = {
+        "mechanism": mechanism.name,
+        "scenario": mechanism.scenario,
+        "t_end": t_end,
+        "method": truth.method,
+        "error_bar_q": float(truth.error_q.max()),
+        "error_bar_v": float(truth.error_v.max()),
+        "floor_q": float(np.nanmax(truth.floor_q)) if np.isfinite(truth.floor_q).any() else None,
+    }
+    for t in CHECKPOINTS:
+        at = np.flatnonzero(np.abs(truth.t - t) < 1e-9)
+        row[f"crank_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
+    return {"references": [row]}
+
+
+def accuracy(case: Case, store: str, alter: Alteration) -> Tables:
+    """The row of a case and the curves of its report."""
+    mechanism = mechanism_of(case.linkage, case.scenario)
+    key = {k: x for k, x in asdict(case).items() if k in KEY} | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    found = measure(case, store, alter)
+    return {"results": [key | found["row"]], "series": [key | point for point in found["series"]]}
+
+
+def complete(suite: Suite, tables: Tables) -> None:
+    """Sort the rows by their key and fill in the observed orders."""
+    tables["results"] = with_orders(sorted(tables.get("results", []), key=in_order))
+
+
+def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
+    """By key; larger steps first, as errors fall with them."""
+    return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
+
+
+def with_orders(rows: Rows) -> Rows:
+    """The rows with `observed_order`, from the crank error at the last checkpoint that the run reached."""
+    frame = pd.DataFrame(rows)
+    for _, group in frame.groupby([k for k in KEY if k != "step"], sort=False) if len(frame) else ():
+        columns = (c for c in ("crank_error_t2", "crank_error_t1", "crank_error_t05") if c in group)
+        column = next((c for c in columns if group[c].notna().any()), None)
+        if column and len(group) > 1:
+            steps, errors = group["step"].to_numpy(), group[column].to_numpy(dtype=float)
+            floors = group["position_error_bar"].fillna(0.0).to_numpy(dtype=float)
+            for place, order in zip(group.index, observed_order(steps, errors, floors), strict=True):
+                rows[place]["observed_order"] = float(order)
+    return rows

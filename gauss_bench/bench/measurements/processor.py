@@ -1,0 +1,87 @@
+"""The processor's own speed, measured by two tiny loops that are generated, compiled and raced beside everything else.
+
+One is a chain of fused multiply-adds, each waiting for the one before: its time per link is their latency, which is CYCLES cycles
+on every x86 processor since 2015, and so gives the length of a cycle. The other has CHAINS independent chains of vectors: its rate,
+a fused multiply-add being two operations, is the peak rate.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from gauss_bench.bench.clock import Block, Key, Measured, Row, lasting, row, spread
+from gauss_bench.bench.provenance import environment
+from gauss_bench.bench.tasks import Rows
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.compiler.machine.graph import LATENCY
+from gauss_bench.trajectory import RunFailure, Status
+
+CYCLES = LATENCY["fma"]
+CHAINS = 16  # two in flight for each of two pipes and four cycles
+LINKS = 16  # of the chain in one turn of the loop
+TURNS = 2_000
+LATENCY_KEY, RATE_KEY = Key("latency", "processor", "", "", ""), Key("rate", "processor", "", "", "")
+FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
+
+
+def chain_text(chains: int, links: int, lanes: int) -> str:
+    """A module whose `accelerate` goes `groups` times through x = a x + b, `links` times for each of `chains` chains."""
+    real = f"<{lanes} x double>"
+    number = {x: f"<{', '.join([f'double {x}'] * lanes)}>" for x in ("0.5", "1.0")}
+    lines = [f"define void @accelerate({', '.join(f'ptr %{x}' for x in ('y', 'p', 't', 'out'))}, i64 %groups) {{", "entry:"]
+    lines += ["  br label %loop", "loop:", "  %k = phi i64 [0, %entry], [%next, %loop]"]
+    lines += [f"  %x{c}_0 = phi {real} [{number['1.0']}, %entry], [%x{c}_{links}, %loop]" for c in range(chains)]
+    for i in range(links):
+        arguments = [", ".join(f"{real} {x}" for x in (f"%x{c}_{i}", number["0.5"], number["1.0"])) for c in range(chains)]
+        lines += [f"  %x{c}_{i + 1} = call {real} @llvm.fma.v{lanes}f64({x})" for c, x in enumerate(arguments)]
+    lines += [
+        "  %next = add i64 %k, 1",
+        "  %more = icmp slt i64 %next, %groups",
+        "  br i1 %more, label %loop, label %done",
+        "done:",
+    ]
+    lines += [f"  store {real} %x{c}_{links}, ptr %out, align 8" for c in range(chains)]
+    lines += ["  ret void", "}", f"declare {real} @llvm.fma.v{lanes}f64({real}, {real}, {real})"]
+    return "\n".join(lines)
+
+
+def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
+    """Both loops as entries of a race; a repetition is one vector operation."""
+    yield LATENCY_KEY, partial(_loop, 1, 2)
+    yield RATE_KEY, partial(_loop, CHAINS, None)
+
+
+def _loop(chains: int, lanes: int | None) -> Block:
+    if not native_code.available():
+        raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
+    width = native_code.best_lanes() if lanes is None else lanes
+    code = native_code.compile_text(chain_text(chains, LINKS, width), "accelerate", chains * LINKS)
+    out = np.empty(width)
+    address = out.ctypes.data
+    return lasting(None, lambda: (out, code.call(None, None, None, address, TURNS)), chains * LINKS * TURNS)
+
+
+def named() -> Rows:
+    """What the machine and the libraries call themselves."""
+    where = environment()
+    rows: Rows = [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]
+    return rows + [{"key": name, "status": "ok", "statement": x} for name, x in sorted(where["versions"].items())]
+
+
+def processor_rows(measured: Measured) -> Rows:
+    """Latency, length of a cycle and peak rate, as quantities."""
+    lanes = native_code.best_lanes() if native_code.available() else 0
+
+    def value(factor: float) -> Row:
+        return spread("value", np.asarray(measured.of(LATENCY_KEY) * factor))
+
+    def rate() -> Row:
+        slow = spread("value", measured.of(RATE_KEY))
+        pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))
+        return {name: 2 * lanes / slow[of] for name, of in pairs}
+
+    waiting = {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"}
+    cycle = {"key": "cycle", "quantity": f"a cycle, {CYCLES} to that latency", "unit": "s"}
+    most = {"key": "rate", "quantity": f"most operations in vectors of {lanes}, two to a fused multiply-add", "unit": "1/s"}
+    return [row(waiting, partial(value, 1.0)), row(cycle, partial(value, 1 / CYCLES)), row(most, rate)]

@@ -1,0 +1,191 @@
+"""Same state in, acceleration out: what an engine makes of the equations of motion, apart from any integrator."""
+
+from collections.abc import Iterator
+
+from gauss_bench.report.content import (
+    Cell,
+    Finding,
+    Picture,
+    Section,
+    Table,
+    Text,
+    columns,
+    count,
+    engine_cell,
+    error,
+    error_cell,
+    listed,
+    ratio_cells,
+    text_cell,
+    time_cell,
+)
+from gauss_bench.report.palette import INK
+from gauss_bench.report.plotting import FLOOR, Looks, decades, logarithmic, panels, svg
+from gauss_bench.report.rows import (
+    SAME_ACCELERATION,
+    Row,
+    Run,
+    accelerations,
+    end_error,
+    grouped,
+    known,
+    label,
+    method,
+    named,
+    number,
+    ok,
+    own_steps,
+)
+
+PLACE = 20
+TABLES = ("results",)
+SHRINKS = 2.0  # an error that falls by less while the step falls 4-fold does not come from the step
+WORDS = (
+    "Every engine is given the same 200 states and asked for the acceleration there; the error is relative to the reference's. "
+    "No step and no integrator is involved, so what differs here is the model."
+)
+
+
+def section(run: Run, name: str) -> Section | None:
+    rows = accelerations(run.of(name))
+    if not rows:
+        return None
+    head, numeric = columns(("engine", "settings", "median", "max", "same model", "µs", "ratio", "spread"), 2)
+    lines = []
+    for row in rows:
+        ratio, spread = ratio_cells(row, "acceleration_ratio")
+        same = row["acceleration_error_median"] <= SAME_ACCELERATION
+        lines.append(
+            (
+                engine_cell(row),
+                text_cell(row["settings"]),
+                error_cell(row, "acceleration_error_median"),
+                error_cell(row, "acceleration_error_max"),
+                Cell("yes", "yes", "good") if same else Cell("no", "no", "bad"),
+                time_cell(row, "acceleration_time"),
+                ratio,
+                spread,
+            )
+        )
+    baseline = run.environment.get("baseline_engine", "")
+    note = f"Relative errors; same model: median <= {error(SAME_ACCELERATION)}. Ratio: the cost of one to that of `{baseline}`."
+    table = Table(f"{name}: same state in, acceleration out", head, tuple(lines), numeric - {4}, note=note)
+    svg = acceleration_errors(run, name)
+    picture = Picture(f"acceleration_{name}", svg, f"Acceleration errors of {name}")
+    return Section("Same state in, acceleration out", f"{name}-acceleration", (Text(WORDS), picture, table))
+
+
+def acceleration_errors(run: Run, name: str) -> str:
+    """Median (bar) and maximum (tick) of the relative acceleration error at the same states, with the gate."""
+    rows = sorted(accelerations(run.of(name)), key=lambda r: -number(r, "acceleration_error_median"))
+    looks = Looks(run.results)
+    figure, ((axes,),) = panels(1, width=6.4, height=0.27 * len(rows) + 0.5)
+    middle = [max(number(r, "acceleration_error_median"), FLOOR) for r in rows]
+    most = [max(number(r, "acceleration_error_max"), FLOOR) for r in rows]
+    low, high = decades(min(middle), max(*most, run.acceleration_gate))
+    for i, row in enumerate(rows):
+        colour = looks.colours[row["engine"]]
+        axes.barh(i, middle[i] - low / 10, left=low / 10, height=0.62, color=colour)
+        axes.plot([middle[i], most[i]], [i, i], color=colour, linewidth=1)
+        axes.plot(most[i], i, marker="|", markersize=9, color=colour, markeredgewidth=1.6)
+        axes.annotate(f"{middle[i]:.0e}", (most[i], i), (7, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
+    for place, word in ((SAME_ACCELERATION, "same model"), (run.acceleration_gate, "validity gate")):
+        axes.axvline(place, color=INK, linewidth=1, linestyle=(0, (4, 3)))
+        axes.text(place, len(rows) - 0.42, word, fontsize=8.5, va="bottom", ha="center", color=INK)
+    axes.set_yticks(range(len(rows)), [named(row) for row in rows])
+    axes.set_ylim(-0.6, len(rows) - 0.4)
+    logarithmic(axes, "x")
+    axes.set_xlim(low, high * 30)
+    axes.grid(False, axis="y")
+    axes.set_xlabel("relative error of the acceleration: bar = median (printed), tick = maximum")
+    figure.subplots_adjust(left=0.22, right=0.97)
+    return svg(figure)
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """Who solves the same problem, who another, and what becomes of the control."""
+    yield from same_model(run)
+    yield from other_model(run)
+    yield from controls(run)
+
+
+def _settings(row: Row) -> str:
+    return label(row, "settings")
+
+
+def same_model(run: Run) -> Iterator[Finding]:
+    """Who returns the reference's acceleration at the same state, and to what."""
+    rows = [row for row in accelerations(run.results) if not row["control"]]
+    worst = {name: max(number(r, "acceleration_error_median") for r in group) for name, group in grouped(rows, _settings).items()}
+    same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
+    if same:
+        found = listed(f"{name} ({error(x)})" for x, name in same)
+        yield Finding(
+            "Same state, same acceleration",
+            f"Given the same states, {found} return the reference's acceleration; in brackets the largest median relative error of "
+            f"{count(len({r['mechanism'] for r in rows}), 'linkage')}.",
+            "good",
+        )
+
+
+def other_model(run: Run) -> Iterator[Finding]:
+    """Who computes another acceleration, and whether a smaller step helps."""
+    rows = [row for row in accelerations(run.results) if not row["control"]]
+    for (name, settings), group in grouped(rows, lambda r: (r["engine"], r["settings"])).items():
+        off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
+        if not off:
+            continue
+        span = _span([number(r, "acceleration_error_median") for r in off])
+        text = (
+            f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
+            f"{listed(row['mechanism'] for row in off)}. A smaller step cannot change that"
+        )
+        yield Finding("Soft, or another model", f"{text}{_step_does_not_help(run, off)}", "warn")
+
+
+def _span(values: list[float]) -> str:
+    low, high = error(min(values)), error(max(values))
+    return low if low == high else f"{low} to {high}"
+
+
+def _step_does_not_help(run: Run, off: list[Row]) -> str:
+    """Evidence from trajectories, as the end of a sentence: the flattest error over at least a 4-fold range of steps."""
+    wanted = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
+    rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and known(end_error(r))]
+    found = []
+    for group in grouped(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
+        stepped = sorted((r for r in group if not own_steps(r)), key=lambda r: -number(r, "step"))
+        if len(stepped) > 1 and stepped[0]["step"] >= 4 * stepped[-1]["step"] and end_error(stepped[-1]) > 0:
+            found.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
+    flat = [(ratio, steps) for ratio, steps in found if ratio < SHRINKS]
+    if not flat:
+        return "."
+    _, steps = min(flat, key=lambda x: x[0])
+    first, last = steps[0], steps[-1]
+    return (
+        f", and does not: on {first['mechanism']} {first['scenario']} the crank error is {error(end_error(first))} rad at step "
+        f"{first['step']:g} s and {error(end_error(last))} rad at {last['step']:g} s."
+    )
+
+
+def controls(run: Run) -> Iterator[Finding]:
+    """Each negative control: that it satisfies its constraints, and that it is flagged all the same."""
+    rows = [row for row in run.results if row["control"] and ok(row)]
+    for name, group in grouped(rows, lambda r: r["engine"]).items():
+        residuals = [number(r, "acceleration_residual") for r in group if known(r.get("acceleration_residual"))]
+        errors = [number(r, "acceleration_error_median") for r in group if known(r.get("acceleration_error_median"))]
+        if not errors:
+            continue
+        holds = f"satisfies the constraints of acceleration to {error(max(residuals))} and is" if residuals else "is"
+        passed = sum(bool(row["valid"]) for row in group)
+        caught = (
+            "**" + f"{passed} of its {len(group)} rows pass the gate: it is too wide.**"
+            if passed
+            else "No row of it passes the gate."
+        )
+        yield Finding(
+            "The negative control",
+            f"`{name}` {holds} still wrong: the median relative error of its acceleration is {_span(errors)}. "
+            f"{caught} Residuals alone would not have shown it.",
+            "bad" if passed else "good",
+        )

@@ -1,0 +1,274 @@
+"""Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+
+from gauss_bench.report.content import (
+    BELOW_LEGEND,
+    Block,
+    Cell,
+    Finding,
+    Picture,
+    Section,
+    Table,
+    columns,
+    count,
+    engine_cell,
+    error,
+    error_cell,
+    listed,
+    status_cell,
+    step_cell,
+    text_cell,
+    tied,
+    times,
+)
+from gauss_bench.report.palette import MUTED
+from gauss_bench.report.plotting import (
+    FLOOR,
+    Looks,
+    band,
+    decades,
+    label_at,
+    legend,
+    logarithmic,
+    panels,
+    stabilizations,
+    striped,
+    svg,
+    titled,
+)
+from gauss_bench.report.rows import (
+    CRANK_ERRORS,
+    Row,
+    Run,
+    below_reference,
+    crank_bar,
+    end_bar,
+    end_error,
+    grouped,
+    known,
+    label,
+    method,
+    number,
+    ok,
+    own_steps,
+    ranked,
+    run_time,
+)
+
+PLACE = 30
+TABLES = ("results",)
+TARGETS = (1e-3, 1e-6)  # crank errors [rad] at which costs are compared
+OWN = "gauss"
+SHUT = 1e-4  # [m, rad] a gap that nobody would see
+LOST = 1.0  # [rad] a crank that is somewhere else
+HEAD = (
+    "engine",
+    "settings",
+    "integrator",
+    "stabilization",
+    "step [s]",
+    *(f"crank {t:g} s" for t in CRANK_ERRORS.values()),
+    "position",
+    "velocity",
+    "pos. drift",
+    "vel. drift",
+    "acc. residual",
+    "energy [J]",
+    "order",
+    "status",
+)
+COSTED = (
+    "Cost is the measured time of a step, in the engine's own loop where it has one, times the steps. Lines that coincide show as "
+    "stripes."
+)
+NOTE = (
+    "Errors against the reference: of the crank angle [rad] at three times, and the worst over the run of any position [m, "
+    "rad] and velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. Order: observed from this and "
+    "the next larger step. "
+)
+
+
+def section(run: Run, name: str) -> Section | None:
+    blocks: list[Block] = []
+    for scenario, rows in grouped(run.of(name), lambda r: str(r["scenario"])).items():
+        tag = f"{name}_{scenario}"
+        if any(known(end_error(row)) for row in rows):
+            svg = work_precision(rows)
+            if svg:
+                blocks.append(
+                    Picture(f"work_precision_{tag}", svg, f"Error against cost, {name} {scenario}", COSTED + left_out(rows, True))
+                )
+            caption = "Only valid rows are drawn; lines that coincide show as stripes." + left_out(rows)
+            blocks.append(Picture(f"convergence_{tag}", convergence(rows), f"Error against step, {name} {scenario}", caption))
+            blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
+        blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
+    return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
+
+
+def left_out(rows: list[Row], costs: bool = False) -> str:
+    """How many rows no figure draws, in a sentence."""
+    failed = sum(row["status"] not in ("ok", "invalid", "skip") for row in rows)
+    skipped = sum(row["status"] == "skip" for row in rows)
+    invalid = sum(row["status"] in ("ok", "invalid") and not ranked(row) for row in rows)
+    reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
+    if costs:
+        reasons.append((sum(ranked(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
+    parts = [f"{n} {word}" for n, word in reasons if n]
+    return f" Left out: {', '.join(parts)}." if parts else ""
+
+
+def line(row: Row) -> tuple[Cell, ...]:
+    order = row.get("observed_order")
+    return (
+        engine_cell(row),
+        *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
+        step_cell(row),
+        *(error_cell(row, column, crank_bar(row, column)) for column in CRANK_ERRORS),
+        *(error_cell(row, column, number(row, f"{column}_bar")) for column in ("position_error", "velocity_error")),
+        *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
+        error_cell(row, "energy_error", number(row, "energy_error_bar")),
+        Cell(f"{order:.1f}", order) if known(order) and order is not None else Cell("-"),
+        status_cell(row),
+    )
+
+
+def whole(title: str, rows: list[Row]) -> Table:
+    head, numeric = columns(HEAD, 4, last_text=1)
+    return Table(title, head, tuple(line(row) for row in rows), numeric, folded=True, note=NOTE + BELOW_LEGEND)
+
+
+def best(title: str, rows: list[Row]) -> Table:
+    """One line for each engine and its settings; below the reference the largest step stands for all."""
+
+    def rank(row: Row) -> tuple[bool, float, float]:
+        below = below_reference(row)
+        return not below, 0.0 if below else end_error(row), -row["step"] if known(row["step"]) else 0.0
+
+    found = [row for row in rows if ranked(row) and known(end_error(row))]
+    lines = [line(min(group, key=rank)) for group in grouped(found, lambda r: method(r)[:2]).values()]
+    head, numeric = columns(HEAD, 4, last_text=1)
+    return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
+
+
+def work_precision(rows: Sequence[Row]) -> str:
+    """Crank error at the end against the time of the whole run; empty without costs."""
+    timed = [row for row in rows if known(run_time(row))]
+    return _errors(timed, run_time, "time of the run [s]") if any(ranked(row) for row in timed) else ""
+
+
+def convergence(rows: Sequence[Row]) -> str:
+    """Crank error at the end against the step, one panel for each stabilisation."""
+    return _errors([row for row in rows if not own_steps(row)], lambda row: number(row, "step"), "step [s]", ticks=True)
+
+
+def _errors(rows: Sequence[Row], x: Callable[[Row], float], xlabel: str, ticks: bool = False) -> str:
+    drawn = [r for r in rows if ranked(r) and known(end_error(r)) and known(x(r)) and x(r) > 0]
+    looks, names = Looks(rows), stabilizations(drawn)
+    figure, grid = panels(max(len(names), 1), width=max(2.4, min(5.6, 8.6 / max(len(names), 1))))
+    bar = max((end_bar(row) for row in drawn), default=0.0)
+    values = [max(end_error(r), bar, FLOOR) for r in drawn] or [1e-6]
+    low, high = decades(min(values) / (30 if bar and min(values) <= bar else 1), max(values))
+    for i, axes in enumerate(grid[0]):
+        if not drawn:
+            axes.text(0.5, 0.5, "no valid row to draw", transform=axes.transAxes, ha="center", color=MUTED)
+            continue
+        lines = []
+        for group in grouped((r for r in drawn if r["stabilization"] == names[i]), method).values():
+            line = sorted(group, key=x)
+            y = [bar / 3 if bar and end_error(r) < bar else max(end_error(r), FLOOR) for r in line]
+            lines.append(([x(r) for r in line], y, looks.of(line[0])))
+        striped(axes, lines)
+        logarithmic(axes)
+        if ticks:
+            label_at(axes, sorted({x(r) for r in drawn}))
+        axes.set_ylim(low, high)
+        titled(axes, f"stabilisation: {names[i]}")
+        axes.set_xlabel(xlabel if len(names) < 3 or i == 1 else "")
+        if bar > low:
+            band(axes, bar, "below reference" if i == len(names) - 1 else "")
+    grid[0][0].set_ylabel("crank error at the end [rad]")
+    legend(figure, looks.keys(drawn))
+    return svg(figure)
+
+
+def findings(run: Run) -> Iterator[Finding]:
+    """The best of each linkage, and what ended without being valid."""
+    for name in run.linkages:
+        yield from best_of(run, name)
+    yield from wrong_though_closed(run)
+    yield from not_valid(run)
+
+
+def best_of(run: Run, name: str) -> Iterator[Finding]:
+    """The most accurate engine of a linkage, and the cheapest at equal accuracy reached."""
+    for scenario, rows in grouped((r for r in run.of(name) if ranked(r)), lambda r: r["scenario"]).items():
+        with_error = [row for row in rows if known(end_error(row))]
+        if not with_error:
+            continue
+        sentences = [_most_accurate(with_error)]
+        for target in TARGETS:
+            reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and known(run_time(r))]
+            if reached:
+                cheapest = min(reached, key=run_time)
+                sentences.append(f"Cheapest within {target:.0e} rad: {_priced(cheapest)}{_cheapest_own(reached, cheapest)}.")
+        yield Finding(f"{name}, {scenario}", " ".join(sentences))
+
+
+def _priced(row: Row) -> str:
+    where = "in its own loop" if known(row.get("native_step_time")) else "stepped from Python"
+    return f"{label(row, 'settings', 'integrator', 'stabilization', 'step')}, {run_time(row) * 1e3:.3g} ms {where}"
+
+
+def _cheapest_own(reached: list[Row], cheapest: Row) -> str:
+    """Where `gauss` stands among rows that reach the same accuracy."""
+    own = [row for row in reached if row["engine"] == OWN]
+    if not own or cheapest["engine"] == OWN:
+        return ""
+    row = min(own, key=run_time)
+    return f"; `{OWN}` needs {run_time(row) * 1e3:.3g} ms ({times(run_time(row) / run_time(cheapest))} times as long)"
+
+
+def _most_accurate(rows: list[Row]) -> str:
+    below = sorted({row["engine"] for row in rows if below_reference(row)})
+    if below:
+        bar = max(end_bar(row) for row in rows)
+        return f"Crank error below the reference's bar ({bar:.0e} rad): {listed(f'`{x}`' for x in below)}."
+    best = min(rows, key=end_error)
+    return f"Most accurate: {tied(rows, best, end_error)}, crank error {error(end_error(best))} rad."
+
+
+def wrong_though_closed(run: Run) -> Iterator[Finding]:
+    """The row that is farthest off while its model is right and its loops stay shut: residuals told nothing."""
+    fine = [row for row in run.results if ok(row) and not row["control"] and number(row, "position_drift") < SHUT]
+    rows = [r for r in fine if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
+    if rows:
+        row = max(rows, key=end_error)
+        yield Finding(
+            "Closed loops, wrong motion",
+            f"{label(row, 'settings', 'integrator', 'stabilization', 'step')} on {row['mechanism']} "
+            f"{row['scenario']} keeps its loops within {error(number(row, 'position_drift'))} and its model right, raises no "
+            f"warning, and ends {end_error(row):.3g} rad from the true crank angle. {count(len(rows), 'row')} of this kind "
+            f"ended more than {LOST:g} rad off.",
+            "warn",
+        )
+
+
+def not_valid(run: Run) -> Iterator[Finding]:
+    rows = [row for row in run.results if ok(row) and not row["valid"] and not row["control"]]
+    if rows:
+        engines = grouped(rows, lambda r: str(r["engine"])).items()
+        found = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
+        yield Finding(
+            "Ran, but not valid",
+            f"{count(len(rows), 'case')} ended and may not be used: {found}. They stay in the tables, marked, "
+            "and are in no figure of error against cost and in no ranking.",
+            "warn",
+        )
+
+
+def _why(group: list[Row]) -> str:
+    """The judge's words for these rows, numbers taken out, in order of how often they were said."""
+    words = [re.sub(r" by \S+", "", str(row.get("flag") or "no reason given")) for row in group]
+    return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))

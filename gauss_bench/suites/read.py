@@ -1,0 +1,102 @@
+"""Suites by name or path: read, checked, joined with the suites they build on, and cut to what a user asks for."""
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from gauss_bench.suites.schema import OnLinkages, Suite
+
+FOLDER = Path(__file__).parent
+SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "parts"))
+
+
+class SuiteError(ValueError):
+    """A suite that cannot be read; the message names file, table and field."""
+
+
+def names() -> list[str]:
+    """The suites that come with the package."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def read_suite(name: str) -> Suite:
+    """The suite of that name, or in the file of that path, with everything it builds on.
+
+    Raises:
+        SuiteError: there is none, it is no TOML, it does not hold to the schema, or it builds on itself.
+    """
+    return _read(name, ())
+
+
+def _read(name: str, above: tuple[str, ...]) -> Suite:
+    path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
+    if name in above:
+        raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise SuiteError(f"unknown suite {name!r}; there are {', '.join(names())}, or the path of a .toml file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SuiteError(f"{path}: TOML syntax: {error}") from error
+    try:
+        suite = Suite.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(x) for x in first["loc"]) or "the file"
+        raise SuiteError(f"{path}: {place}: {first['msg']}") from error
+    return joined([*(_read(part, (*above, name)) for part in suite.parts), suite])
+
+
+def joined(suites: Iterable[Suite]) -> Suite:
+    """One suite of all sections, each once, with the title of the last."""
+    found = list(suites)
+    content: dict[str, Any] = {}
+    for name in SECTIONS:
+        once: list[Any] = []
+        for suite in found:
+            once += [x for x in getattr(suite, name) if x not in once]
+        content[name] = tuple(once)
+    return found[-1].model_copy(update=content | {"parts": ()})
+
+
+def scenario_of(suite: Suite, linkage: str) -> str | None:
+    """The scenario that a suite runs a linkage in, or None where it does not list it."""
+    parts = [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages) and x.any_linkage]
+    return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
+
+
+def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
+    """The suite with only these engines in its accuracy and cost parts."""
+
+    def kept(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
+        return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
+
+    return suite.model_copy(update={"accuracy": kept(suite.accuracy), "cost": kept(suite.cost)})
+
+
+def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:
+    """What a suite says of the given linkages (name or path -> scenario), and nothing else.
+
+    A part for any linkage takes all of them, others those that they list.
+    """
+    content: dict[str, tuple[Any, ...]] = {}
+    for name in SECTIONS:
+        kept = []
+        for part in getattr(suite, name):
+            if isinstance(part, OnLinkages):
+                chosen = {x: s for x, s in linkages.items() if part.any_linkage or x in part.linkages}
+                if chosen:
+                    kept.append(part.model_copy(update={"linkages": chosen if part.any_linkage else _own(part, chosen)}))
+            elif name in ("left_out", "steps", "claim", "right_hand_side", "bounds"):
+                kept.append(part)
+        content[name] = tuple(kept)
+    return suite.model_copy(update=content)
+
+
+def _own(part: OnLinkages, chosen: Mapping[str, str]) -> dict[str, str]:
+    """The scenarios that a part itself wants of the chosen linkages."""
+    return {x: part.linkages[x] for x in chosen}

@@ -1,0 +1,275 @@
+"""What a suite file may say: one class a section, every field with its unit and its reason to be."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+FORMAT = "gauss-bench-suite/1"
+PLAIN = ("gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16", "lagrange-native")
+
+Linkages = Mapping[str, str]  # name -> scenario
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(gt=0)]
+
+
+class Section(BaseModel):
+    """Part of a suite; a field that it does not know is a fault."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OnLinkages(Section):
+    """A part about linkages.
+
+    Attributes:
+        linkages: name -> scenario.
+        any_linkage: whether a user who names linkages gets this part for them; else for those of them that stand here.
+    """
+
+    linkages: Linkages
+    any_linkage: bool = False
+
+
+class Accuracy(OnLinkages):
+    """Runs judged by their trajectories: engines x their variants x steps.
+
+    Attributes:
+        engines: names; empty for all there are.
+        integrators: of each engine, the first so many; None for all.
+        plain: engines shown at their first variant alone: they differ from a fully shown one in algebra, not in integration.
+        steps: [s], from large to small.
+        until: [s] end of the runs.
+    """
+
+    engines: tuple[str, ...] = ()
+    integrators: Count | None = None
+    plain: tuple[str, ...] = PLAIN
+    steps: tuple[Positive, ...] = Field(min_length=1)
+    until: Positive
+
+
+class LeftOut(Section):
+    """Cases of the suite's accuracy parts that are not run, with the reason that the report gives.
+
+    A field that is empty matches everything.
+    """
+
+    linkages: tuple[str, ...] = ()
+    engines: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    integrators: tuple[str, ...] = ()
+    stabilizations: tuple[str, ...] = ()
+    steps: tuple[Positive, ...] = ()
+    why: str = Field(min_length=10)
+
+
+class Cost(OnLinkages):
+    """Everything that is timed on a linkage, in one interleaved race.
+
+    Attributes:
+        engines: names; empty for all there are.
+        integrators: of each engine, the first so many; None for all.
+        plain: engines timed at their first variant alone.
+        step: [s] of the steps that are timed.
+        rounds: of the race.
+        batch: engines whose steps of many trajectories at once are timed too.
+        bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
+        processor: whether the processor's latency and rate race along.
+    """
+
+    engines: tuple[str, ...] = ()
+    integrators: Count | None = None
+    plain: tuple[str, ...] = ()
+    step: Positive
+    rounds: Count
+    batch: tuple[str, ...] = ()
+    bare: tuple[str, ...] = ()
+    processor: bool = False
+
+
+class Steps(Section):
+    """Steps in engines' own loops, taken from the races: compiled formulations against a rival.
+
+    Attributes:
+        own: formulation -> engine.
+        stabilizations: of the own.
+        rival, settings: engine and the settings of it that are shown.
+        targets: stabilisation -> linkage -> least ratio, for the first of `own`.
+    """
+
+    own: Mapping[str, str]
+    stabilizations: tuple[str, ...]
+    rival: str
+    settings: tuple[str, ...]
+    targets: Mapping[str, Mapping[str, Positive]] = {}
+
+
+class Claim(Section):
+    """Few unknowns against many, taken from the races: compiled, in a batch, and in numpy (few, many)."""
+
+    compiled: tuple[str, str]
+    numpy: tuple[str, str]
+
+
+class RightHandSide(Section):
+    """One right-hand side, taken from the races.
+
+    Attributes:
+        own, rival, settings: engines, and the settings of the rival that are shown.
+        target: least ratio in loops, on the linkages `target_of`.
+    """
+
+    own: str
+    rival: str
+    settings: tuple[str, ...]
+    target: Positive
+    target_of: tuple[str, ...]
+
+
+class Bounds(Section):
+    """How near the steps of an engine come to the processor's limits, taken from the races."""
+
+    own: str
+
+
+class Agreement(OnLinkages):
+    """Accelerations of compiled formulations against numpy: at how many random states, and the largest relative difference."""
+
+    states: Count
+    target: Positive
+
+
+class Method(Section):
+    """Everything that is chosen but the step."""
+
+    engine: str
+    settings: str = "default"
+    integrator: str = "rk4"
+    stabilization: str = "none"
+
+
+class EqualAccuracy(OnLinkages):
+    """Time to solution: ladders of halved steps, then a race at the largest steps that reach an accuracy.
+
+    Attributes:
+        own: the engine to whose fastest way ratios are taken.
+        methods: that race.
+        accuracies: [rad] of the crank after one second.
+        cap: [s] that a run may take; the next halving would take twice as long.
+        rounds: of the race.
+        lead: [s] of a run that is timed; longer ones are cut and scaled.
+    """
+
+    own: str
+    methods: tuple[Method, ...]
+    accuracies: tuple[Positive, ...]
+    cap: Positive
+    rounds: Count
+    lead: Positive
+
+
+class Batch(OnLinkages):
+    """Many trajectories at once.
+
+    Attributes:
+        states: trajectories.
+        step, steps: [s] and how many of each trajectory.
+        own, rival, settings: engines, and the rival's settings.
+        rival_steps: of each trajectory: fewer, which changes nothing in the time of one.
+        rounds: of the race.
+        targets: linkage -> least ratio.
+    """
+
+    states: Count
+    step: Positive
+    steps: Count
+    own: str
+    rival: str
+    settings: str
+    rival_steps: Count
+    rounds: Count
+    targets: Mapping[str, Positive] = {}
+
+
+class Growth(Section):
+    """Right-hand sides of chains: windows, rounds, and from how many windows on growth is told."""
+
+    sizes: tuple[Count, ...]
+    rounds: Count
+    large: Count
+
+
+class LongRuns(OnLinkages):
+    """Drift and energy of long runs with projection.
+
+    Attributes:
+        duration, step: [s]; a second run takes half the step.
+        drift: [m, rad], [m/s, rad/s] largest residual.
+        order, margin: of the energy's error.
+    """
+
+    duration: Positive
+    step: Positive
+    drift: Positive
+    order: Positive
+    margin: Positive
+
+
+class Turns(OnLinkages):
+    """Compiled kinematics over a turn: samples, rounds, least positions per second, and largest relative error."""
+
+    samples: Count
+    rounds: Count
+    targets: Mapping[str, Positive] = {}
+    error: Positive
+
+
+class Geometry(OnLinkages):
+    """Kinematics three independent ways, and for `searched` linkages the searches for their assembly."""
+
+    searched: tuple[str, ...] = ()
+
+
+class Driving(OnLinkages):
+    """Torques that drive a turn, by every way listed."""
+
+    step: Positive
+    ways: tuple[Method, ...]
+
+
+class Papers(Section):
+    """Tables about the papers and published values, by name."""
+
+    tables: tuple[Literal["audit", "reproduction", "published", "paper_motion"], ...]
+
+
+class Certificates(Section):
+    """The table of certificates."""
+
+    table: Literal["certificates"] = "certificates"
+
+
+class Suite(Section):
+    """A whole suite; sections may be told several times, and those of the suites named in `with` come first."""
+
+    format: Literal["gauss-bench-suite/1"]
+    title: str
+    parts: tuple[str, ...] = Field(default=(), alias="with")
+    accuracy: tuple[Accuracy, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    cost: tuple[Cost, ...] = ()
+    steps: tuple[Steps, ...] = ()
+    claim: tuple[Claim, ...] = ()
+    right_hand_side: tuple[RightHandSide, ...] = ()
+    bounds: tuple[Bounds, ...] = ()
+    agreement: tuple[Agreement, ...] = ()
+    equal_accuracy: tuple[EqualAccuracy, ...] = ()
+    batch: tuple[Batch, ...] = ()
+    growth: tuple[Growth, ...] = ()
+    long_runs: tuple[LongRuns, ...] = ()
+    turns: tuple[Turns, ...] = ()
+    geometry: tuple[Geometry, ...] = ()
+    driving: tuple[Driving, ...] = ()
+    papers: tuple[Papers, ...] = ()
+    certificates: tuple[Certificates, ...] = ()
