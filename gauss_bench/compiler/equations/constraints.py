@@ -16,6 +16,7 @@ Motion laws are the formulas of `mechanism/motion_laws.py`, with switches that a
 """
 
 from dataclasses import dataclass
+from typing import assert_never
 
 import numpy as np
 
@@ -223,6 +224,8 @@ def _driver(links: Links, driver: Driver) -> Row:
             return Row(driver.name, entries, gamma + second, x - value, -rate)
         case LengthDriver():
             return _bar(links, driver, value, rate, second)
+        case _:
+            assert_never(driver)
 
 
 def _bar(links: Links, driver: LengthDriver, value: Node, rate: Node, second: Node) -> Row:

@@ -9,6 +9,7 @@ spring with a root is not finite (the linkage's own evaluation takes no directio
 """
 
 from dataclasses import dataclass, field
+from typing import assert_never
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.expressions.node import Node, Vector
@@ -97,6 +98,8 @@ def _apply(loads: Loads, links: Links, force: Force) -> None:
         case JointDamping():
             for pair in force.pairs:
                 _damp(loads, links, pair, number("c"))
+        case _:
+            assert_never(force)
 
 
 def _pull(links: Links, a: Point, b: Point, k: Node, c: Node, rest: Node) -> Vector:
@@ -157,7 +160,10 @@ def _potential(links: Links, force: Force) -> Node:
             return _spring_energy(number("k"), x - number("rest"))
         case RotationalSpringDamper():
             return _spring_energy(number("k"), links.angle(force.b) - links.angle(force.a) - number("rest"))
-    return links.zero
+        case PointForce() | JointDamping():
+            return links.zero
+        case _:
+            assert_never(force)
 
 
 def _spring_energy(k: Node, stretch: Node) -> Node:

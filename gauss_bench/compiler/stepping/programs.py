@@ -194,7 +194,7 @@ class StraightLinePrograms:
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
         self._angles = list(self.codes[0].angles)
-        self.native = NativeEvaluator(self.codes[0], target.lanes, target.cache)
+        self.native = NativeEvaluator(read_code(first, "none"), target.lanes, target.cache)
 
     def __len__(self) -> int:
         return len(self.codes)
