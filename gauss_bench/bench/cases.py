@@ -1,7 +1,7 @@
 """Cases: a suite's accuracy parts crossed out, engine by engine and variant by variant."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from gauss_bench.bench.asked import duration, usable_steps
 from gauss_bench.bench.offers import Offer, offer
@@ -39,10 +39,6 @@ class Case:
     @property
     def choice(self) -> Choice:
         return Choice(self.settings, self.integrator, self.stabilization, self.step)
-
-    def key(self) -> str:
-        """A text that names the case and nothing else."""
-        return "|".join(f"{value:g}" if isinstance(value, float) else str(value) for value in asdict(self).values())
 
 
 def variants(engine: Offer, integrators: int | None = None, plain: bool = False) -> list[Variant]:
