@@ -131,7 +131,7 @@ RESULTS = Table(
         text("link_errors", "JSON: largest position and velocity error of each link"),
         flag("valid", "whether the run passed the validity gate"),
         flag("control", "whether the engine is a negative control, wrong on purpose"),
-        number("step_count", "steps taken"),
+        number("steps", "steps taken"),
         number("evaluations", "of the equations of motion"),
         number("acceleration_error_median", "of the relative error at the same states"),
         number("acceleration_error_max", "of the relative error at the same states"),
@@ -457,10 +457,10 @@ TABLES: dict[str, Table] = {
         (
             *WHERE,
             number("states", "trajectories"),
-            number("step_count", "steps of each"),
+            number("steps", "steps of each"),
             text("rival", "engine"),
             text("settings", "of the rival"),
-            number("rival_step_count", "steps of each"),
+            number("rival_steps", "steps of each"),
             *OUTCOME,
             *SECONDS,
             *RIVALS,
@@ -602,13 +602,11 @@ TABLES: dict[str, Table] = {
 LATER = {f"{old}_{k}": f"{new}_{k}" for old, new in (("crank", "measured"), ("crank_error", "measured_error")) for k in CHECKPOINTS}
 LATER |= {f"crank_error_bar_{k}": f"measured_error_bar_{k}" for k in CHECKPOINTS}
 LATER |= {"crank_error": "measured_error", "crank_end": "measured_end"}
-COUNTED = {"steps": "step_count", "rival_steps": "rival_step_count"}
 RENAMED: dict[str, dict[str, str]] = {  # table -> column of format 1 -> column of today
-    "results": LATER | COUNTED,
+    "results": LATER,
     "references": LATER,
     "series": LATER,
     "certificates": LATER,
-    "kernel_batch": COUNTED,
 }
 ALWAYS_MEASURED = {"measured": "angle of the crank or of the first link", "measured_unit": "rad"}  # in format 1
 

@@ -56,10 +56,10 @@ def test_simulate_prints_one_object_with_all_that_is_promised(capsys: pytest.Cap
     assert set(found["points"]) == {"rod.P", "slider.B", "crank.A"}
     assert set(found["points"]["rod.P"]) == {"x", "y", "vx", "vy", "ax", "ay"}
     assert set(found["joints"]) == {"O", "A", "B", "guide"}
-    assert {"position_drift", "velocity_drift", "acceleration_residual", "energy_error", "step_count", "step_time"} <= found[
+    assert {"position_drift", "velocity_drift", "acceleration_residual", "energy_error", "steps", "step_time"} <= found[
         "metrics"
     ].keys()
-    assert found["metrics"]["step_count"] == 1000
+    assert found["metrics"]["steps"] == 1000
     assert found["links"]["crank"]["alpha"][0] == pytest.approx(
         -156.57953, abs=1e-5
     )  # the paper's start, by hand in one coordinate

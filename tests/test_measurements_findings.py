@@ -24,7 +24,7 @@ def row(**columns: Any) -> dict[str, Any]:
     }
     found |= {"acceleration_error_median": 1e-14, "step_time": 50e-6}
     found |= columns
-    return {"step_count": round(found["t_end"] / found["step"])} | found
+    return {"steps": round(found["t_end"] / found["step"])} | found
 
 
 def said(title: str, *rows: dict[str, Any], environment: dict[str, Any] | None = None, **tables: Any) -> str:
@@ -106,7 +106,7 @@ def test_the_gate_that_a_run_recorded_decides_whose_model_is_right() -> None:
 
 @pytest.mark.parametrize(("steps", "own"), [(2000, False), (2030, False), (2050, True), (400, True)])
 def test_an_integrator_that_took_other_steps_than_asked_chose_them(steps: int, own: bool) -> None:
-    assert own_steps(row(step_count=steps)) is own
+    assert own_steps(row(steps=steps)) is own
 
 
 def published(difference: float) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def ran(row: dict[str, object], error: float, acceleration: float, cost: float) 
         | bars
         | worst
         | same
-        | {"step_count": int(2.0 / float(str(row["step"]))), "step_time": cost, "build_time": 2e-3}
+        | {"steps": int(2.0 / float(str(row["step"]))), "step_time": cost, "build_time": 2e-3}
     )
 
 

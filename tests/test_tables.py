@@ -179,11 +179,11 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     (result,), (truth,), (certificate,), (batch,) = (
         tables.read_table(name, tmp_path) for name in ("results", "references", "certificates", "kernel_batch")
     )
-    assert (result["measured_error_t1"], result["measured_error_bar_t1"], result["step_count"]) == (1e-7, 1e-12, 2000)
+    assert (result["measured_error_t1"], result["measured_error_bar_t1"], result["steps"]) == (1e-7, 1e-12, 2000)
     assert result["measured_unit"] == truth["measured_unit"] == certificate["measured_unit"] == "rad"
     assert truth["measured_t05"] == 0.123456789012345
     assert certificate["measured_end"] == 0.5
-    assert (batch["step_count"], batch["rival_step_count"]) == (1000, 10)
+    assert (batch["steps"], batch["rival_steps"]) == (1000, 10)
     baseline = read_baseline(tmp_path / "baseline.csv")
     assert list(baseline["metric"]) == ["measured_error_t1", "measured_t05"]
     assert list(baseline["value"]) == ["1.5e-07", "0.123456789012345"]

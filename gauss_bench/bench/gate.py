@@ -34,6 +34,8 @@ RULES = {
     "acceleration_error_median": Rule(2.0, 1e-12),  # rounding at a condition of 1e4
     "measured_error_t1": Rule(2.0, 1e-10),  # rounding grown over a second of fast turning
     "position_error": Rule(2.0, 1e-10),
+    "length_error": Rule(2.0, 1e-10),
+    "angle_error": Rule(2.0, 1e-10),
     "velocity_error": Rule(2.0, 1e-8),  # speeds are some 50 times angles
     "position_drift": Rule(2.0, 1e-12),
     "velocity_drift": Rule(2.0, 1e-10),

@@ -90,7 +90,7 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
     row |= figures(mechanism, run.trajectory, evidence)
-    row |= {"step_count": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
+    row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= {"note": "; ".join(filter(None, (run.message, unknown))), "valid": verdict.valid, "flag": verdict.sentence}
     if not verdict.valid:
         row |= {"status": str(Status.INVALID), "message": verdict.sentence}

@@ -128,13 +128,13 @@ def own_steps(row: Row) -> bool:
     """Whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
     step = number(row, "step")
     given = number(row, "t_end") / step if step > 0 else math.nan
-    return not known(given) or abs(number(row, "step_count") - given) > max(OWN_STEPS * given, 1.0)
+    return not known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
 
 
 def run_time(row: Row) -> float:
     """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "step_count")
+    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
 
 
 def method(row: Row) -> tuple[str, str, str, str]:

@@ -48,8 +48,8 @@ def batch(linkage: str, scenario: str, part: Batch) -> Tables:
     race.add(own, entry(part.own, "default", part.step_count))
     race.add(rival, entry(part.rival, part.settings, part.rival_step_count))
     measured = race.run(part.rounds)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "step_count": part.step_count}
-    start |= {"rival": part.rival, "settings": part.settings, "rival_step_count": part.rival_step_count}
+    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": part.step_count}
+    start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     told = row(start, lambda: _row(models[part.own], q, v, part.step_count, measured, own, rival))
     return {"kernel_batch": [at_least(told, "ratio", part.targets.get(mechanism.name))]}
 
