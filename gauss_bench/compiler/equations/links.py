@@ -47,10 +47,9 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
             out |= {f"points.{owner}.{name}.{axis}": float(x) for axis, x in zip("xy", xy, strict=True)}
     for force in mechanism.forces:
         for key, x in force_numbers(force).items():
-            name = f"forces.{force.name}.{key}"
-            out |= (
-                {name: float(x)} if np.ndim(x) == 0 else {f"{name}.{axis}": float(part) for axis, part in zip("xy", x, strict=True)}
-            )
+            axes = [""] if np.ndim(x) == 0 else [".x", ".y"]
+            numbers = np.ravel(x).tolist()
+            out |= {f"forces.{force.name}.{key}{axis}": float(number) for axis, number in zip(axes, numbers, strict=True)}
     out |= {f"joints.{j.name}.offset": float(j.offset) for j in mechanism.joints if isinstance(j, Prismatic)}
     return out
 
