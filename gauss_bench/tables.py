@@ -103,6 +103,20 @@ AIM = (number("target", "what was aimed at"), flag("met", "whether it is reached
 CHECKPOINTS = {"t05": 0.5, "t1": 1.0, "t2": 2.0}  # [s]
 
 
+MEASURED = (
+    text("measured", "the coordinate whose error is told apart: an angle, a slide or a place"),
+    text("measured_unit", "its unit: rad or m"),
+)
+
+
+def _apart(when: str) -> tuple[Column, ...]:
+    """The largest errors of links, lengths and angles kept apart."""
+    return (
+        number("length_error", f"largest of any link's centre of mass {when}", "m"),
+        number("angle_error", f"largest of any link's angle {when}", "rad"),
+    )
+
+
 def _levels(meaning: str) -> tuple[Column, ...]:
     return tuple(number(level, f"{meaning} of {level}s") for level in ("position", "velocity", "acceleration"))
 
@@ -115,18 +129,22 @@ RESULTS = Table(
         text("note", "what the engine told of its run"),
         text("flag", "why a run that ended counts for nothing"),
         text("link_errors", "JSON: largest position and velocity error of each link"),
-        text("measured", "the coordinate whose error is told apart: an angle, a slide or a place"),
-        text("measured_unit", "its unit"),
         flag("valid", "whether the run passed the validity gate"),
         flag("control", "whether the engine is a negative control, wrong on purpose"),
-        number("steps", "taken"),
+        number("step_count", "steps taken"),
         number("evaluations", "of the equations of motion"),
         number("acceleration_error_median", "of the relative error at the same states"),
         number("acceleration_error_max", "of the relative error at the same states"),
-        *(number(f"crank_error_{k}", f"of the measured coordinate after {t:g} s", "measured_unit") for k, t in CHECKPOINTS.items()),
-        *(number(f"crank_error_bar_{k}", f"of the reference after {t:g} s", "rad") for k, t in CHECKPOINTS.items()),
-        number("length_error", "largest of any link's place over all times", "m"),
-        number("angle_error", "largest of any link's angle over all times", "rad"),
+        *MEASURED,
+        *(
+            number(f"measured_error_{k}", f"of the measured coordinate after {t:g} s", "measured_unit")
+            for k, t in CHECKPOINTS.items()
+        ),
+        *(
+            number(f"measured_error_bar_{k}", f"of the reference's positions after {t:g} s", "m, rad")
+            for k, t in CHECKPOINTS.items()
+        ),
+        *_apart("over all times"),
         number("compared", "times at which a truth is known"),
         number("position_error", "largest over links and times", "m, rad"),
         number("velocity_error", "largest over links and times", "m/s, rad/s"),
@@ -163,7 +181,11 @@ TABLES: dict[str, Table] = {
             number("error_bar_q", "of positions", "m, rad"),
             number("error_bar_v", "of velocities", "m/s, rad/s"),
             number("floor_q", "what rounding all parameters moves positions by", "m, rad"),
-            *(number(f"crank_{k}", f"measured coordinate after {t:g} s", "rad or m", exact=True) for k, t in CHECKPOINTS.items()),
+            *MEASURED,
+            *(
+                number(f"measured_{k}", f"measured coordinate after {t:g} s", "measured_unit", exact=True)
+                for k, t in CHECKPOINTS.items()
+            ),
         ),
         3,
     ),
@@ -172,7 +194,8 @@ TABLES: dict[str, Table] = {
         (
             *CASE,
             number("t", "time", "s"),
-            number("crank_error", "of the measured coordinate", "rad or m"),
+            number("measured_error", "of the measured coordinate", "rad or m"),
+            *_apart("then"),
             number("position_drift", "largest residual of the constraints", "m, rad"),
             number("velocity_drift", "largest rate of it", "m/s, rad/s"),
             number("energy_error", "of the balance of energy, work and losses", "J"),
@@ -326,7 +349,8 @@ TABLES: dict[str, Table] = {
             flag("complete", "whether it is certified to its end"),
             *(number(f"error_{x}", f"bar of {x} at the end", "SI") for x in ("q", "v", "a", "multipliers")),
             *(number(f"floor_{x}", f"what rounding all parameters moves {x} by", "SI") for x in ("q", "v", "a")),
-            number("crank_end", "angle at the end", "rad"),
+            *MEASURED,
+            number("measured_end", "measured coordinate at the end", "measured_unit"),
             number("samples", "stored"),
             number("step", "of the collocation", "s"),
             text("method", "of the stored values"),
@@ -401,8 +425,10 @@ TABLES: dict[str, Table] = {
             *METHOD,
             number("step", "of the integration", "s"),
             number("seconds", "processor time of the run", "s"),
-            number("error", "of the measured coordinate after one second", "rad or m"),
-            number("error_bar", "of the reference", "rad"),
+            *MEASURED,
+            number("error", "of the measured coordinate after one second", "measured_unit"),
+            number("error_bar", "of the reference's positions", "m, rad"),
+            *_apart("after one second"),
             *OUTCOME,
             text("ended", "why no smaller step was tried, at the last one"),
         ),
@@ -412,11 +438,13 @@ TABLES: dict[str, Table] = {
         "what a method takes to reach an accuracy",
         (
             *WHERE,
-            number("accuracy", "wanted of the measured coordinate after one second", "rad or m"),
+            number("accuracy", "wanted of the measured coordinate after one second", "measured_unit"),
             *METHOD,
             text("ended", "why no smaller step was tried"),
             number("step", "the largest that reaches it", "s"),
-            number("error", "there", "rad"),
+            *MEASURED,
+            number("error", "of the measured coordinate there", "measured_unit"),
+            *_apart("there"),
             *OUTCOME,
             *SECONDS,
             flag("best", "whether it is the fastest way of its engine"),
@@ -429,10 +457,10 @@ TABLES: dict[str, Table] = {
         (
             *WHERE,
             number("states", "trajectories"),
-            number("steps", "of each"),
+            number("step_count", "steps of each"),
             text("rival", "engine"),
             text("settings", "of the rival"),
-            number("rival_steps", "of each"),
+            number("rival_step_count", "steps of each"),
             *OUTCOME,
             *SECONDS,
             *RIVALS,
@@ -571,7 +599,18 @@ TABLES: dict[str, Table] = {
         len(CASE) + 1,
     ),
 }
-RENAMED: dict[str, dict[str, str]] = {}  # table -> column of format 1 -> column of today
+LATER = {f"{old}_{k}": f"{new}_{k}" for old, new in (("crank", "measured"), ("crank_error", "measured_error")) for k in CHECKPOINTS}
+LATER |= {f"crank_error_bar_{k}": f"measured_error_bar_{k}" for k in CHECKPOINTS}
+LATER |= {"crank_error": "measured_error", "crank_end": "measured_end"}
+COUNTED = {"steps": "step_count", "rival_steps": "rival_step_count"}
+RENAMED: dict[str, dict[str, str]] = {  # table -> column of format 1 -> column of today
+    "results": LATER | COUNTED,
+    "references": LATER,
+    "series": LATER,
+    "certificates": LATER,
+    "kernel_batch": COUNTED,
+}
+ALWAYS_MEASURED = {"measured": "angle of the crank or of the first link", "measured_unit": "rad"}  # in format 1
 
 
 def row_of(table: Table, values: Row) -> dict[str, Any]:
@@ -745,10 +784,43 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]]) -> tuple[l
     if name == "results":  # in which stabilised runs were given the times of steps without stabilisation
         timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
         fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
+    if MEASURED[0] in TABLES[name].columns:
+        fresh = [ALWAYS_MEASURED | x for x in fresh]
     if name == "baseline":  # whose rows tell of columns
         metrics = RENAMED.get("results", {}) | RENAMED.get("references", {})
         fresh = [line | {"metric": metrics.get(line.get("metric", ""), line.get("metric", ""))} for line in fresh]
     return [names.get(x, x) for x in head], fresh
+
+
+def migrate(folder: Path) -> tuple[Path, ...]:
+    """Bring every table of a run's folder, and a baseline beside them, to today's format in its place; the files rewritten.
+
+    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them, and so does
+    what a Parquet file tells of its origin.
+
+    Raises:
+        TableError: as `read_table`.
+    """
+    form = format_of(folder)
+    own = {"baseline": None}  # which tells its own format
+    found = [(name, folder / f"{name}.{kind}") for name in TABLES for kind in ("csv", "parquet")]
+    read = {path: (name, read_file(name, path, own.get(name, form))) for name, path in found if path.exists()}
+    for path, (name, rows) in read.items():
+        if path.suffix == ".parquet":
+            write_parquet(name, rows, path, _provenance(path))
+        else:
+            told = {"format": FORMAT} if name == "baseline" else {}
+            write_text(path, csv_text(TABLES[name], [row | told for row in rows]))
+    if read.keys() - {folder / "baseline.csv"}:
+        write_schema(folder)
+    return tuple(read)
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    import pyarrow.parquet as pq
+
+    told = json.loads((pq.read_schema(path).metadata or {}).get(b"gauss_bench", b"{}"))
+    return {k: x for k, x in told.items() if k not in ("table", "format")}
 
 
 def _csv_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:

@@ -27,6 +27,15 @@ class Status(StrEnum):
     ERROR = "error"  # an exception of any other kind
 
 
+LONGEST = 500  # characters of a library's text in a sentence
+
+
+def in_a_sentence(text: object) -> str:
+    """What a library says, on one line, printable and no longer than a reader wants."""
+    said = "".join(c if c.isprintable() else " " for c in " ".join(str(text).split())).strip()
+    return said if len(said) <= LONGEST else f"{said[:LONGEST]} ..."
+
+
 class RunFailure(RuntimeError):
     """A run that ended without a usable trajectory, with its status and a sentence."""
 

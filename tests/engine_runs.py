@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
@@ -20,6 +21,8 @@ from tests.conftest import DATA
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
 DRIVEN = [(name, law) for name in ("four_bar", "six_bar", "eight_bar", "shaper") for law in ("driven", "cycloid")]
 DRIVEN += [("crank_slider", "driven")]
+QUICK = (("crank_slider", "driven"), ("four_bar", "cycloid"), ("shaper", "cycloid"))  # a slide, a law that ends, a guide that moves
+TURNS = [pytest.param(*x, marks=() if x in QUICK else pytest.mark.slow) for x in DRIVEN]  # for what runs a whole turn
 
 
 def document(name: str) -> dict[str, Any]:

@@ -38,7 +38,7 @@ def test_the_same_figures_pass(found: pd.DataFrame, baseline: Path) -> None:
     assert len(verdicts) > 10
 
 
-@pytest.mark.parametrize("metric", ["crank_error_t1", "position_error", "velocity_error", "position_drift", "energy_error"])
+@pytest.mark.parametrize("metric", ["measured_error_t1", "position_error", "velocity_error", "position_drift", "energy_error"])
 def test_a_worse_figure_fails_and_a_better_one_is_told(metric: str, found: pd.DataFrame, baseline: Path) -> None:
     worse = list(failures(compare(changed(found, metric, 3.0), read_baseline(baseline))))
     assert {v.metric for v in worse} == {metric}
@@ -49,8 +49,8 @@ def test_a_worse_figure_fails_and_a_better_one_is_told(metric: str, found: pd.Da
 
 
 def test_a_truth_that_moves_fails(found: pd.DataFrame, baseline: Path) -> None:
-    moved = list(failures(compare(changed(found, "crank_t1", 1 + 1e-7), read_baseline(baseline))))
-    assert [v.metric for v in moved] == ["crank_t1"]
+    moved = list(failures(compare(changed(found, "measured_t1", 1 + 1e-7), read_baseline(baseline))))
+    assert [v.metric for v in moved] == ["measured_t1"]
 
 
 def test_a_missing_case_fails(found: pd.DataFrame, baseline: Path) -> None:
@@ -58,9 +58,9 @@ def test_a_missing_case_fails(found: pd.DataFrame, baseline: Path) -> None:
 
 
 def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: pd.DataFrame, baseline: Path) -> None:
-    assert accept(changed(found, "crank_error_t1", 3.0), baseline, "a longer lever") == (2, [])
+    assert accept(changed(found, "measured_error_t1", 3.0), baseline, "a longer lever") == (2, [])
     accepted = read_baseline(baseline).set_index("metric")["accepted"]
-    assert accepted["crank_error_t1"].str.fullmatch(r"\d{4}-\d\d-\d\d a longer lever").all()
+    assert accepted["measured_error_t1"].str.fullmatch(r"\d{4}-\d\d-\d\d a longer lever").all()
     assert accepted["velocity_error"].str.endswith(" first").all()
 
 

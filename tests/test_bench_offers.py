@@ -48,10 +48,17 @@ class Rests(Engine):
     def told(self, x):
         return type(x)(x.t, 0 * x.q + x.q[0], 0 * x.v, 0 * x.a, x.steps)
 
+class Wordy(Engine):
+    def hook(self):
+        raise ValueError("a first line\\n" + "and more \\x00" * 1000)
+
+class Letters(Engine):
+    integrators = "rk4"
+
 class Bare:
     name = "bare"
 """
-NAMES = ("aborts", "spoils", "short", "rests", "bare", "absent")
+NAMES = ("aborts", "spoils", "short", "rests", "wordy", "letters", "bare", "absent")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +82,8 @@ told = {x.name: [str(x.status), x.reason] for x in offers()}
 runs = {x: gauss_bench.simulate("four_bar", x, at=[0.05], step=5e-3, limit=60.0) for x in NAMES}
 rows = gauss_bench.compare("four_bar", ["gauss", *NAMES], steps=(1e-2,), t_end=0.1, jobs=1)
 best = rows.groupby("engine")["status"].agg(lambda x: sorted(set(x)))
-print(json.dumps([told, {k: [str(x.status), x.message] for k, x in runs.items()}, best.to_dict()]))
+why = rows.groupby("engine")["message"].first()
+print(json.dumps([told, {k: [str(x.status), x.message] for k, x in runs.items()}, best.to_dict(), why.to_dict()]))
 """
 
 
@@ -83,17 +91,23 @@ def test_engines_of_others_are_results_with_a_reason(environment: dict[str, str]
     code = f"NAMES = {NAMES!r}\n{CODE}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=400, check=False)
     assert done.returncode == 0, done.stderr
-    offered, runs, rows = json.loads(done.stdout)
+    offered, runs, rows, why = json.loads(done.stdout)
     assert offered["gauss"] == ["ok", ""]
     assert offered["bare"][0] == "error"
     assert "no method version, skip, build" in offered["bare"][1]
     assert offered["absent"][0] == "skip"
-    expected = {"aborts": "crashed", "spoils": "ok", "short": "incomplete", "rests": "invalid", "bare": "error", "absent": "skip"}
+    expected = {"aborts": "crashed", "spoils": "ok", "short": "incomplete", "rests": "invalid", "wordy": "error"}
+    expected |= {"letters": "error", "bare": "error", "absent": "skip"}
     assert {k: status for k, (status, _) in runs.items()} == expected
     assert "SIGABRT" in runs["aborts"][1]
     assert "5 of" in runs["short"][1]
     assert "ok" in rows["gauss"]
     assert rows["aborts"] == ["crashed"]
     assert rows["short"] == ["incomplete"]
-    assert set(rows["bare"]) <= {"error", "crashed"}
+    assert rows["bare"] == rows["letters"] == ["error"]
+    assert why["bare"] == runs["bare"][1] == offered["bare"][1]
+    assert why["letters"] == "TypeError: integrators is a text, not names"
+    assert why["wordy"].startswith("ValueError: a first line and more")
+    assert why["wordy"].isprintable()
+    assert len(why["wordy"]) < 600
     assert rows["absent"] == ["skip"]

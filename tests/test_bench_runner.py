@@ -18,6 +18,7 @@ from gauss_bench.bench.journal import Busy, Journal
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.measurements.cost import race
 from gauss_bench.bench.runner import measure_all, run
+from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.read import of_engines, read_suite, restricted
 from gauss_bench.suites.schema import Cost, Suite
 from gauss_bench.tables import KEY, TABLES, read_file
@@ -100,6 +101,29 @@ def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
         journal.add("case", "old", {"results": [{"x": 1}]})
         assert journal.finished("case", "old")
         assert journal.finished("case", "new") is None
+
+
+def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
+    time.sleep(seconds)
+    return {"results": [{"status": "ok"}]}
+
+
+def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path) -> None:
+    told = []
+    for limit in (0.5, 0.5, 60.0, 0.5):
+        with Journal(tmp_path / "a.jsonl") as journal:
+            answer = finish([Task("slow", slow, (2.0,), "stamp", "results", limit=limit)], 1, "", journal)
+        told.append((answer["slow"]["results"][0]["status"], len((tmp_path / "a.jsonl").read_bytes().splitlines())))
+    assert told == [("timeout", 1), ("timeout", 1), ("ok", 2), ("ok", 2)]
+
+
+def test_a_run_is_judged_at_its_end_wherever_that_lies(tmp_path: Path) -> None:
+    rows = [
+        measure(Case("four_bar", "torque", "gauss-native", "default", "rk4", "none", step, 0.1234), str(tmp_path))["row"]
+        for step in (1e-3, 7e-4)
+    ]
+    assert [row["compared"] for row in rows] == [14, 3]  # every 0.01 s, or every 0.07 s, and the end
+    assert rows[0]["position_error"] > rows[1]["position_error"] > 0.0
 
 
 def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:

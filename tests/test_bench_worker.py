@@ -45,3 +45,25 @@ def test_what_a_task_prints_does_not_spoil_its_answer() -> None:
 def test_one_blas_thread() -> None:
     with Worker() as worker:
         assert worker.call(os.getenv, ("OMP_NUM_THREADS",), 20.0) == "1"
+
+
+def noise_and_death(words: str) -> None:
+    os.write(1, words.encode())
+    os.abort()
+
+
+def test_last_words_are_of_this_task_on_one_line_and_short() -> None:
+    with Worker() as worker:
+        worker.call(os.write, (1, b"of another task\n"), 20.0)
+        with pytest.raises(WorkerFailure, match=r"signal SIGABRT$"):
+            worker.call(os.abort, (), 20.0)
+        with pytest.raises(WorkerFailure) as caught:
+            worker.call(noise_and_death, ("\0and so on" * 1000,), 20.0)
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 600
+
+
+def test_every_task_starts_in_the_same_folder() -> None:
+    with Worker() as worker:
+        worker.call(os.chdir, ("/",), 20.0)
+        assert worker.call(os.getcwd, (), 20.0) == os.getcwd()

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,13 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
     return json.loads(capsys.readouterr().out)
 
 
-def test_help_answers_at_once() -> None:
-    command = [sys.executable, "-m", "gauss_bench", "--help"]
-    subprocess.run(command, check=True, capture_output=True)
-    start = time.perf_counter()
-    assert b"simulate" in subprocess.run(command, check=True, capture_output=True).stdout
-    assert time.perf_counter() - start < 3.0  # ten times what it takes: a heavy import would show, a busy machine would not
+def test_help_loads_nothing_that_takes_long() -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "gauss_bench", "--help"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert "simulate" in done.stdout
+    loaded = {line.rsplit("|", 1)[-1].strip().partition(".")[0] for line in done.stderr.splitlines()}
+    assert "gauss_bench" in loaded
+    assert not loaded & {"numpy", "scipy", "pandas", "pyarrow", "matplotlib", "llvmlite", "casadi", "mujoco", "exudyn", "pinocchio"}
 
 
 def test_list_names_every_linkage_and_engine(capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,10 +56,10 @@ def test_simulate_prints_one_object_with_all_that_is_promised(capsys: pytest.Cap
     assert set(found["points"]) == {"rod.P", "slider.B", "crank.A"}
     assert set(found["points"]["rod.P"]) == {"x", "y", "vx", "vy", "ax", "ay"}
     assert set(found["joints"]) == {"O", "A", "B", "guide"}
-    assert {"position_drift", "velocity_drift", "acceleration_residual", "energy_error", "steps", "step_time"} <= found[
+    assert {"position_drift", "velocity_drift", "acceleration_residual", "energy_error", "step_count", "step_time"} <= found[
         "metrics"
     ].keys()
-    assert found["metrics"]["steps"] == 1000
+    assert found["metrics"]["step_count"] == 1000
     assert found["links"]["crank"]["alpha"][0] == pytest.approx(
         -156.57953, abs=1e-5
     )  # the paper's start, by hand in one coordinate

@@ -16,7 +16,18 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
-from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, document, linkage, ran, relative_error, torque_error
+from tests.engine_runs import (
+    DRIVEN,
+    LINKAGES,
+    TURNS,
+    acceleration_errors,
+    by_gauss,
+    document,
+    linkage,
+    ran,
+    relative_error,
+    torque_error,
+)
 
 exu = needs("exudyn")
 
@@ -80,7 +91,7 @@ def test_accelerations_under_a_driver(name, scenario):
     assert caught.value.status is Status.SKIP
 
 
-@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+@pytest.mark.parametrize(("name", "scenario"), TURNS)
 def test_driving_torques_over_a_turn(name, scenario):
     mechanism = load(name, scenario)
     coarse, fine = (

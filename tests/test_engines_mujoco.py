@@ -17,7 +17,7 @@ from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import needs
-from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran, torque_error
+from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
 
 mujoco = needs("mujoco")
 
@@ -117,7 +117,7 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
 
 
-@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+@pytest.mark.parametrize(("name", "scenario"), TURNS)
 def test_driving_torques_over_a_turn(name, scenario):
     mechanism = load(name, scenario)
     coarse, fine = (torque_error(ENGINE, mechanism, settings="rigid", step=h) for h in (1e-3, 5e-4))

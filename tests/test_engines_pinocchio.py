@@ -21,7 +21,7 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, needs, redundant
-from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error
+from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = needs("pinocchio")
@@ -64,7 +64,7 @@ def test_accelerations_under_a_driver_are_those_of_geometry(name: str, scenario:
     assert errors.max() < 1e-10  # at the ends of the sine law the true acceleration is small
 
 
-@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
+@pytest.mark.parametrize(("name", "scenario"), TURNS)
 def test_driving_torques_over_a_turn(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
     assert torque_error(ENGINE, mechanism, stabilization="projection") < 1e-11  # the driver's row included, only geometry is left

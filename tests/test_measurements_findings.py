@@ -14,10 +14,17 @@ KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
 def row(**columns: Any) -> dict[str, Any]:
     """A valid row of 2 s at 1 ms, with an error of 2e-4 rad, at 50 us a step, but for the columns given."""
     found = dict(zip(KEYS, KEY, strict=True)) | {"status": "ok", "message": "", "note": "", "valid": True, "control": False}
-    found |= {"crank_error_t2": 2e-4, "crank_error_bar_t2": 1e-12, "position_drift": 1e-6, "velocity_drift": 1e-5}
+    found |= {
+        "measured": "angle of crank",
+        "measured_unit": "rad",
+        "measured_error_t2": 2e-4,
+        "measured_error_bar_t2": 1e-12,
+        "position_drift": 1e-6,
+        "velocity_drift": 1e-5,
+    }
     found |= {"acceleration_error_median": 1e-14, "step_time": 50e-6}
     found |= columns
-    return {"steps": round(found["t_end"] / found["step"])} | found
+    return {"step_count": round(found["t_end"] / found["step"])} | found
 
 
 def said(title: str, *rows: dict[str, Any], environment: dict[str, Any] | None = None, **tables: Any) -> str:
@@ -34,7 +41,7 @@ def test_gauss_is_told_how_many_times_as_long_as_the_cheapest_it_takes() -> None
 
 
 def test_a_target_is_reached_by_what_errs_less() -> None:
-    near, far = row(engine="schur", crank_error_t2=0.9e-6), row(engine="lagrange", crank_error_t2=1.1e-6, step_time=1e-6)
+    near, far = row(engine="schur", measured_error_t2=0.9e-6), row(engine="lagrange", measured_error_t2=1.1e-6, step_time=1e-6)
     text = said("four_bar, torque", near, far)
     assert "Cheapest within 1e-06 rad: `schur`" in text
     assert "Cheapest within 1e-03 rad: `lagrange`" in text
@@ -48,13 +55,13 @@ def test_a_run_costs_its_steps_in_the_engines_own_loop_where_it_has_one() -> Non
 
 
 def test_engines_within_a_twentieth_tie() -> None:
-    rows = [row(engine=name, crank_error_t2=x) for name, x in (("gauss", 1.0e-4), ("lagrange", 1.04e-4), ("schur", 1.06e-4))]
+    rows = [row(engine=name, measured_error_t2=x) for name, x in (("gauss", 1.0e-4), ("lagrange", 1.04e-4), ("schur", 1.06e-4))]
     assert "Most accurate: `gauss` and `lagrange` rk4" in said("four_bar, torque", *rows)
 
 
 def test_an_error_below_the_references_bar_is_no_number() -> None:
-    text = said("four_bar, torque", row(crank_error_t2=0.9e-12), row(engine="lagrange", crank_error_t2=1.1e-12))
-    assert "Crank error below the reference's bar (1e-12 rad): `gauss`." in text
+    text = said("four_bar, torque", row(measured_error_t2=0.9e-12), row(engine="lagrange", measured_error_t2=1.1e-12))
+    assert "Error of angle of crank below the reference's bar (1e-12 rad): `gauss`." in text
 
 
 @pytest.mark.parametrize(("error", "same"), [(0.9e-6, True), (1.1e-6, False)])
@@ -67,12 +74,12 @@ def test_a_millionth_is_the_same_acceleration(error: float, same: bool) -> None:
 @pytest.mark.parametrize(("finer", "flat"), [(1.1e-2, True), (0.9e-2, False)])
 def test_an_error_that_halves_over_four_times_the_step_comes_from_the_step(finer: float, flat: bool) -> None:
     soft = {"engine": "mujoco", "acceleration_error_median": 1e-2}
-    rows = [row(step=4e-3, crank_error_t2=2e-2, **soft), row(step=1e-3, crank_error_t2=finer, **soft)]
+    rows = [row(step=4e-3, measured_error_t2=2e-2, **soft), row(step=1e-3, measured_error_t2=finer, **soft)]
     assert ("and does not: on four_bar" in said("Soft, or another model", *rows)) is flat
 
 
 def test_twice_the_step_is_no_evidence() -> None:
-    soft = {"engine": "mujoco", "acceleration_error_median": 1e-2, "crank_error_t2": 2e-2}
+    soft = {"engine": "mujoco", "acceleration_error_median": 1e-2, "measured_error_t2": 2e-2}
     assert "and does not" not in said("Soft, or another model", row(step=2e-3, **soft), row(step=1e-3, **soft))
 
 
@@ -80,26 +87,26 @@ def test_twice_the_step_is_no_evidence() -> None:
     ("changed", "told"),
     [
         ({}, True),
-        ({"crank_error_t2": 0.9}, False),
+        ({"measured_error_t2": 0.9}, False),
         ({"position_drift": 1.1e-4}, False),
         ({"acceleration_error_median": 1.1e-2}, False),
         ({"control": True}, False),
     ],
 )
 def test_a_crank_a_radian_off_behind_closed_loops_is_told(changed: dict[str, Any], told: bool) -> None:
-    off = row(engine="mujoco", **({"crank_error_t2": 1.1, "position_drift": 0.9e-4} | changed))
+    off = row(engine="mujoco", **({"measured_error_t2": 1.1, "position_drift": 0.9e-4} | changed))
     assert bool(said("Closed loops, wrong motion", row(), off)) is told
 
 
 def test_the_gate_that_a_run_recorded_decides_whose_model_is_right() -> None:
-    off = row(engine="mujoco", crank_error_t2=1.1, position_drift=1e-5, acceleration_error_median=5e-3)
+    off = row(engine="mujoco", measured_error_t2=1.1, position_drift=1e-5, acceleration_error_median=5e-3)
     assert said("Closed loops, wrong motion", off)
     assert not said("Closed loops, wrong motion", off, environment={"gates": {"acceleration": 1e-3}})
 
 
 @pytest.mark.parametrize(("steps", "own"), [(2000, False), (2030, False), (2050, True), (400, True)])
 def test_an_integrator_that_took_other_steps_than_asked_chose_them(steps: int, own: bool) -> None:
-    assert own_steps(row(steps=steps)) is own
+    assert own_steps(row(step_count=steps)) is own
 
 
 def published(difference: float) -> dict[str, Any]:

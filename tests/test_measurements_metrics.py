@@ -182,7 +182,7 @@ def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:
     v[100, 8] += 2.0  # the rocker's rate at the end
     found = metrics.state_errors(mechanism, Trajectory(finer, q, v, 0 * q, 100), reference)
     assert found.t == pytest.approx([0.0, 0.5, 1.0])
-    assert found.crank == pytest.approx([0.0, 1e-3, 0.0])
+    assert found.measured == pytest.approx([0.0, 1e-3, 0.0])
     assert found.position == pytest.approx(np.array([[0.0] * 3, [1e-3, 4e-3, 0.0], [0.0] * 3]))
     assert found.velocity == pytest.approx(np.array([[0.0] * 3, [0.0] * 3, [0.0, 0.0, 2.0]]))
     assert found.position_bar == pytest.approx([3e-12] * 3)  # the floor is above the reference's own error
@@ -223,7 +223,7 @@ def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, A
         ({"off_acceleration": 0.008}, "acceleration_error_median", 0.008, True),
         ({"off_acceleration": 0.012}, "acceleration_error_median", 0.012, False),
         ({"off_acceleration": -0.5}, "acceleration_error_max", 0.5, False),
-        ({"off_position": 0.03}, "crank_error_t1", 0.03, None),
+        ({"off_position": 0.03}, "measured_error_t1", 0.03, None),
     ],
 )
 def test_an_engine_that_is_off_by_a_known_amount_is_told_so(

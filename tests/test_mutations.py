@@ -4,11 +4,13 @@ A measurement that no test guards can be wrong for years and look right. `mutati
 that goes blind is noticed. A mutation whose text is no longer in its file fails: it has to move with the code.
 """
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 MUTATIONS = tomllib.loads((ROOT / "tests" / "mutations.toml").read_text(encoding="utf-8"))["mutation"]
 KEYS = {"fault", "file", "text", "mutant", "test"}
 NEEDED = ("gauss_bench", "tests", "mechanisms", "pyproject.toml")
+LIMIT = 600  # [s] of one run of tests
 FAILED = 1  # pytest's exit code where tests ran and failed; anything else is no test's word
 
 
@@ -33,11 +36,50 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def outcome(folder: Path, tests: list[str]) -> subprocess.CompletedProcess[str]:
-    """What the tests say of the package in a folder."""
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
-    where = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    return subprocess.run(command, cwd=folder, env=where, capture_output=True, text=True, timeout=600)
+SERVER = """
+import json, os, signal, sys
+import matplotlib, mpmath, networkx, numpy, pandas, pyarrow, pydantic, pytest, scipy.integrate, scipy.interpolate
+for line in sys.stdin:
+    order = json.loads(line)
+    if not (child := os.fork()):
+        signal.alarm(order["limit"])
+        told = os.open(order["told"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(told, 1), os.dup2(told, 2)
+        code = pytest.main(order["arguments"])
+        sys.stdout.flush()
+        os._exit(code)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+class Tests:
+    """Runs tests in a folder, each time in a child of a process that has loaded the libraries and nothing of the project."""
+
+    def __init__(self, folder: Path) -> None:
+        self.told = folder / "told"
+        where = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, "-c", SERVER]
+        self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def outcome(self, tests: list[str]) -> tuple[int, str]:
+        """Exit code of pytest, or the signal that ended it, and what was printed."""
+        arguments = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+        order = {"told": str(self.told), "limit": LIMIT, "arguments": arguments}
+        assert self.process.stdin
+        assert self.process.stdout
+        self.process.stdin.write(json.dumps(order) + "\n")
+        self.process.stdin.flush()
+        return int(self.process.stdout.readline()), self.told.read_text(encoding="utf-8")
+
+    def stop(self) -> None:
+        self.process.communicate()
+
+
+@pytest.fixture(scope="session")
+def spoilt(copy: Path) -> Iterator[Tests]:
+    tests = Tests(copy)
+    yield tests
+    tests.stop()
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: m["fault"])
@@ -51,19 +93,19 @@ def test_a_mutation_names_a_place_that_is_there(mutation: dict[str, str]) -> Non
 
 
 @pytest.mark.slow
-def test_without_a_fault_every_test_passes(copy: Path) -> None:
-    found = outcome(copy, sorted({mutation["test"] for mutation in MUTATIONS}))
-    assert found.returncode == 0, found.stdout[-3000:]
+def test_without_a_fault_every_test_passes(spoilt: Tests) -> None:
+    code, told = spoilt.outcome(sorted({mutation["test"] for mutation in MUTATIONS}))
+    assert code == 0, told[-3000:]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: m["fault"])
-def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path) -> None:
+def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: Tests) -> None:
     path = copy / mutation["file"]
     sound = path.read_text(encoding="utf-8")
     path.write_text(sound.replace(mutation["text"], mutation["mutant"]), encoding="utf-8")
     try:
-        found = outcome(copy, [mutation["test"]])
+        code, told = spoilt.outcome([mutation["test"]])
     finally:
         path.write_text(sound, encoding="utf-8")
-    assert found.returncode == FAILED, f"not seen by {mutation['test']}:\n{found.stdout[-2000:]}{found.stderr[-2000:]}"
+    assert code == FAILED, f"not seen by {mutation['test']}:\n{told[-3000:]}"

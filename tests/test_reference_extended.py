@@ -207,9 +207,13 @@ MOTIONS = [
     ("excavator", "dig", "0.3"),
     (DATA / "everything.toml", "free", "0.1"),
 ]
+TAKE_LONG = ("six_bar", "eight_bar", "shaper", "four_bar", "jansen")  # no kind of joint, driver or row that the others lack
 
 
-@pytest.mark.parametrize(("linkage", "scenario", "until"), MOTIONS, ids=str)
+@pytest.mark.parametrize(
+    ("linkage", "scenario", "until"),
+    [pytest.param(*x, marks=pytest.mark.slow if x[0] in TAKE_LONG else (), id=f"{x[0]}-{x[1]}-{x[2]}") for x in MOTIONS],
+)
 def test_the_motion_agrees_with_the_double_reference_and_does_not_drift(linkage: Any, scenario: str, until: str) -> None:
     motion = run(linkage, scenario, until)
     assert motion.stopped == ""

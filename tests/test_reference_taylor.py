@@ -206,14 +206,13 @@ def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str
         assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
 
 
-TAKE_LONG = ("six_bar", "eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each
+TAKE_LONG = ("four_bar", "six_bar", "eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each
 MOVING = [
-    ("four_bar", "torque"),
     ("shaper", "torque"),
     ("five_bar", "spring"),
     *(
         pytest.param(linkage, scenario, marks=pytest.mark.slow)
-        for linkage, scenario in zip(TAKE_LONG, ("torque", "conservative", "walk", "torque", "squeeze"), strict=True)
+        for linkage, scenario in zip(TAKE_LONG, ("torque", "torque", "conservative", "walk", "torque", "squeeze"), strict=True)
     ),
 ]
 DRIVEN = [
@@ -298,7 +297,9 @@ LAWS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda x: x["law"])
+@pytest.mark.parametrize(
+    "law", [pytest.param(x, id=x["law"], marks=pytest.mark.slow if x["law"] == "cosine" else ()) for x in LAWS]
+)
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
     taylor = needs("gauss_bench.reference.taylor.series")
     needs("heyoka")

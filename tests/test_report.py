@@ -34,7 +34,7 @@ def case(mechanism: str, engine: str, settings: str, integrator: str, stabilizat
 def ran(row: dict[str, object], error: float, acceleration: float, cost: float) -> dict[str, object]:
     """A case that ended, with an error at the end and at the same state, and the cost of a step."""
     drift = 1e-16 if row["stabilization"] == "projection" else error / 5
-    crank = {"crank_error_t05": error / 50, "crank_error_t1": error / 8, "crank_error_t2": error}
+    crank = {"measured_error_t05": error / 50, "measured_error_t1": error / 8, "measured_error_t2": error}
     drifts = {"position_drift": drift, "velocity_drift": 20 * drift, "acceleration_residual": 1e-13}
     bars = {"position_error_bar": BAR, "velocity_error_bar": 10 * BAR, "energy_error": error / 3, "energy_error_bar": BAR}
     worst = {"position_error": 1.5 * error, "velocity_error": 12 * error, "link_errors": "{}"}
@@ -46,7 +46,7 @@ def ran(row: dict[str, object], error: float, acceleration: float, cost: float) 
         | bars
         | worst
         | same
-        | {"steps": int(2.0 / float(str(row["step"]))), "step_time": cost, "build_time": 2e-3}
+        | {"step_count": int(2.0 / float(str(row["step"]))), "step_time": cost, "build_time": 2e-3}
     )
 
 
@@ -122,7 +122,7 @@ def write_run(folder: Path, rows: list[dict[str, object]]) -> Path:
     pd.DataFrame(rows, columns=None if rows else [*KEYS, "status"]).to_csv(folder / "results.csv", index=False)
     pd.DataFrame(histories(rows), columns=None if rows else [*KEYS, "t"]).to_csv(folder / "series.csv", index=False)
     reference = {"scenario": "torque", "t_end": 2.0, "method": "two integrations", "error_bar_q": BAR, "error_bar_v": 10 * BAR}
-    angles = {"crank_t05": 1.0, "crank_t1": 4.0, "crank_t2": 26.9}
+    angles = {"measured_t05": 1.0, "measured_t1": 4.0, "measured_t2": 26.9}
     references = [{"mechanism": name} | reference | angles for name in sorted({str(r["mechanism"]) for r in rows})]
     pd.DataFrame(references, columns=None if rows else ["mechanism"]).to_csv(folder / "references.csv", index=False)
     pd.DataFrame(columns=["mechanism", "engine", "quantity", "round", "seconds"]).to_csv(folder / "samples.csv", index=False)

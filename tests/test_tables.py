@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from gauss_bench import tables
@@ -150,3 +151,54 @@ def test_times_that_format_1_gave_to_stabilised_runs_are_not_taken_over(tmp_path
     plain, stabilised = tables.read_table("results", tmp_path)
     assert plain["step_time"] == 5e-5
     assert math.isnan(stabilised["step_time"])
+
+
+def of_format_1(folder: Path) -> None:
+    """A folder as earlier versions left it: errors of the crank, and a baseline with its dates and reasons."""
+    case = "four_bar,torque,gauss,default,rk4,none,0.001,2"
+    head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end"
+    files = {
+        "results": f"{head},status,steps,crank_error_t1,crank_error_bar_t1\n{case},ok,2000,1e-07,1e-12\n",
+        "references": "mechanism,scenario,t_end,method,crank_t05,crank_t1\nfour_bar,torque,2,two ways,0.123456789012345,2\n",
+        "certificates": "status,message,mechanism,scenario,crank_end\nok,,four_bar,torque,0.5\n",
+        "kernel_batch": "mechanism,scenario,states,steps,rival,settings,rival_steps\nfour_bar,torque,4096,1000,mujoco,tuned,10\n",
+        "baseline": f"{head},metric,value,accepted\n{case},crank_error_t1,1.5e-07,2026-11-21 first baseline\n"
+        "four_bar,torque,reference,,,,0,2,crank_t05,0.123456789012345,2026-11-22 a better reference\n",
+    }
+    for name, text in files.items():
+        (folder / f"{name}.csv").write_text(text)
+
+
+@pytest.mark.parametrize("rewritten", [False, True])
+def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten: bool, tmp_path: Path) -> None:
+    of_format_1(tmp_path)
+    if rewritten:
+        assert len(tables.migrate(tmp_path)) == 5
+        assert tables.format_of(tmp_path) == FORMAT
+        assert not any("crank_error" in path.read_text() for path in tmp_path.glob("*.csv") if path.stem in ("results", "baseline"))
+    (result,), (truth,), (certificate,), (batch,) = (
+        tables.read_table(name, tmp_path) for name in ("results", "references", "certificates", "kernel_batch")
+    )
+    assert (result["measured_error_t1"], result["measured_error_bar_t1"], result["step_count"]) == (1e-7, 1e-12, 2000)
+    assert result["measured_unit"] == truth["measured_unit"] == certificate["measured_unit"] == "rad"
+    assert truth["measured_t05"] == 0.123456789012345
+    assert certificate["measured_end"] == 0.5
+    assert (batch["step_count"], batch["rival_step_count"]) == (1000, 10)
+    baseline = read_baseline(tmp_path / "baseline.csv")
+    assert list(baseline["metric"]) == ["measured_error_t1", "measured_t05"]
+    assert list(baseline["value"]) == ["1.5e-07", "0.123456789012345"]
+    assert list(baseline["accepted"]) == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
+
+
+def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
+    of_format_1(tmp_path)
+    tables.write_parquet(
+        "series", [dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t": 0.5}], tmp_path / "series.parquet", {"commit": "a"}
+    )
+    tables.migrate(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")}
+    tables.migrate(tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")} == before
+    assert (
+        pq.read_schema(tmp_path / "series.parquet").metadata[b"gauss_bench"] == b'{"table": "series", "format": 2, "commit": "a"}'
+    )

@@ -29,6 +29,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Bare:
     return made
 
 
+@pytest.mark.slow
 def test_the_environment_is_bare(environment: Bare) -> None:
     """Otherwise nothing below says anything."""
     import subprocess
@@ -49,6 +50,7 @@ WORKING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
 def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
     done = environment.run(*WORKING[verb])
@@ -84,6 +86,7 @@ def test_the_gate_holds_what_is_there_and_says_of_the_rest_why(environment: Bare
         assert found.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", EXTRA_OF)
 def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bare) -> None:
     done = environment.run("simulate", "four_bar", "--engine", engine, "--at", "0,0.01")
@@ -98,6 +101,7 @@ NEEDING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", NEEDING)
 def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
     arguments, code, extra = NEEDING[what]
@@ -113,6 +117,7 @@ def test_every_verb_is_asked_here() -> None:
     assert set(VERBS) == {*WORKING, "run", "report", "check", "certify"}
 
 
+@pytest.mark.slow
 def test_the_console_script_and_the_linkages_are_installed(environment: Bare) -> None:
     assert (environment.python.parent / "gauss-bench").exists()
     found = json.loads(environment.run("list", "--json").stdout)

@@ -141,7 +141,7 @@ def measured(evidence: Evidence, run: Run) -> dict[str, Any]:
         "energy_error": float(np.abs(evidence.energy).max()),
         "energy_error_bar": evidence.energy_bar,
         "energy_scale": evidence.energy_scale,
-        "steps": run.trajectory.steps,
+        "step_count": run.trajectory.steps,
         "shortened_steps": run.sampling.shortened,
         "evaluations": run.trajectory.evaluations,
         "build_time": run.build_time,

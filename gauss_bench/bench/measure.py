@@ -10,10 +10,10 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.context import Alteration, unaltered
+from gauss_bench.bench.offers import Offer, describe
 from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Model
-from gauss_bench.engines.extras import not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -31,6 +31,12 @@ NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkag
 @lru_cache(maxsize=8)
 def mechanism_of(linkage: str, scenario: str) -> Mechanism:
     return load(linkage, scenario or None)
+
+
+@lru_cache(maxsize=8)
+def described(engine: str) -> Offer:
+    """What an engine offers, asked in this process: a worker."""
+    return describe(engine)
 
 
 @lru_cache(maxsize=4)
@@ -69,12 +75,11 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
         if states is not None:
             row.update(acceleration_errors(model, states))
 
-    try:
-        engine = get(case.engine)
-    except ImportError as error:
-        return {"row": row | {"status": str(Status.SKIP), "message": not_installed(error)}, "series": []}
+    offered = described(case.engine)
+    if not offered.usable:
+        return {"row": row | {"status": str(offered.status), "message": offered.reason}, "series": []}
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
-    run = one_run(engine, alter(mechanism), case.choice, wanted, inspect)
+    run = one_run(get(case.engine), alter(mechanism), case.choice, wanted, inspect)
     if run.trajectory is None:
         return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
@@ -84,7 +89,8 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     evidence = examine(evaluator, run.trajectory, reference, acceleration_error(mechanism, run.trajectory) if off is None else off)
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
-    row |= figures(mechanism, run.trajectory, evidence) | {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
+    row |= figures(mechanism, run.trajectory, evidence)
+    row |= {"step_count": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= {"note": "; ".join(filter(None, (run.message, unknown))), "valid": verdict.valid, "flag": verdict.sentence}
     if not verdict.valid:
         row |= {"status": str(Status.INVALID), "message": verdict.sentence}
@@ -123,8 +129,8 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
     }
     for t in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
-        row[f"crank_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
-        row[f"crank_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
+        row[f"measured_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
+        row[f"measured_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
     return row
@@ -137,6 +143,7 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
         return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    columns = (errors.t, errors.measured, drift.position[near], drift.velocity[near], evidence.energy[near])
-    names = ("t", "crank_error", "position_drift", "velocity_drift", "energy_error")
+    apart = errors.length.max(axis=1), errors.angle.max(axis=1)
+    columns = (errors.t, errors.measured, *apart, drift.position[near], drift.velocity[near], evidence.energy[near])
+    names = ("t", "measured_error", "length_error", "angle_error", "position_drift", "velocity_drift", "energy_error")
     return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]

@@ -14,7 +14,7 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
 SAFE = (*OWN, *COMPILED, *FOREIGN)  # adapters of this package, which import their library only where they build
@@ -106,11 +106,12 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
     Raises:
         KeyError: there is no such engine.
     """
-    there = names()
-    wanted = there if wanted is None else wanted
-    for name in wanted:
-        if name not in there:
-            raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
+    if wanted is None or any(name not in _known for name in wanted):
+        there = names()  # which looks through everything that is installed
+        wanted = there if wanted is None else wanted
+        for name in wanted:
+            if name not in there:
+                raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
@@ -140,6 +141,9 @@ def describe(name: str) -> Offer:
         lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
         if lacking:
             raise TypeError(f"it has no method {', '.join(lacking)}")
+        told = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
+        if told:
+            raise TypeError(f"{told[0]} is a text, not names")
         settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
         integrators, stabilizations = (tuple(map(str, x)) for x in (engine.integrators, engine.stabilizations))
         for word, offered in (("settings", settings), ("integrators", integrators), ("stabilizations", stabilizations)):
@@ -153,16 +157,16 @@ def describe(name: str) -> Offer:
 
 
 def _broken(name: str, error: Exception) -> Offer:
-    return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {error}")
+    return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 
 def _version(asked: Callable[[], object]) -> str:
     try:
-        return str(asked())
+        return in_a_sentence(asked())
     except ImportError:
         return "not installed"
     except Exception as error:
-        return f"unknown ({type(error).__name__}: {error})"
+        return f"unknown ({type(error).__name__}: {in_a_sentence(error)})"
 
 
 def _plain(value: object) -> object:

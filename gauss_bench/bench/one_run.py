@@ -20,7 +20,7 @@ from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
 
 SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
 JUDGED = 20  # samples whose accelerations are held against Gauss's principle: a wrong model is wrong nearly everywhere
@@ -124,7 +124,7 @@ def one_run(
     try:
         reason = engine.skip(mechanism, choice)
         if reason:
-            return Run(Status.SKIP, str(reason), None, wanted)
+            return Run(Status.SKIP, in_a_sentence(reason), None, wanted)
         started = time.perf_counter()
         model = engine.build(mechanism, choice)
         built = time.perf_counter() - started
@@ -135,12 +135,12 @@ def one_run(
         stepped = (time.perf_counter() - ready) / max(1, wanted.count)
         trajectory = model.read()
     except RunFailure as failure:
-        return Run(failure.status, str(failure), None, wanted, built, stepped)
+        return Run(failure.status, in_a_sentence(failure), None, wanted, built, stepped)
     except ImportError as error:
         return Run(Status.SKIP, f"{engine.name} is {not_installed(error)}", None, wanted, built, stepped)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        text = f"{type(error).__name__}: {in_a_sentence(error)} ({Path(where.filename).name}:{where.lineno})"
         return Run(Status.ERROR, text, None, wanted, built, stepped)
     verdict = judge.completeness(trajectory, wanted.times, mechanism.n)
     if not verdict.valid:
@@ -151,7 +151,7 @@ def one_run(
         evaluations = None if trajectory.evaluations is None else int(trajectory.evaluations)
     except (TypeError, ValueError) as error:
         return Run(Status.INCOMPLETE, f"the engine does not count its steps: {error}", None, wanted, built, stepped)
-    notes = [str(trajectory.note or ""), wanted.note if steps == wanted.count else ""]
+    notes = [in_a_sentence(trajectory.note or ""), wanted.note if steps == wanted.count else ""]
     q, v, a = (np.asarray(x, dtype=float) for x in (trajectory.q, trajectory.v, trajectory.a))
     plain = Trajectory(wanted.times, q, v, a, steps, evaluations, "; ".join(filter(None, notes)))
     return Run(Status.OK, plain.note, plain, wanted, built, stepped)

@@ -47,13 +47,22 @@ class Task(NamedTuple):
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
         return {"lost": [{"table": self.table, **place, **told}]}
 
+    @property
+    def stamp_if_lost(self) -> str:
+        """What its loss depends on: with more time it might be answered."""
+        return f"{self.stamp}.{self.limit:g}"
+
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
     """Answers of all tasks by key, in their order: from the journal where they stand there, else from workers."""
-    done = {task.key: entry for task in tasks if journal and (entry := journal.finished(task.key, task.stamp))}
+    done = {
+        task.key: entry
+        for task in tasks
+        if journal and (entry := journal.finished(task.key, task.stamp) or journal.finished(task.key, task.stamp_if_lost))
+    }
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-    answers: queue.SimpleQueue[tuple[str, Tables] | BaseException] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[tuple[str, str, Tables] | BaseException] = queue.SimpleQueue()
     workers = min(jobs, len(waiting))
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
@@ -63,9 +72,9 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        key, tables = answer
+        key, stamp, tables = answer
         if journal:
-            journal.add(key, waiting[key].stamp, tables)
+            journal.add(key, stamp, tables)
         done[key] = tables
     return {task.key: done[task.key] for task in tasks}
 
@@ -85,8 +94,8 @@ def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[A
         with Worker() as worker:
             while task := todo.get():
                 try:
-                    answers.put((task.key, worker.call(task.function, task.arguments, task.limit)))
+                    answers.put((task.key, task.stamp, worker.call(task.function, task.arguments, task.limit)))
                 except WorkerFailure as failure:
-                    answers.put((task.key, task.lost(failure)))
+                    answers.put((task.key, task.stamp_if_lost, task.lost(failure)))
     except BaseException as error:
         answers.put(error)

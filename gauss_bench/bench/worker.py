@@ -23,7 +23,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
 ANSWERS = 200  # the descriptor that answers leave by, if it is free: far above those that libraries open
@@ -57,7 +57,6 @@ class Worker:
 
     def start(self) -> subprocess.Popen[bytes]:
         if self.process is None or self.process.poll() is not None:
-            self.log.truncate(0)
             environment = os.environ | dict.fromkeys(THREADS, "1")
             command = [sys.executable, "-m", "gauss_bench.bench.worker"]
             self.process = subprocess.Popen(
@@ -93,6 +92,8 @@ class Worker:
         assert process.stdin is not None
         assert process.stdout is not None
         token = os.urandom(16)
+        self.log.seek(0)
+        self.log.truncate()  # what is quoted below is of this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
             kind, answer = _receive_within(process, token, limit)
@@ -125,7 +126,8 @@ class Worker:
     def _last_words(self) -> str:
         self.log.seek(0)
         lines = self.log.read()[-4000:].decode(errors="replace").strip().splitlines()
-        return f": {lines[-1].strip()}" if lines else ""
+        said = in_a_sentence(lines[-1]) if lines else ""
+        return f": {said}" if said else ""
 
 
 class SpoiltAnswer(RuntimeError):
@@ -193,7 +195,7 @@ def _answered(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes
         return pickle.dumps(("ok", function(*arguments)))
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        said = f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})"
+        said = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
         return pickle.dumps(("raised", said))
 
 
@@ -206,6 +208,7 @@ def main() -> None:
     os.dup2(nothing, 0)
     os.close(nothing)
     _bounded()
+    home = os.getcwd()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     while header := tasks.read(HEADER.size):
         token, length = HEADER.unpack(header)
@@ -216,6 +219,7 @@ def main() -> None:
             function, arguments, limit = _refuse, (f"the task cannot be read: {type(error).__name__}: {error}",), 60.0
         signal.signal(signal.SIGALRM, signal.SIG_DFL)  # it ends the process even inside a library
         signal.setitimer(signal.ITIMER_REAL, limit + GRACE)
+        os.chdir(home)  # a library may have gone elsewhere, and paths in tasks are relative
         answer = _answered(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)

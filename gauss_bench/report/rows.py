@@ -13,7 +13,7 @@ Row = Mapping[str, Any]
 Key = TypeVar("Key", bound=Hashable)
 
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")
-CRANK_ERRORS = {"crank_error_t05": 0.5, "crank_error_t1": 1.0, "crank_error_t2": 2.0}
+MEASURED_ERRORS = {"measured_error_t05": 0.5, "measured_error_t1": 1.0, "measured_error_t2": 2.0}
 SAME_ACCELERATION = 1e-6  # median: 100 times what numerical differentiation loses (1e-8), far below a soft loop (1e-2)
 VALID_ACCELERATION = 1e-2  # median: the validity gate, where a run does not record its own
 OWN_STEPS = 0.02  # relative: a run whose number of steps differs more from duration / step chose them itself
@@ -78,24 +78,41 @@ def ranked(row: Row) -> bool:
     return ok(row) and bool(row["valid"]) and not row["control"]
 
 
+def measured(rows: Iterable[Row]) -> str:
+    """The coordinate that rows of one linkage measure errors by, as the file of results names it."""
+    return next((x for row in rows if (x := str(row.get("measured") or ""))), "measured coordinate")
+
+
+def unit(rows: Iterable[Row]) -> str:
+    """Its unit: rad or m, or both where rows differ or do not say."""
+    units = {str(row["measured_unit"]) for row in rows if row.get("measured_unit")}
+    return units.pop() if len(units) == 1 else "rad or m"
+
+
+def measure(rows: Iterable[Row]) -> str:
+    """Both, as a table shows them."""
+    rows = list(rows)
+    return f"{measured(rows)} [{unit(rows)}]"
+
+
 def end_column(row: Row) -> str:
-    """The column of the crank error at the last of 0.5, 1 and 2 s the row has."""
-    return next((c for c in reversed(CRANK_ERRORS) if known(row.get(c))), "crank_error_t05")
+    """The column of the measured coordinate's error at the last of 0.5, 1 and 2 s the row has."""
+    return next((c for c in reversed(MEASURED_ERRORS) if known(row.get(c))), "measured_error_t05")
 
 
 def end_error(row: Row) -> float:
-    """Crank error [rad] at the last of 0.5, 1 and 2 s the row has."""
+    """Error of the measured coordinate, in its unit, at the last of 0.5, 1 and 2 s the row has."""
     return number(row, end_column(row))
 
 
-def crank_bar(row: Row, column: str) -> float:
-    """The reference's bar of a crank error [rad], or its worst of any position over the run; 0 where neither is known."""
+def measured_bar(row: Row, column: str) -> float:
+    """The reference's bar of a measured coordinate's error, or its worst of any position over the run; 0 where neither is known."""
     bars = number(row, column.replace("error", "error_bar")), number(row, "position_error_bar")
     return next((x for x in bars if known(x)), 0.0)
 
 
 def end_bar(row: Row) -> float:
-    return crank_bar(row, end_column(row))
+    return measured_bar(row, end_column(row))
 
 
 def below_reference(row: Row) -> bool:
@@ -111,13 +128,13 @@ def own_steps(row: Row) -> bool:
     """Whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
     step = number(row, "step")
     given = number(row, "t_end") / step if step > 0 else math.nan
-    return not known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
+    return not known(given) or abs(number(row, "step_count") - given) > max(OWN_STEPS * given, 1.0)
 
 
 def run_time(row: Row) -> float:
     """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
+    return (own if known(own) else number(row, "step_time")) * number(row, "step_count")
 
 
 def method(row: Row) -> tuple[str, str, str, str]:

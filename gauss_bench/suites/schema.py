@@ -155,7 +155,7 @@ class EqualAccuracy(OnLinkages):
     Attributes:
         own: the engine to whose fastest way ratios are taken.
         methods: that race.
-        accuracies: [rad] of the crank after one second.
+        accuracies: of the measured coordinate after one second, in its unit [rad or m].
         cap: [s] that a run may take; the next halving would take twice as long.
         rounds: of the race.
         lead: [s] of a run that is timed; longer ones are cut and scaled.
@@ -174,20 +174,20 @@ class Batch(OnLinkages):
 
     Attributes:
         states: trajectories.
-        step, steps: [s] and how many of each trajectory.
+        step, step_count: [s] and how many of each trajectory.
         own, rival, settings: engines, and the rival's settings.
-        rival_steps: of each trajectory: fewer, which changes nothing in the time of one.
+        rival_step_count: of each trajectory: fewer, which changes nothing in the time of one.
         rounds: of the race.
         targets: linkage -> least ratio.
     """
 
     states: Count
     step: Positive
-    steps: Count
+    step_count: Count
     own: str
     rival: str
     settings: str
-    rival_steps: Count
+    rival_step_count: Count
     rounds: Count
     targets: Mapping[str, Positive] = {}
 

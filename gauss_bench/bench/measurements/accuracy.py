@@ -45,11 +45,13 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
         "method": truth.method,
         "error_bar_q": float(truth.error_q.max()),
         "error_bar_v": float(truth.error_v.max()),
+        "measured": mechanism.measured.name,
+        "measured_unit": mechanism.measured.unit,
         "floor_q": float(np.nanmax(truth.floor_q)) if np.isfinite(truth.floor_q).any() else None,
     }
     for t in CHECKPOINTS:
         at = np.flatnonzero(np.abs(truth.t - t) < 1e-9)
-        row[f"crank_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
+        row[f"measured_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
     return {"references": [row]}
 
 
@@ -72,10 +74,10 @@ def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def with_orders(rows: Rows) -> Rows:
-    """The rows with `observed_order`, from the crank error at the last checkpoint that the run reached."""
+    """The rows with `observed_order`, from the measured coordinate's error at the last checkpoint that the run reached."""
     frame = pd.DataFrame(rows)
     for _, group in frame.groupby([k for k in KEY if k != "step"], sort=False) if len(frame) else ():
-        columns = (c for c in ("crank_error_t2", "crank_error_t1", "crank_error_t05") if c in group)
+        columns = (c for c in ("measured_error_t2", "measured_error_t1", "measured_error_t05") if c in group)
         column = next((c for c in columns if group[c].notna().any()), None)
         if column and len(group) > 1:
             steps, errors = group["step"].to_numpy(), group[column].to_numpy(dtype=float)

@@ -45,12 +45,12 @@ def batch(linkage: str, scenario: str, part: Batch) -> Tables:
 
     own, rival = Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
     race = Race()
-    race.add(own, entry(part.own, "default", part.steps))
-    race.add(rival, entry(part.rival, part.settings, part.rival_steps))
+    race.add(own, entry(part.own, "default", part.step_count))
+    race.add(rival, entry(part.rival, part.settings, part.rival_step_count))
     measured = race.run(part.rounds)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": part.steps}
-    start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_steps}
-    told = row(start, lambda: _row(models[part.own], q, v, part.steps, measured, own, rival))
+    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "step_count": part.step_count}
+    start |= {"rival": part.rival, "settings": part.settings, "rival_step_count": part.rival_step_count}
+    told = row(start, lambda: _row(models[part.own], q, v, part.step_count, measured, own, rival))
     return {"kernel_batch": [at_least(told, "ratio", part.targets.get(mechanism.name))]}
 
 

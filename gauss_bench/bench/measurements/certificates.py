@@ -13,6 +13,7 @@ from tqdm import tqdm
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Rows, Tables, Task, finish, gathered
 from gauss_bench.engines.extras import not_installed
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.generate import SINGLE
 from gauss_bench.mechanism.load import built_in, document_of, load
 from gauss_bench.mechanism.model import Mechanism
@@ -77,9 +78,10 @@ def described(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
     for level in ("q", "v", "a", "multipliers"):
         row[f"error_{level}"] = _last(getattr(c, f"error_{level}")) if level != "multipliers" or c.multipliers.size else None
     row |= {f"floor_{level}": _last(getattr(c, f"floor_{level}")) for level in ("q", "v", "a")}
-    crank = 3 * (mechanism.crank or 0) + 2
     row |= {
-        "crank_end": float(c.q[-1, crank]),
+        "measured": mechanism.measured.name,
+        "measured_unit": mechanism.measured.unit,
+        "measured_end": float(value(mechanism.measured.coordinate, c.q[-1])),
         "samples": len(c.t),
         "step": c.facts["collocation_step"],
         "method": c.facts["method"],

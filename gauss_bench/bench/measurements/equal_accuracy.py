@@ -1,9 +1,10 @@
 """Time to solution at equal accuracy: what each method takes to reach an error, at the largest step with which it does.
 
-First, ladders: every method is run at a step of FIRST and then at half of it, again and again, until its crank angle at one second
-is as near the certified one as the finest accuracy asks, or cannot be: a run would take longer than the cap, its error has stopped
-falling, or the run fails. The error is that at one time, so that it may be small by chance on one rung; the largest step within an
-accuracy is taken all the same, for all methods alike. A method that chooses its steps itself has one rung.
+First, ladders: every method is run at a step of FIRST and then at half of it, again and again, until the linkage's measured
+coordinate at one second is as near the certified one as the finest accuracy asks, or cannot be: a run would take longer than the
+cap, its error has stopped falling, or the run fails. The error is that at one time, so that it may be small by chance on one rung;
+the largest step within an accuracy is taken all the same, for all methods alike. A method that chooses its steps itself has one
+rung.
 
 Then a race of all methods over the same second of motion. Runs longer than the suite's lead are cut to their first part, and their
 time is scaled by what is left out: steps cost the same all along, but for a few per cent of Newton iterations. Ratios are taken to
@@ -26,9 +27,9 @@ from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import state_errors
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.suites.schema import EqualAccuracy, Method, Suite
 from gauss_bench.trajectory import Reference, RunFailure, Status
@@ -91,7 +92,7 @@ def ladder(linkage: str, scenario: str, way: Method, finest: float, cap: float, 
 
 
 def measured(mechanism: Mechanism, reference: Reference, way: Method, step: float, own_steps: bool) -> Row:
-    """One rung: error [rad] and seconds."""
+    """One rung: errors after one second, and the seconds it takes."""
     seconds, told = np.nan, {"step": None if own_steps else step}
     try:
         model = get(way.engine).build(mechanism, choice_of(way, step))
@@ -104,10 +105,11 @@ def measured(mechanism: Mechanism, reference: Reference, way: Method, step: floa
         return told | {"seconds": seconds, "status": str(failure.status), "message": str(failure)}
     except ImportError as error:
         return told | {"status": str(Status.SKIP), "message": not_installed(error)}
-    coordinate = mechanism.measured.coordinate
-    off = abs(float(value(coordinate, trajectory.q[-1]) - value(coordinate, reference.q[-1])))
-    bar = float(np.fmax(reference.error_q, reference.floor_q)[-1])
-    return told | {"seconds": seconds, "error": off, "error_bar": bar, "status": str(Status.OK), "message": ""}
+    errors = state_errors(mechanism, trajectory, reference)
+    told |= {"seconds": seconds, "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
+    told |= {"error": float(errors.measured[-1]), "error_bar": float(errors.position_bar[-1])}
+    apart = {"length_error": float(errors.length[-1].max()), "angle_error": float(errors.angle[-1].max())}
+    return told | apart | {"status": str(Status.OK), "message": ""}
 
 
 def timed_run(model: Model, until: float) -> float:
@@ -165,7 +167,8 @@ def lead_time(rung: Row, lead: float) -> float:
     share = min(1.0, lead / max(float(rung["seconds"]), 1e-9))
     if share == 1.0 or not rung["step"]:
         return share * AT
-    return min(AT, max(1, round(share * AT / rung["step"])) * float(rung["step"]))
+    step = float(rung["step"])
+    return min(AT, max(1, round(share * AT / step)) * step)
 
 
 def _block(mechanism: Mechanism, way: Method, rung: Row, lead: float) -> Block:
@@ -191,13 +194,18 @@ def _row(start: Row, way: Method, rungs: Rows, rung: Row | None, measured: Measu
     ended = str(rungs[-1].get("ended") or rungs[-1]["message"])
     start = start | way.model_dump() | {"ended": ended}
     if rung is not None:
-        return row(start | {"step": rung["step"], "error": rung["error"]}, lambda: spread("seconds", measured.of(way)))
+        return row(start | {"step": rung["step"]} | errors_of(rung), lambda: spread("seconds", measured.of(way)))
     best = smallest_error(rungs)
     if best is None:
         return start | {"status": rungs[-1]["status"], "message": rungs[-1]["message"]}
     at = f" at step {best['step']:.2g} s" if best["step"] else ""
-    text = f"came to {best['error']:.1e} rad{at}; {ended}"
-    return start | {"step": best["step"], "error": best["error"], "status": CANNOT, "message": text}
+    text = f"came to {best['error']:.1e} {best['measured_unit']}{at}; {ended}"
+    return start | {"step": best["step"]} | errors_of(best) | {"status": CANNOT, "message": text}
+
+
+def errors_of(rung: Row) -> Row:
+    """What a row of a ladder says of its error: of which coordinate, and of all links."""
+    return {k: rung[k] for k in ("measured", "measured_unit", "error", "length_error", "angle_error")}
 
 
 def with_ratios(rows: Rows, measured: Measured, own: str) -> Rows:

@@ -74,9 +74,8 @@ def rates(measured: Measured, method: str) -> Row:
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
     """Largest differences from pure geometry, relative to the largest value of each level."""
-    crank = 3 * (mechanism.crank or 0) + 2
-    theta: Array = turn.q[:, crank]
     motion = MinimalCoordinate(mechanism)
+    theta: Array = turn.q[:, motion.crank]
     one = np.ones(1)
     parts = [motion.state(x, one, 0 * one) for x in theta[:, None]]
     exact = [np.concatenate([part[k] for part in parts]) for k in range(3)]

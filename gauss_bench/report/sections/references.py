@@ -2,8 +2,21 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Block, Bullets, Cell, Finding, Section, Table, Text, columns, count, error_cell, text_cell
-from gauss_bench.report.rows import Row, Run, known, number
+from gauss_bench.report.content import (
+    Block,
+    Bullets,
+    Cell,
+    Finding,
+    Section,
+    Table,
+    Text,
+    columns,
+    count,
+    error_cell,
+    text_cell,
+    texts,
+)
+from gauss_bench.report.rows import Row, Run, known, measure, number
 
 PLACE = 50
 TABLES = ("references", "certificates", "published")
@@ -47,15 +60,18 @@ def section(run: Run) -> Section:
 
 def _references(rows: tuple[Row, ...]) -> Table:
     head, numeric = columns(
-        ("linkage", "scenario", "until s", "bar q", "bar v", "floor q", "crank 0.5 s", "1 s", "2 s", "method"), 2, last_text=1
+        ("linkage", "scenario", "measured", "until s", "bar q", "bar v", "floor q", "after 0.5 s", "1 s", "2 s", "method"),
+        3,
+        last_text=1,
     )
     lines = []
     for row in rows:
         until = Cell(f"{number(row, 't_end'):g}", number(row, "t_end"))
         bars = tuple(error_cell(row, x) for x in ("error_bar_q", "error_bar_v", "floor_q"))
-        angles = tuple(_angle(number(row, f"crank_t{t}")) for t in ("05", "1", "2"))
-        lines.append((text_cell(row["mechanism"]), text_cell(row["scenario"]), until, *bars, *angles, text_cell(row["method"])))
-    return Table("References", head, tuple(lines), numeric, note="Bars in m, rad and m/s, rad/s; crank angles in rad.")
+        angles = tuple(_angle(number(row, f"measured_t{t}")) for t in ("05", "1", "2"))
+        names = (*texts(row, "mechanism", "scenario"), text_cell(measure([row])))
+        lines.append((*names, until, *bars, *angles, text_cell(row["method"])))
+    return Table("References", head, tuple(lines), numeric, note="Bars in m, rad and m/s, rad/s; what is measured in its unit.")
 
 
 def _certificates(rows: list[Row]) -> Table:

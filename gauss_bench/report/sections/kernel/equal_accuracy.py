@@ -37,16 +37,18 @@ from gauss_bench.report.rows import (
     Run,
     grouped,
     known,
+    measure,
     number,
+    unit,
 )
 
 PLACE = 20
 TABLES = ("kernel_accuracy", "kernel_ladder")
 ACCURACY = (
-    "Equal steps are not equal accuracy. Each method takes the largest of the halved steps with which the crank is as near the "
-    "certified angle after one second; then all race over that second. Long runs are cut to their first part and scaled. The "
-    "multiple is of the kernel's fastest way. Pinocchio has no integrator for closed loops: its steps are the suite's, in Python, "
-    "which is most of their time."
+    "Equal steps are not equal accuracy. Each method takes the largest of the halved steps with which the linkage's measured "
+    "coordinate is as near the certified one after one second; then all race over that second. Long runs are cut to their first "
+    "part and scaled. The multiple is of the kernel's fastest way. Pinocchio has no integrator for closed loops: its steps are the "
+    "suite's, in Python, which is most of their time."
 )
 CAPTION = (
     "Each engine's fastest way of those tried, with its multiple of the kernel's; cannot: none reached it within the time allowed."
@@ -72,25 +74,24 @@ def findings(run: Run) -> Iterator[Finding]:
                 )
         if parts:
             text = (
-                f"To bring the crank within {target:.0e} rad after one second, the best way of other engines takes this multiple "
-            )
-            text += (
-                f"of the compiled kernel's time: {'; '.join(parts)}. Pinocchio is stepped from Python, the others step themselves."
+                f"To bring the measured coordinate within {target:.0e} {unit(group)} after one second, the best way of other "
+                f"engines takes this multiple of the compiled kernel's time: {'; '.join(parts)}. Pinocchio is stepped from Python, "
+                "the others step themselves."
             )
             yield Finding("Equal accuracy", text)
 
 
 def section(run: Run) -> Section | None:
     rows = run.table("kernel_accuracy")
-    names = ("linkage", "within rad", "engine", "settings", "integrator", "stabilization")
-    head = (*names, *("step [s]", "error", "time", "multiple", "spread", "remark"))
+    names = ("linkage", "measured", "within", "engine", "settings", "integrator", "stabilization")
+    head = (*names, *("step [s]", "error", "lengths [m]", "angles [rad]", "time", "multiple", "spread", "remark"))
     if not rows:
         return None
     blocks: list[Block] = [Text(ACCURACY)]
     if drawn := figure_of(rows):
         blocks.append(Picture("kernel_accuracy", drawn, "Time to solution at equal accuracy", CAPTION))
-    blocks.append(titled_table("Equal accuracy, each engine's best", head, 6, best_of_engines(rows), solved))
-    blocks.append(titled_table("Equal accuracy, every way", head, 6, rows, solved, folded=True))
+    blocks.append(titled_table("Equal accuracy, each engine's best", head, 7, best_of_engines(rows), solved))
+    blocks.append(titled_table("Equal accuracy, every way", head, 7, rows, solved, folded=True))
     return Section("Time to solution at equal accuracy", "kernel-accuracy", tuple(blocks))
 
 
@@ -112,11 +113,19 @@ def solved(row: Row) -> tuple[Cell, ...]:
     within = Cell(small(number(row, "accuracy")), number(row, "accuracy"))
     reached = (
         Cell(f"{number(row, 'step'):.3g}", number(row, "step")) if known(row.get("step")) else Cell("-"),
-        error_cell(row, "error"),
+        *(error_cell(row, x) for x in ("error", "length_error", "angle_error")),
         time_of(row),
         *ratio_cells(row, "ratio"),
     )
-    return (*texts(row, "mechanism"), within, text_cell(row.get("engine", ""), "engine"), *names, *reached, remark(row))
+    return (
+        *texts(row, "mechanism"),
+        text_cell(measure([row])),
+        within,
+        text_cell(row.get("engine", ""), "engine"),
+        *names,
+        *reached,
+        remark(row),
+    )
 
 
 def figure_of(rows: Sequence[Row]) -> str:
@@ -139,7 +148,7 @@ def figure_of(rows: Sequence[Row]) -> str:
                 _reached(axes, y, here[0] if here else None, colours[engine], max(seconds))
         logarithmic(axes, "x")
         axes.set_xlim(min(seconds) / 2, max(seconds) * 12)
-        titled(axes, f"crank within {target:.0e} rad after 1 s")
+        titled(axes, f"within {target:.0e} {unit(rows)} after 1 s")
         axes.set_xlabel("time to solution [s], and its multiple")
         axes.grid(False, axis="y")
     grid[0].set_yticks(range(len(linkages)), linkages)

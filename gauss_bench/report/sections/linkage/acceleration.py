@@ -30,11 +30,13 @@ from gauss_bench.report.rows import (
     grouped,
     known,
     label,
+    measured,
     method,
     named,
     number,
     ok,
     own_steps,
+    unit,
 )
 
 PLACE = 20
@@ -162,10 +164,8 @@ def _step_does_not_help(run: Run, off: list[Row]) -> str:
         return "."
     _, steps = min(flat, key=lambda x: x[0])
     first, last = steps[0], steps[-1]
-    return (
-        f", and does not: on {first['mechanism']} {first['scenario']} the crank error is {error(end_error(first))} rad at step "
-        f"{first['step']:g} s and {error(end_error(last))} rad at {last['step']:g} s."
-    )
+    before, after = (f"{error(end_error(row))} {unit([row])} at step {row['step']:g} s" for row in (first, last))
+    return f", and does not: on {first['mechanism']} {first['scenario']} the error of {measured(steps)} is {before} and {after}."
 
 
 def controls(run: Run) -> Iterator[Finding]:

@@ -39,38 +39,36 @@ from gauss_bench.report.plotting import (
     titled,
 )
 from gauss_bench.report.rows import (
-    CRANK_ERRORS,
+    MEASURED_ERRORS,
     Row,
     Run,
     below_reference,
-    crank_bar,
     end_bar,
     end_error,
     grouped,
     known,
     label,
+    measured,
+    measured_bar,
     method,
     number,
     ok,
     own_steps,
     ranked,
     run_time,
+    unit,
 )
 
 PLACE = 30
 TABLES = ("results",)
-TARGETS = (1e-3, 1e-6)  # crank errors [rad] at which costs are compared
+TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 SHUT = 1e-4  # [m, rad] a gap that nobody would see
-LOST = 1.0  # [rad] a crank that is somewhere else
-HEAD = (
-    "engine",
-    "settings",
-    "integrator",
-    "stabilization",
-    "step [s]",
-    *(f"crank {t:g} s" for t in CRANK_ERRORS.values()),
-    "position",
+LOST = 1.0  # [rad or m] a linkage that is somewhere else
+BEFORE = ("engine", "settings", "integrator", "stabilization", "step [s]")
+AFTER = (
+    "length [m]",
+    "angle [rad]",
     "velocity",
     "pos. drift",
     "vel. drift",
@@ -84,9 +82,9 @@ COSTED = (
     "stripes."
 )
 NOTE = (
-    "Errors against the reference: of the crank angle [rad] at three times, and the worst over the run of any position [m, "
-    "rad] and velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. Order: observed from this and "
-    "the next larger step. "
+    "Errors against the reference: of the measured coordinate at three times, and the worst over the run of any link's centre of "
+    "mass [m], of any link's angle [rad] and of any velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. "
+    "Order: observed from this and the next larger step. "
 )
 
 
@@ -125,8 +123,9 @@ def line(row: Row) -> tuple[Cell, ...]:
         engine_cell(row),
         *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
         step_cell(row),
-        *(error_cell(row, column, crank_bar(row, column)) for column in CRANK_ERRORS),
-        *(error_cell(row, column, number(row, f"{column}_bar")) for column in ("position_error", "velocity_error")),
+        *(error_cell(row, column, measured_bar(row, column)) for column in MEASURED_ERRORS),
+        *(error_cell(row, column, number(row, "position_error_bar")) for column in ("length_error", "angle_error")),
+        error_cell(row, "velocity_error", number(row, "velocity_error_bar")),
         *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
         error_cell(row, "energy_error", number(row, "energy_error_bar")),
         Cell(f"{order:.1f}", order) if known(order) and order is not None else Cell("-"),
@@ -134,8 +133,13 @@ def line(row: Row) -> tuple[Cell, ...]:
     )
 
 
+def heading(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The head of a table of one linkage's rows, which names the coordinate that errors are measured by."""
+    return (*BEFORE, *(f"error of {measured(rows)} after {t:g} s [{unit(rows)}]" for t in MEASURED_ERRORS.values()), *AFTER)
+
+
 def whole(title: str, rows: list[Row]) -> Table:
-    head, numeric = columns(HEAD, 4, last_text=1)
+    head, numeric = columns(heading(rows), 4, last_text=1)
     return Table(title, head, tuple(line(row) for row in rows), numeric, folded=True, note=NOTE + BELOW_LEGEND)
 
 
@@ -148,18 +152,18 @@ def best(title: str, rows: list[Row]) -> Table:
 
     found = [row for row in rows if ranked(row) and known(end_error(row))]
     lines = [line(min(group, key=rank)) for group in grouped(found, lambda r: method(r)[:2]).values()]
-    head, numeric = columns(HEAD, 4, last_text=1)
+    head, numeric = columns(heading(rows), 4, last_text=1)
     return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
 
 
 def work_precision(rows: Sequence[Row]) -> str:
-    """Crank error at the end against the time of the whole run; empty without costs."""
+    """Error of the measured coordinate at the end against the time of the whole run; empty without costs."""
     timed = [row for row in rows if known(run_time(row))]
     return _errors(timed, run_time, "time of the run [s]") if any(ranked(row) for row in timed) else ""
 
 
 def convergence(rows: Sequence[Row]) -> str:
-    """Crank error at the end against the step, one panel for each stabilisation."""
+    """Error of the measured coordinate at the end against the step, one panel for each stabilisation."""
     return _errors([row for row in rows if not own_steps(row)], lambda row: number(row, "step"), "step [s]", ticks=True)
 
 
@@ -188,7 +192,7 @@ def _errors(rows: Sequence[Row], x: Callable[[Row], float], xlabel: str, ticks: 
         axes.set_xlabel(xlabel if len(names) < 3 or i == 1 else "")
         if bar > low:
             band(axes, bar, "below reference" if i == len(names) - 1 else "")
-    grid[0][0].set_ylabel("crank error at the end [rad]")
+    grid[0][0].set_ylabel(f"error of {measured(drawn)} at the end [{unit(drawn)}]")
     legend(figure, looks.keys(drawn))
     return svg(figure)
 
@@ -212,7 +216,9 @@ def best_of(run: Run, name: str) -> Iterator[Finding]:
             reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and known(run_time(r))]
             if reached:
                 cheapest = min(reached, key=run_time)
-                sentences.append(f"Cheapest within {target:.0e} rad: {_priced(cheapest)}{_cheapest_own(reached, cheapest)}.")
+                sentences.append(
+                    f"Cheapest within {target:.0e} {unit(reached)}: {_priced(cheapest)}{_cheapest_own(reached, cheapest)}."
+                )
         yield Finding(f"{name}, {scenario}", " ".join(sentences))
 
 
@@ -234,9 +240,9 @@ def _most_accurate(rows: list[Row]) -> str:
     below = sorted({row["engine"] for row in rows if below_reference(row)})
     if below:
         bar = max(end_bar(row) for row in rows)
-        return f"Crank error below the reference's bar ({bar:.0e} rad): {listed(f'`{x}`' for x in below)}."
+        return f"Error of {measured(rows)} below the reference's bar ({bar:.0e} {unit(rows)}): {listed(f'`{x}`' for x in below)}."
     best = min(rows, key=end_error)
-    return f"Most accurate: {tied(rows, best, end_error)}, crank error {error(end_error(best))} rad."
+    return f"Most accurate: {tied(rows, best, end_error)}, error of {measured([best])} {error(end_error(best))} {unit([best])}."
 
 
 def wrong_though_closed(run: Run) -> Iterator[Finding]:
@@ -249,8 +255,8 @@ def wrong_though_closed(run: Run) -> Iterator[Finding]:
             "Closed loops, wrong motion",
             f"{label(row, 'settings', 'integrator', 'stabilization', 'step')} on {row['mechanism']} "
             f"{row['scenario']} keeps its loops within {error(number(row, 'position_drift'))} and its model right, raises no "
-            f"warning, and ends {end_error(row):.3g} rad from the true crank angle. {count(len(rows), 'row')} of this kind "
-            f"ended more than {LOST:g} rad off.",
+            f"warning, and ends {end_error(row):.3g} {unit([row])} from the true {measured([row])}. {count(len(rows), 'row')} of "
+            f"this kind ended more than {LOST:g} {unit(rows)} off.",
             "warn",
         )
 
