@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from gauss_bench.bench.asked import duration, usable_steps
 from gauss_bench.bench.offers import Offer, offer
@@ -82,9 +83,10 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
         ChoiceError: an end or a step that cannot be used.
     """
     told: dict[Case, None] = {}
+    scenario_duration = cache(lambda linkage, scenario: load(linkage, scenario or None).duration)
     for case in chosen:
         suite = case.t_end if (case.linkage, case.scenario) in LISTED else None
-        end = duration(load(case.linkage, case.scenario or None).duration, suite, until)
+        end = duration(scenario_duration(case.linkage, case.scenario), suite, until)
         wanted = usable_steps(steps or (case.step,), end)
         used = wanted[-1:] if case.integrator in offer(case.engine).adaptive else wanted
         told |= {replace(case, step=step, t_end=end): None for step in used}

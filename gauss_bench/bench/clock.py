@@ -53,7 +53,7 @@ class Block:
 
     entry: Hashable
     ready: Callable[[], None]
-    go: Callable[[], None]
+    go: Callable[[], object]
     count: float
     again: int = 1
 

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from gauss_bench.bench.tasks import LIMIT, Tables, Task
@@ -35,6 +35,13 @@ class Context:
     until: float | None = None
     steps: tuple[float, ...] | None = None
     limit: float = CASE_LIMIT
+    _loaded: dict[tuple[str, str], Mechanism] = field(default_factory=dict, repr=False, compare=False)
+
+    def mechanism(self, linkage: str, scenario: str) -> Mechanism:
+        """A linkage, read once in a run: hundreds of tasks ask for the same few."""
+        if (linkage, scenario) not in self._loaded:
+            self._loaded[linkage, scenario] = load(linkage, scenario or None)
+        return self._loaded[linkage, scenario]
 
     def task(
         self,
@@ -52,7 +59,7 @@ class Context:
         start: dict[str, Any] = dict(names)
         stamp = self.stamp
         if linkage:
-            mechanism = load(linkage, scenario or None)
+            mechanism = self.mechanism(linkage, scenario)
             start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | start
             stamp = f"{stamp}.{mechanism.sha256[:16]}"
         key = "|".join([table, function.__name__, linkage, scenario, *map(str, names.values()), digest])

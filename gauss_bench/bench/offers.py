@@ -106,11 +106,12 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
     Raises:
         KeyError: there is no such engine.
     """
-    there = names()
-    wanted = there if wanted is None else wanted
-    for name in wanted:
-        if name not in there:
-            raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
+    if wanted is None or any(name not in _known for name in wanted):
+        there = names()  # which looks through everything that is installed
+        wanted = there if wanted is None else wanted
+        for name in wanted:
+            if name not in there:
+                raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})

@@ -1,6 +1,7 @@
 """What adapters to foreign engines share: what they refuse, and how what they build and return is held against the linkage."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,27 @@ from gauss_bench.trajectory import RunFailure, Status
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that in speeds
 PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
+
+
+def _nothing() -> None:
+    """Make nothing ready."""
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryCall:
+    """One right-hand side as a library's own experts would ask for it, without the translation of coordinates around it.
+
+    Attributes:
+        call: what is timed.
+        acceleration: (n,) that it finds, in absolute coordinates.
+        ready: what must come before every call, untimed.
+        count: how many right-hand sides, or implicit steps, a call has.
+    """
+
+    call: Callable[[], object]
+    acceleration: Array
+    ready: Callable[[], None] = _nothing
+    count: int = 1
 
 
 def refused(mechanism: Mechanism, library: str) -> str | None:

@@ -6,7 +6,7 @@ call", "empty call") and steps of many trajectories at once ("batch step") race 
 rate. Every other table of times on these linkages is worked out from the same samples, so that a quantity has one value.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from functools import cache, partial
 from typing import Any
 
@@ -127,7 +127,7 @@ def _batch(model: Callable[[], Any], mechanism: Mechanism) -> Block:
 def measured_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """What the races found, by mechanism and scenario."""
     samples: dict[tuple[str, str], dict[Key, list[float]]] = {}
-    failed: dict[tuple[str, str], dict[Key, Missing]] = {}
+    failed: dict[tuple[str, str], dict[Hashable, Missing]] = {}
     for row in sorted(tables.get("samples", []), key=lambda r: r["round"]):
         samples.setdefault(_place(row), {}).setdefault(_key(row), []).append(row["seconds"])
     for row in tables.get("untimed", []):

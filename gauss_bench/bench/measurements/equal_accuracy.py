@@ -167,7 +167,8 @@ def lead_time(rung: Row, lead: float) -> float:
     share = min(1.0, lead / max(float(rung["seconds"]), 1e-9))
     if share == 1.0 or not rung["step"]:
         return share * AT
-    return min(AT, max(1, round(share * AT / rung["step"])) * float(rung["step"]))
+    step = float(rung["step"])
+    return min(AT, max(1, round(share * AT / step)) * step)
 
 
 def _block(mechanism: Mechanism, way: Method, rung: Row, lead: float) -> Block:

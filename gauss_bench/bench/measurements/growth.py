@@ -1,13 +1,8 @@
 """How the cost of one right-hand side grows with the number of loops: N-four-bars of N windows, own kernels against engines.
 
 Everything is asked for the accelerations of the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). Of the engines the bare call is timed, without the translation of coordinates around it:
-
-    pinocchio  constraintDynamics at the settings "default"; lcaba (Sathya and Carpentier, Constrained articulated body dynamics
-               algorithms, 2024) at a penalty and an accuracy that are the best trade found: tighter ones cost more and gain nothing
-    mujoco     mj_forward as shipped, with sparse and with dense Jacobians; its closures are soft, which is most of its error
-    exudyn     one step of generalized-alpha with its sparse solver, which takes at least one solution of its equations; error of
-               its own initial accelerations, which are differences
+(reference/exact.py). Of an engine the ways are timed that its room names in `library_calls`: the bare call, without the translation
+of coordinates around it.
 
 Own kernels are timed in their own loop, a quarter of a step of Runge and Kutta, and called from Python for one state. All of a size
 are timed in one interleaved run.
@@ -26,8 +21,10 @@ from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.bench.tasks import Task as Request
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.exudyn import library_calls as exudyn
+from gauss_bench.engines.mujoco import library_calls as mujoco
+from gauss_bench.engines.pinocchio import library_calls as pinocchio
+from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
@@ -37,16 +34,14 @@ from gauss_bench.trajectory import RunFailure, Status
 
 MOMENT = "0.5"  # [s] of the closed form
 STEP = 1e-6  # [s] of own kernels: so short that they stay near the state
-EXUDYN_STEP = 1e-3  # [s]
 LOOPED = 1000  # of them in one call: what calling costs no longer counts
-EXUDYN_STEPS = 20  # in one call
-LCABA = {"mu": 1e-4, "accuracy": 1e-10, "iterations": 20}
 TOO_LONG = {  # the largest size that is built, and what takes long beyond it
     "straight line": (64, "generating and compiling straight-line code takes more than half a minute"),
     "pinocchio": (64, "building and checking the model takes more than a minute"),
 }
 
 Row = dict[str, Any]
+Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
@@ -140,65 +135,25 @@ def _own(kernel: Kernel, wanted: Right) -> dict[str, Block]:
     return {"in its own loop": steps, "called from Python": lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))}
 
 
-def _pinocchio(solver: str) -> Callable[[Right], Contender]:
+def _library(asked: Asked, quantity: str = "called from Python") -> Callable[[Right], Contender]:
+
     def build(wanted: Right) -> Contender:
         start = time.perf_counter()
-        model: Any = get("pinocchio").build(wanted.mechanism, Choice())
-        y, dy = model.tree.relative(wanted.q, wanted.v)
-        call = model.plain.bare(y, dy) if solver == "constraintDynamics" else _lcaba(model, y, dy)
-        a = model.tree.absolute(y, dy, np.array(call()))[2]
-        return Contender({"called from Python": lasting(None, call)}, wanted.error(a), time.perf_counter() - start, 0.0)
+        found = asked(wanted.mechanism, wanted.q, wanted.v)
+        seconds = time.perf_counter() - start
+        block = lasting(None, found.call) if found.count == 1 else Block(None, found.ready, found.call, found.count)
+        return Contender({quantity: block}, wanted.error(found.acceleration), seconds, 0.0)
 
     return build
-
-
-def _lcaba(model: Any, y: Array, dy: Array) -> Callable[[], Array]:
-    """A call of lcaba, with data of its own: those that constraintDynamics has used lead it astray."""
-    pin, tree, rows = model.pin, model.plain.model, model.plain.rows
-    data, row_data = tree.createData(), pin.StdVec_RigidConstraintData()
-    for row in rows:
-        row_data.append(row.createData())
-    pin.computeJointMinimalOrdering(tree, data, rows)
-    prox = pin.ProximalSettings(LCABA["accuracy"], LCABA["accuracy"], LCABA["mu"], int(LCABA["iterations"]))
-    tau = np.ascontiguousarray(model.forces(y, dy))
-    return lambda: pin.lcaba(tree, data, y, dy, tau, rows, row_data, prox)
-
-
-def _mujoco(jacobian: str) -> Callable[[Right], Contender]:
-    def build(wanted: Right) -> Contender:
-        start = time.perf_counter()
-        built: Any = get("mujoco").build(wanted.mechanism, Choice(integrator="rk4"))
-        mujoco, model = built.mujoco, built.model
-        model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian.upper()}")
-        data = mujoco.MjData(model)
-        y, dy = built.tree.relative(wanted.q, wanted.v)
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, built.torque
-        block = lasting(None, lambda: mujoco.mj_forward(model, data))
-        error = wanted.error(built.tree.absolute(y, dy, np.array(data.qacc))[2])
-        return Contender({"called from Python": block}, error, time.perf_counter() - start, 0.0)
-
-    return build
-
-
-def _exudyn(wanted: Right) -> Contender:
-    start = time.perf_counter()
-    model: Any = get("exudyn").build(wanted.mechanism, Choice("tuned", "generalized_alpha", "none", EXUDYN_STEP))
-    model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
-    error = wanted.error(model.built_in(wanted.q, wanted.v))
-    times = np.array([0.0, EXUDYN_STEPS * EXUDYN_STEP])
-    block = Block(None, lambda: model.prepare(times), model.run, EXUDYN_STEPS)
-    return Contender({"one implicit step": block}, error, time.perf_counter() - start, 0.0)
 
 
 CONTENDERS: dict[str, Callable[[Right], Contender]] = {
     "loops, gauss": _compiled("looped", "gauss"),
     "loops, lagrange": _compiled("looped", "lagrange"),
     "straight line, gauss": _compiled("straight line", "gauss"),
-    "pinocchio, constraintDynamics": _pinocchio("constraintDynamics"),
-    "pinocchio, lcaba": _pinocchio("lcaba"),
-    "mujoco, sparse": _mujoco("sparse"),
-    "mujoco, dense": _mujoco("dense"),
-    "exudyn, sparse": _exudyn,
+    **{f"pinocchio, {way}": _library(asked) for way, asked in pinocchio.CALLS.items()},
+    **{f"mujoco, {way}": _library(asked) for way, asked in mujoco.CALLS.items()},
+    **{f"exudyn, {way}": _library(asked, "one implicit step") for way, asked in exudyn.CALLS.items()},
 }
 
 

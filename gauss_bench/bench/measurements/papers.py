@@ -1,5 +1,6 @@
 """What the report says of the papers and of published values, as tasks."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from gauss_bench.bench.context import Context
@@ -14,7 +15,12 @@ from gauss_bench.suites.schema import Suite
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One task for each table."""
-    makers = {"audit": audit, "reproduction": reproduction, "published": published_values, "paper_motion": example_motion}
+    makers: dict[str, Callable[..., Tables]] = {
+        "audit": audit,
+        "reproduction": reproduction,
+        "published": published_values,
+        "paper_motion": example_motion,
+    }
     given = {"paper_motion": (context.store,)}
     return [context.task(name, makers[name], given.get(name, ())) for part in suite.papers for name in part.tables]
 

@@ -1,1 +1,4 @@
-"""Pinocchio: `adapter` runs a mechanism, `tree` is its model, `forces` what Pinocchio does not have."""
+"""Pinocchio: `adapter` runs a mechanism, `tree` is its model, `forces` what Pinocchio does not have.
+
+`library_calls` asks the library alone.
+"""

@@ -1,0 +1,29 @@
+"""One right-hand side by MuJoCo alone: mj_forward as shipped, with sparse and with dense Jacobians.
+
+Its closures are soft, which is most of its error.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.adapter import MujocoModel
+from gauss_bench.engines.shared import LibraryCall
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+
+def forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+    """mj_forward with Jacobians "SPARSE" or "DENSE"."""
+    built = MujocoModel(mechanism, Choice(integrator="rk4"))
+    mujoco, model = built.mujoco, built.model
+    model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian}")
+    data = mujoco.MjData(model)
+    y, dy = built.tree.relative(q, v)
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, built.torque
+    mujoco.mj_forward(model, data)
+    return LibraryCall(lambda: mujoco.mj_forward(model, data), built.tree.absolute(y, dy, np.array(data.qacc))[2])
+
+
+CALLS = {"sparse": partial(forward, "SPARSE"), "dense": partial(forward, "DENSE")}
