@@ -137,7 +137,7 @@ h = 1e-5
 slope = (evaluator.applied.potential(q + h * v) - evaluator.applied.potential(q - h * v)) / (2 * h)
 assert abs(evaluator.applied.generalised(q, v) @ v + slope - evaluator.applied.power(q, v)) < 1e-7
 engines = ["gauss"]
-for name in ("pinocchio", "mujoco", "exudyn"):
+for name in ("gauss-native", "pinocchio", "mujoco", "exudyn"):
     try:
         get(name).version()
         engines.append(name)
@@ -152,6 +152,13 @@ for name in engines:
     assert engine.skip(mechanism, choice) is None
     model = engine.build(mechanism, choice)
     motions.append(model.acceleration(0.0, mechanism.q0, mechanism.v0))
+if "gauss-native" in engines:
+    from gauss_bench.compiler.elimination.program import generate
+
+    names = ("forces.drive.stall", "forces.drive.drag")
+    program = generate(mechanism, "gauss", names)
+    motions.append(program.acceleration([0.0], mechanism.q0, mechanism.v0, program.values)[0])
+    assert list(program.values) == [2.0, 0.3]
 for a in motions:
     assert np.abs(a - motions[0]).max() < 1e-4 * np.abs(motions[0]).max(), engines
 print(*engines)
@@ -159,7 +166,7 @@ print(*engines)
 
 
 def test_a_force_touches_its_keys_and_its_kind(tmp_path: Path) -> None:
-    """Keys in schema.py, what it is and what it comes to in model.py; terms, formulations and adapters follow."""
+    """Keys in schema.py, what it is and what it comes to in model.py; terms, formulations, kernels and adapters follow."""
     mechanism = copy_of_the_package(tmp_path) / "mechanism"
     schema = mechanism / "schema.py"
     insert(schema, "class CoulombFrictionTable(Table", SCHEMA)

@@ -52,7 +52,7 @@ for line in sys.stdin:
 """
 
 
-class Tests:
+class Spoilt:
     """Runs tests in a folder, each time in a child of a process that has loaded the libraries and nothing of the project."""
 
     def __init__(self, folder: Path) -> None:
@@ -76,8 +76,8 @@ class Tests:
 
 
 @pytest.fixture(scope="session")
-def spoilt(copy: Path) -> Iterator[Tests]:
-    tests = Tests(copy)
+def spoilt(copy: Path) -> Iterator[Spoilt]:
+    tests = Spoilt(copy)
     yield tests
     tests.stop()
 
@@ -93,14 +93,14 @@ def test_a_mutation_names_a_place_that_is_there(mutation: dict[str, str]) -> Non
 
 
 @pytest.mark.slow
-def test_without_a_fault_every_test_passes(spoilt: Tests) -> None:
+def test_without_a_fault_every_test_passes(spoilt: Spoilt) -> None:
     code, told = spoilt.outcome(sorted({mutation["test"] for mutation in MUTATIONS}))
     assert code == 0, told[-3000:]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: m["fault"])
-def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: Tests) -> None:
+def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: Spoilt) -> None:
     path = copy / mutation["file"]
     sound = path.read_text(encoding="utf-8")
     path.write_text(sound.replace(mutation["text"], mutation["mutant"]), encoding="utf-8")

@@ -112,27 +112,27 @@ class AlongState(_Pair):
 
     def __init__(self, n: Vector, a: End, b: End, known: Real = None):
         super().__init__(n, a, b)
-        self.centres = self.towards * (b.z - a.z)
+        self.gap = self.towards * (b.z + b.r - (a.z + a.r))
         self.known = known
 
     @property
     def value(self) -> Real:
-        return self.centres.real + (self.b_arm - self.a_arm).real
+        return self.gap.real
 
     @property
     def entries(self) -> tuple[Real, ...]:
         x, y = self.n.real, self.n.imag
-        return -x, -y, (self.centres + self.b_arm).imag, x, y, -self.b_arm.imag
+        return -x, -y, (self.gap + self.a_arm).imag, x, y, -self.b_arm.imag
 
     @property
     def rate(self) -> Real:
-        return self.slip.real + self.a.omega * (self.centres + self.b_arm).imag - self.b.omega * self.b_arm.imag
+        return self.slip.real + self.a.omega * (self.gap + self.a_arm).imag - self.b.omega * self.b_arm.imag
 
     @property
     def bias(self) -> Real:
         """In axes that turn with a: Coriolis' and the centrifugal term of b's centre, and what b's link turns relative to them."""
         omega, relative = self.a.omega, self.b.omega - self.a.omega
-        ahead = self.centres.real if self.known is None else self.known - (self.b_arm - self.a_arm).real
+        ahead = (self.value if self.known is None else self.known) - (self.b_arm - self.a_arm).real
         return omega * (self.slip.imag * 2.0 - omega * ahead) - relative * relative * self.b_arm.real
 
 
@@ -144,7 +144,7 @@ class DistanceState(_Pair):
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
-        super().__init__(b.z + b.r - a.z - a.r, a, b)
+        super().__init__(b.z + b.r - (a.z + a.r), a, b)
         self.arithmetic, self.known = arithmetic, known
 
     @cached_property
@@ -249,7 +249,7 @@ def push(x: State, law: Linear) -> tuple[Real, ...]:
             if biased:
                 terms.append(law.bias)
             if sprung:
-                terms.append(-(law.k * (x.value if _absent(law.rest) else x.value - law.rest)))
+                terms.append(-(law.k * x.value) if _absent(law.rest) else law.k * (law.rest - x.value))
             if damped:
                 terms.append(-(law.c * x.rate))
             entries = x.entries

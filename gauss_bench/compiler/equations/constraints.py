@@ -1,39 +1,25 @@
 """Constraint rows of a linkage as expressions, entry by entry; conventions and order of rows as in `mechanism/constraints.py`.
 
-With arms r, centres z, the normal or axis n of a slide that turns with its guide, and Haug's bias gamma, J a = gamma:
+With arms r, centres z and Haug's bias gamma, J a = gamma, a pin is
 
-    pin         z_b + r_b - z_a - r_a = 0                  gamma = r_b omega_b^2 - r_a omega_a^2
-    slide       n . (p_b - p_g) = c, theta_b - theta_g = turn
-                gamma = omega^2 (c - n . (r_b - r_g)) - 2 omega n x (u_b - u_g)
-    bar         |p_b - p_a| = L(t),  e = (p_b - p_a) / L
-                gamma = e . (r_b omega_b^2 - r_a omega_a^2) - (e x (p_b - p_a)')^2 / L + L''
-    knife edge  n . p' = 0                                 gamma = -omega n x u
+    z_b + r_b - z_a - r_a = 0,    gamma = r_b omega_b^2 - r_a omega_a^2
 
-Here c (the offset, or the driven x(t)) and L(t) stand for the distances they are equal to on the constraints, which saves a root
-and several products; off the constraints this changes the acceleration by as little as the state is off, and no row's zero.
+and what slides, drivers and knife edges hold are the scalar coordinates of `mechanism/coordinates.py`. On the constraints the
+offset of a slide, the driven x(t) or L(t), stands for the distance it is equal to, which saves a root and several products; off the
+constraints this changes the acceleration by as little as the state is off, and no row's zero.
 
 Motion laws are the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1.
 """
 
 from dataclasses import dataclass
-from typing import assert_never
 
 import numpy as np
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
-from gauss_bench.mechanism.model import (
-    GROUND,
-    AngleDriver,
-    Driver,
-    KnifeEdge,
-    LengthDriver,
-    Point,
-    Prismatic,
-    Revolute,
-    SlideDriver,
-)
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.mechanism.coordinates import SlipState, columns, state
+from gauss_bench.mechanism.model import Coordinate, KnifeEdge, Prismatic, Revolute
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
@@ -143,7 +129,7 @@ def rows_of(links: Links) -> list[Row]:
     rows: list[Row] = []
     for joint in links.mechanism.joints:
         rows += _pin(links, joint) if isinstance(joint, Revolute) else _slide(links, joint)
-    rows += [_driver(links, driver) for driver in links.mechanism.drivers]
+    rows += [_held(links, x.name, x.coordinate, law_of_time(x.law, links.graph, links.time)) for x in links.mechanism.drivers]
     return rows + [_knife_edge(links, edge) for edge in links.mechanism.knife_edges]
 
 
@@ -152,106 +138,37 @@ def rate_of(links: Links, row: Row) -> Node:
     return links.graph.total([*(e * links.rate(k) for k, e in row.entries.items()), row.phi_t])
 
 
-class _Entries(dict[int, Node]):
-    """Entries of one row; the ground has no columns, and zeros are left out."""
-
-    def put(self, link: int, axis: int, entry: Node) -> None:
-        if link != GROUND and not entry.zero:
-            self[3 * link + axis] = entry
-
-    def put_point(self, n: Vector, point: Point, arm: Vector, sign: float) -> None:
-        """The gradient of sign n . p."""
-        for axis, entry in enumerate((n.x, n.y, n.cross(-arm))):
-            self.put(point.link, axis, entry * sign)
-
-
 def _pin(links: Links, joint: Revolute) -> list[Row]:
-    a, b = joint.a, joint.b
-    r_a, r_b = links.arm(a), links.arm(b)
-    gap = links.position(b) - links.position(a)
-    bias = _centripetal(links, b) - _centripetal(links, a)
-    rows = []
-    for axis, n, phi, gamma in (("x", (1.0, 0.0), gap.x, bias.x), ("y", (0.0, 1.0), gap.y, bias.y)):
-        entries = _Entries()
-        entries.put_point(links.fixed(*n), b, r_b, 1.0)
-        entries.put_point(links.fixed(*n), a, r_a, -1.0)
-        rows.append(Row(f"{joint.name}.{axis}", entries, gamma, phi, links.zero))
-    return rows
-
-
-def _slide(links: Links, joint: Prismatic) -> list[Row]:
-    guide, block = joint.guide, joint.block
-    n = links.direction(guide.link, float(joint.angle) + np.pi / 2)
-    offset = links.number(f"joints.{joint.name}.offset")
-    entries, value, gamma = _along(links, n, guide, block, offset)
-    turn = _Entries()
-    turn.put(block.link, 2, links.graph.constant(1.0))
-    turn.put(guide.link, 2, links.graph.constant(-1.0))
-    gap = links.angle(block.link) - links.angle(guide.link) - float(joint.turn)
+    a, b = links.end(joint.a), links.end(joint.b)
+    gap = links.position(joint.b) - links.position(joint.a)
+    bias = b.r * (b.omega * b.omega) - a.r * (a.omega * a.omega)
+    columns = [(end.link, axis) for end in (joint.a, joint.b) for axis in range(3)]
+    x = links.entries(columns, (-1.0, 0.0, a.r.imag, 1.0, 0.0, -b.r.imag))
+    y = links.entries(columns, (0.0, -1.0, -a.r.real, 0.0, 1.0, b.r.real))
     return [
-        Row(f"{joint.name}.normal", entries, gamma, value - offset, links.zero),
-        Row(f"{joint.name}.turn", turn, links.zero, gap, links.zero),
+        Row(f"{joint.name}.x", x, bias.real, gap.real, links.zero),
+        Row(f"{joint.name}.y", y, bias.imag, gap.imag, links.zero),
     ]
 
 
-def _along(links: Links, n: Vector, guide: Point, block: Point, value: Node) -> tuple[_Entries, Node, Node]:
-    """n . (p_b - p_g) for a direction n that turns with the guide and a block that turns with it: entries, value, bias."""
-    r_g, r_b = links.arm(guide), links.arm(block)
-    gap = links.position(block) - links.position(guide)
-    entries = _Entries()
-    entries.put_point(n, block, r_b, 1.0)
-    entries.put_point(n, guide, gap + r_g, -1.0)
-    omega = links.omega(guide.link)
-    if omega.zero:
-        return entries, n.dot(gap), links.zero
-    guide_speed = links.fixed(0.0, 0.0) if guide.link == GROUND else links.centre_velocity(guide.link)
-    slip = n.cross(links.centre_velocity(block.link) - guide_speed) if block.link != GROUND else n.cross(-guide_speed)
-    gamma = omega * (omega * (value - n.dot(r_b - r_g)) - slip * 2.0)
-    return entries, n.dot(gap), gamma
+def _slide(links: Links, joint: Prismatic) -> list[Row]:
+    (beside, _), (turning, turn) = joint.held
+    offset = links.number(f"joints.{joint.name}.offset")
+    return [
+        _held(links, f"{joint.name}.normal", beside, (offset, links.zero, links.zero)),
+        _held(links, f"{joint.name}.turn", turning, (links.graph.constant(float(turn)), links.zero, links.zero)),
+    ]
 
 
-def _driver(links: Links, driver: Driver) -> Row:
-    value, rate, second = law_of_time(driver.law, links.graph, links.time)
-    match driver:
-        case AngleDriver():
-            entries = _Entries()
-            entries.put(driver.link, 2, links.graph.constant(1.0))
-            return Row(driver.name, entries, second, links.angle(driver.link) - value, -rate)
-        case SlideDriver():
-            guide, block = driver.joint.guide, driver.joint.block
-            axis = links.direction(guide.link, float(driver.joint.angle))
-            entries, x, gamma = _along(links, axis, guide, block, value)
-            return Row(driver.name, entries, gamma + second, x - value, -rate)
-        case LengthDriver():
-            return _bar(links, driver, value, rate, second)
-        case _:
-            assert_never(driver)
-
-
-def _bar(links: Links, driver: LengthDriver, value: Node, rate: Node, second: Node) -> Row:
-    a, b = driver.a, driver.b
-    gap = links.position(b) - links.position(a)
-    length = links.graph.sqrt(gap.dot(gap))
-    per_length = links.graph.inverse(length if links.exact else value)
-    e = gap * per_length
-    entries = _Entries()
-    entries.put_point(e, b, links.arm(b), 1.0)
-    entries.put_point(e, a, links.arm(a), -1.0)
-    across = e.cross(links.velocity(b) - links.velocity(a))
-    turning = e.dot(_centripetal(links, b) - _centripetal(links, a)) - across * across * per_length
-    return Row(driver.name, entries, turning + second, length - value, -rate)
+def _held(links: Links, name: str, coordinate: Coordinate, law: Law) -> Row:
+    """A coordinate that is what a law of time says: on the constraint its value is known to be that of the law."""
+    value, rate, second = law
+    x = state(coordinate, links, state(coordinate, links).value if links.exact else value)
+    return Row(name, links.entries(columns(coordinate), x.entries), second - x.bias, x.value - value, -rate)
 
 
 def _knife_edge(links: Links, edge: KnifeEdge) -> Row:
     link = edge.point.link
-    n = links.direction(link, float(edge.angle) + np.pi / 2)
-    entries = _Entries()
-    entries.put_point(n, edge.point, links.arm(edge.point), 1.0)
-    speed = links.fixed(0.0, 0.0) if link == GROUND else links.centre_velocity(link)
-    return Row(edge.name, entries, -(links.omega(link) * n.cross(speed)), None, links.zero)
-
-
-def _centripetal(links: Links, point: Point) -> Vector:
-    """r omega^2, what a point's acceleration lacks of that of its link's centre."""
-    omega = links.omega(point.link)
-    return links.arm(point) * (omega * omega)
+    slip = SlipState(links.direction(link, float(edge.angle), across=True), links.end(edge.point))
+    entries = links.entries([(link, axis) for axis in range(3)], slip.entries)
+    return Row(edge.name, entries, -slip.bias, None, links.zero)

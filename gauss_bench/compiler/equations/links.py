@@ -14,31 +14,30 @@ motion never leaves these rows, which are linear. Sines and cosines are those of
 steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
-from gauss_bench.mechanism.model import (
-    GROUND,
-    AxisSpringDamper,
-    Force,
-    JointDamping,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
-)
+from gauss_bench.mechanism.coordinates import Column, End
+from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, Prismatic, loads
 from gauss_bench.terms import Array
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Name -> value of every number that can be left open."""
+    """Name -> value of every number that can be left open.
+
+    Raises:
+        KernelError: a force of a kind that does not say what it comes to.
+    """
+    try:
+        loads(mechanism.forces)
+    except TypeError as error:
+        raise KernelError(str(error)) from None
     out = {f"gravity.{axis}": float(x) for axis, x in zip("xy", mechanism.gravity, strict=True)}
     for link in mechanism.links:
         out |= {f"links.{link.name}.mass": float(link.mass), f"links.{link.name}.inertia": float(link.inertia)}
@@ -47,23 +46,17 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
         for name, xy in points.items():
             out |= {f"points.{owner}.{name}.{axis}": float(x) for axis, x in zip("xy", xy, strict=True)}
     for force in mechanism.forces:
-        out |= {f"forces.{force.name}.{key}": x for key, x in _force_values(force).items()}
+        for key, x in force_numbers(force).items():
+            axes = [""] if np.ndim(x) == 0 else [".x", ".y"]
+            numbers = np.ravel(x).tolist()
+            out |= {f"forces.{force.name}.{key}{axis}": float(number) for axis, number in zip(axes, numbers, strict=True)}
     out |= {f"joints.{j.name}.offset": float(j.offset) for j in mechanism.joints if isinstance(j, Prismatic)}
     return out
 
 
-def _force_values(force: Force) -> dict[str, float]:
-    match force:
-        case Torque():
-            return {"value": float(force.value)}
-        case PointForce():
-            return {f"value.{axis}": float(x) for axis, x in zip("xy", force.value, strict=True)}
-        case JointDamping():
-            return {"c": float(force.c)}
-        case SpringDamper() | AxisSpringDamper() | RotationalSpringDamper():
-            return {"k": float(force.k), "c": float(force.c), "rest": float(force.rest)}
-        case _:
-            raise KernelError(f"no kernel for force {force.name} of the kind {type(force).__name__}")
+def force_numbers(force: Force) -> dict[str, float | Array]:
+    """The numbers and vectors (2,) that a force has among its fields; the angle of an axis is geometry."""
+    return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,14 +135,17 @@ class State:
 
 
 class Links:
-    """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too."""
+    """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too.
+
+    They are a `Placement` of `mechanism/coordinates.py`, whose real numbers are nodes.
+    """
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.zero = graph.constant(0.0)
-        self.arms: dict[tuple[object, ...], Vector] = {}
+        self.ends: dict[tuple[object, ...], End] = {}
 
     @property
     def time(self) -> Node:
@@ -170,11 +166,15 @@ class Links:
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(3 * root + 2)
 
+    @property
+    def arithmetic(self) -> ExpressionGraph:
+        return self.graph
+
     def centre(self, link: int) -> Vector:
-        return Vector(self.coordinate(3 * link), self.coordinate(3 * link + 1))
+        return self.fixed(0.0, 0.0) if link == GROUND else Vector(self.coordinate(3 * link), self.coordinate(3 * link + 1))
 
     def centre_velocity(self, link: int) -> Vector:
-        return Vector(self.rate(3 * link), self.rate(3 * link + 1))
+        return self.fixed(0.0, 0.0) if link == GROUND else Vector(self.rate(3 * link), self.rate(3 * link + 1))
 
     def number(self, name: str) -> Node:
         return self.parameters.node(self.graph, name)
@@ -195,31 +195,46 @@ class Links:
     def rotated(self, link: int, s: Vector) -> Vector:
         """A link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
-        s = s.rotated(self._unit(tie.offset))
+        s = s * self._unit(tie.offset)
         if tie.root == GROUND:
             return s
         theta = self.coordinate(3 * tie.root + 2)
-        return s.rotated(Vector(self.graph.cos(theta), self.graph.sin(theta)))
+        return s * Vector(self.graph.cos(theta), self.graph.sin(theta))
 
     def _unit(self, theta: float) -> Vector:
         return self.fixed(*(0.0 if abs(x) < AXIS else x for x in (np.cos(theta), np.sin(theta))))
 
-    def direction(self, link: int, angle: float) -> Vector:
-        """Unit vector at an angle [rad] of the link's frame, in world axes."""
-        return self.rotated(link, self._unit(angle))
+    def direction(self, link: int, angle: float, across: bool = False) -> Vector:
+        n = self._unit(angle)
+        return self.rotated(link, n.turned() if across else n)
 
-    def arm(self, point: Point) -> Vector:
-        """From the centre of mass to the point, in world axes; zero for the ground."""
+    def end(self, point: Point) -> End:
         key = (point.name, *point.local.tolist())
-        if key not in self.arms:
-            fixed = point.link == GROUND
-            self.arms[key] = self.fixed(0.0, 0.0) if fixed else self.rotated(point.link, self.local(point))
-        return self.arms[key]
+        if key not in self.ends:
+            link = point.link
+            self.ends[key] = End(
+                self.centre(link), self.centre_velocity(link), self.omega(link), self.rotated(link, self.local(point))
+            )
+        return self.ends[key]
 
     def position(self, point: Point) -> Vector:
-        return self.local(point) if point.link == GROUND else self.centre(point.link) + self.arm(point)
+        end = self.end(point)
+        return end.z + end.r  # type: ignore[no-any-return]
 
-    def velocity(self, point: Point) -> Vector:
-        if point.link == GROUND:
-            return self.fixed(0.0, 0.0)
-        return self.centre_velocity(point.link) + self.arm(point).turned(self.omega(point.link))
+    def entries(self, columns: Iterable[Column], entries: Iterable[Node | float]) -> dict[int, Node]:
+        """A row by coordinate; the ground has no columns, and zeros are left out."""
+        placed = {3 * link + axis: self.graph.node(x) for (link, axis), x in zip(columns, entries, strict=True) if link != GROUND}
+        return {k: x for k, x in placed.items() if not x.zero}
+
+    def loads(self) -> tuple[Load, ...]:
+        """What the forces come to, their numbers being nodes."""
+        return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces])
+
+    def _numbers(self, force: Force) -> dict[str, Any]:
+        name = f"forces.{force.name}"
+        return {
+            key: self.number(f"{name}.{key}")
+            if np.ndim(x) == 0
+            else Vector(self.number(f"{name}.{key}.x"), self.number(f"{name}.{key}.y"))
+            for key, x in force_numbers(force).items()
+        }

@@ -116,7 +116,7 @@ class LoopExpressions:
     def in_root(self, link: int, w: Vector) -> Vector:
         """A vector of a link's frame in that of the link it takes its angle from."""
         turn = np.exp(1j * float(self.equations.phase[link]))
-        return w.rotated(self.fixed(complex(*(0.0 if abs(x) < AXIS else float(x) for x in (turn.real, turn.imag)))))
+        return w * self.fixed(complex(*(0.0 if abs(x) < AXIS else float(x) for x in (turn.real, turn.imag))))
 
     def turned(self, column: int | None, w: Vector) -> Vector:
         """A vector of a root's frame in world axes."""
@@ -125,7 +125,7 @@ class LoopExpressions:
         if column not in self.units:
             theta = self.x[column]
             self.units[column] = Vector(self.graph.cos(theta), self.graph.sin(theta))
-        return w.rotated(self.units[column])
+        return w * self.units[column]
 
     @cached_property
     def loops(self) -> list[LoopVectors]:

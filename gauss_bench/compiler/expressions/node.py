@@ -307,10 +307,21 @@ def _operands_ready(x: Node) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Vector:
-    """x and y; i turns by a quarter as in the complex plane."""
+    """A complex number x + i y; i turns by a quarter."""
 
     x: Node
     y: Node
+
+    @property
+    def real(self) -> Node:
+        return self.x
+
+    @property
+    def imag(self) -> Node:
+        return self.y
+
+    def conj(self) -> "Vector":
+        return Vector(self.x, -self.y)
 
     def __add__(self, other: "Vector") -> "Vector":
         return Vector(self.x + other.x, self.y + other.y)
@@ -321,7 +332,9 @@ class Vector:
     def __neg__(self) -> "Vector":
         return Vector(-self.x, -self.y)
 
-    def __mul__(self, factor: Node | float) -> "Vector":
+    def __mul__(self, factor: "Vector | Node | float") -> "Vector":
+        if isinstance(factor, Vector):
+            return Vector(factor.x * self.x - factor.y * self.y, factor.y * self.x + factor.x * self.y)
         return Vector(self.x * factor, self.y * factor)
 
     def dot(self, other: "Vector") -> Node:
@@ -333,7 +346,3 @@ class Vector:
     def turned(self, factor: Node | float = 1.0) -> "Vector":
         """i times the vector times a number: the velocity of an arm at an angular speed."""
         return Vector(-self.y * factor, self.x * factor)
-
-    def rotated(self, by: "Vector") -> "Vector":
-        """The product of two complex numbers."""
-        return Vector(by.x * self.x - by.y * self.y, by.y * self.x + by.x * self.y)
