@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from gauss_bench.bench import tasks
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 
@@ -67,3 +68,13 @@ def test_every_task_starts_in_the_same_folder() -> None:
     with Worker() as worker:
         worker.call(os.chdir, ("/",), 20.0)
         assert worker.call(os.getcwd, (), 20.0) == os.getcwd()
+
+
+def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A task every 6 s, and a line when more than 15 s have passed: after the third."""
+    seconds = iter(range(0, 1000, 6))
+    monkeypatch.setattr(tasks.time, "monotonic", lambda: float(next(seconds)))
+    assert list(tasks.told(4, "accuracy")) == [0, 1, 2, 3]
+    assert capsys.readouterr().err == "accuracy: 3 of 4 done\n"

@@ -6,7 +6,8 @@ A task answers with rows of tables. One that is lost answers too: with a row of 
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -16,6 +17,7 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.tables import TABLES
 
 LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
+PAUSE = 15.0  # [s] between lines of progress
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
 
@@ -68,7 +70,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         todo.put(item)
     for _ in range(workers):
         threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
-    for _ in tqdm(waiting, desc=label, disable=not sys.stderr.isatty(), file=sys.stderr):
+    for _ in told(len(waiting), label):
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
@@ -77,6 +79,19 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
             journal.add(key, stamp, tables)
         done[key] = tables
     return {task.key: done[task.key] for task in tasks}
+
+
+def told(count: int, label: str) -> Iterator[int]:
+    """0 to count - 1; meanwhile a bar on stderr, or a line every PAUSE seconds where that is no terminal."""
+    if sys.stderr.isatty():
+        yield from tqdm(range(count), desc=label, file=sys.stderr)
+        return
+    said = time.monotonic()
+    for k in range(count):
+        yield k
+        if time.monotonic() - said > PAUSE:
+            said = time.monotonic()
+            print(f"{label}: {k + 1} of {count} done", file=sys.stderr, flush=True)
 
 
 def gathered(answers: Iterable[Tables]) -> Tables:
