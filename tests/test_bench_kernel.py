@@ -141,7 +141,8 @@ def test_the_verdict_on_the_claim_follows_from_the_spread() -> None:
 
 
 def rung(step: float, error: float, seconds: float = 0.01, status: str = "ok") -> dict[str, Any]:
-    return {"step": step, "error": error, "seconds": seconds, "status": status, "message": "told"}
+    errors = {"measured": "angle of crank", "measured_unit": "rad", "error": error, "length_error": error, "angle_error": error}
+    return {"step": step, "seconds": seconds, "status": status, "message": "told"} | errors
 
 
 def test_the_largest_step_that_reaches_a_target_is_taken() -> None:

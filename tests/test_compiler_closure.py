@@ -402,7 +402,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 def test_the_command_line_moves_a_linkage_natively() -> None:
     for linkage in ("eight_bar", "excavator"):
-        loop, native = (kinematics(linkage, steps=90, method=x) for x in ("loop", "native"))
+        loop, native = (kinematics(linkage, intervals=90, method=x) for x in ("loop", "native"))
         assert native["status"] == "ok"
         for link, levels in loop["links"].items():
             for key, wanted in levels.items():
@@ -411,7 +411,7 @@ def test_the_command_line_moves_a_linkage_natively() -> None:
 
 def test_a_motion_that_ends_says_so_in_the_words_of_the_library() -> None:
     driver = "constant:link=rocker,start_deg=100.0,speed=1.0"
-    loop, native = (kinematics("four_bar", driver=driver, steps=90, method=x) for x in ("loop", "native"))
+    loop, native = (kinematics("four_bar", driver=driver, intervals=90, method=x) for x in ("loop", "native"))
     assert native["status"] == loop["status"] == "stopped"
     assert native["message"].split(" = ")[0] == loop["message"].split(" = ")[0]
     assert len(native["t"]) == len(loop["t"])

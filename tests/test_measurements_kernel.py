@@ -164,7 +164,8 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
 
 
 def rung(step: float, error: float, seconds: float) -> dict[str, Any]:
-    return {"step": step, "error": error, "seconds": seconds, "status": "ok", "message": ""}
+    errors = {"measured": "angle of crank", "measured_unit": "rad", "error": error, "length_error": error, "angle_error": error}
+    return {"step": step, "seconds": seconds, "status": "ok", "message": ""} | errors
 
 
 @pytest.mark.parametrize("lead", [10.0, 0.01])
@@ -286,7 +287,8 @@ def test_a_target_that_is_just_reached_is_met() -> None:
 def test_only_rounds_that_both_have_are_compared() -> None:
     """A slow rival sat the later rounds out, in which the machine was slower."""
     row = compared(np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0]))
-    assert (row["seconds"], row["ratio"]) == (1.0, 5.0)
+    assert row["ratio"] == 5.0
+    assert row["seconds"] == 3.0  # the lower quartile of all own rounds: one time has one value, whoever it is compared with
 
 
 def test_mujocos_rigid_setting_spends_no_more_iterations_than_three() -> None:
