@@ -14,7 +14,7 @@ bench: setup           ## run the quick suite and the kernel suite, and write re
 report: setup          ## write the pages again from the stored tables
 	$(BIN)/gauss-bench report --out reports
 
-test: setup            ## the tests, within 5 minutes on 2 cores
+test: setup            ## the tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
 
 test-all: test         ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser

@@ -64,6 +64,7 @@ def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(fo
     assert accepted["velocity_error"].str.endswith(" first").all()
 
 
+@pytest.mark.slow
 def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["check", "crank_slider", "--engine", "gauss", "--baseline", str(tmp_path / "baseline.csv")]
     assert main([*command, "--accept", "first"]) == 0

@@ -76,6 +76,7 @@ def table(folder: Path, name: str) -> tuple[dict[str, Any], ...]:
     return read_table(name, folder)
 
 
+@pytest.mark.slow
 def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -> None:
     for name, columns in PROMISED.items():
         rows = table(folder, name)

@@ -38,6 +38,7 @@ def lines(folder: Path) -> list[bytes]:
     return journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 4])
 def test_kill_9_loses_no_finished_case_and_doubles_none(after: int, tmp_path: Path) -> None:
     process = subprocess.Popen([*COMMAND, "--out", str(tmp_path)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -61,6 +62,7 @@ def test_kill_9_loses_no_finished_case_and_doubles_none(after: int, tmp_path: Pa
     assert lines(tmp_path) == after_all
 
 
+@pytest.mark.slow
 def test_accuracy_rows_are_the_same_bit_by_bit(tmp_path: Path) -> None:
     tables = []
     for name, jobs in (("one", 1), ("two", 2)):
@@ -80,6 +82,7 @@ def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
     assert rows["message"][0]
 
 
+@pytest.mark.slow
 def test_tables_of_both_kinds_hold_the_same(tmp_path: Path) -> None:
     run(gate(), tmp_path, 1, costs=False)
     csv, parquet = (read_file("results", tmp_path / f"results.{x}", 2) for x in ("csv", "parquet"))

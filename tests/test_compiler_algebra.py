@@ -237,6 +237,7 @@ def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str
     assert found.divisions <= divisions
 
 
+@pytest.mark.slow
 def test_auto_takes_the_cheaper_formulation() -> None:
     taken = {}
     for name in ("four_bar", "pendulum_8"):

@@ -310,6 +310,7 @@ def test_a_start_at_a_dead_centre_is_refused() -> None:
 # Other dimensions, one linkage in a lane
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("linkages", [3, 21])
 def test_each_lane_has_a_linkage_of_its_own(linkages: int, backend: str, rng: np.random.Generator) -> None:

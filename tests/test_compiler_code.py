@@ -216,6 +216,7 @@ def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None
     assert (phi_dot / (1 + np.abs(v).max(axis=1))).max() < worse * 1e-13
 
 
+@pytest.mark.slow
 def test_projection_holds_for_a_hundred_thousand_steps() -> None:
     m = load("crank_slider", "conservative")
     code = compile_kernel(m, stabilization="projection", cache=False)
@@ -368,6 +369,7 @@ def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integr
     np.testing.assert_allclose(np.concatenate(other, axis=1), expected, rtol=1e-11, atol=1e-11)  # rounding of 300 steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 @pytest.mark.parametrize("reach", range(3))
 def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: int) -> None:
@@ -407,7 +409,8 @@ def test_forces_and_energy() -> None:
     m = mechanism("crank_slider")
     q, v = motion("crank_slider")
     evaluator, code = Evaluator(m), kernel("crank_slider")
-    np.testing.assert_allclose(code.energy(q, v), evaluator.energy(q, v), rtol=1e-13, atol=1e-16)  # [J] near zero, rounding of its parts
+    # [J] near zero the rounding of its parts remains
+    np.testing.assert_allclose(code.energy(q, v), evaluator.energy(q, v), rtol=1e-13, atol=1e-16)
     a, multipliers = code.acceleration(q, v), code.forces(q, v)
     for k in range(len(q)):
         terms = evaluator.terms(0.0, q[k], v[k])
@@ -487,6 +490,7 @@ def test_unknown_names_are_refused(wrong: dict[str, object]) -> None:
         compile_kernel(mechanism("crank_slider"), cache=False, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_code_of_a_long_chain_stays_short() -> None:
     """Sixteen windows would need 7000 operations written out."""
     m = load("n_four_bar_16")

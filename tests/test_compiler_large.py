@@ -231,6 +231,7 @@ def test_the_form_depends_on_the_number_of_links_once() -> None:
         compile_kernel(load("four_bar"), stabilization="projection", form="looped")
 
 
+@pytest.mark.slow
 def test_loops_take_steps_of_semi_implicit_euler_and_know_forces_and_energy() -> None:
     mechanism = load("n_four_bar_5")
     loops, straight = (compile_kernel(mechanism, "gauss", form=form) for form in ("looped", "straight line"))
