@@ -106,10 +106,10 @@ def measured(mechanism: Mechanism, reference: Reference, way: Method, step: floa
     except ImportError as error:
         return told | {"status": str(Status.SKIP), "message": not_installed(error)}
     errors = state_errors(mechanism, trajectory, reference)
-    told |= {"seconds": seconds, "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
+    named: Row = {"seconds": seconds, "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
     told |= {"error": float(errors.measured[-1]), "error_bar": float(errors.position_bar[-1])}
     apart = {"length_error": float(errors.length[-1].max()), "angle_error": float(errors.angle[-1].max())}
-    return told | apart | {"status": str(Status.OK), "message": ""}
+    return told | named | apart | {"status": str(Status.OK), "message": ""}
 
 
 def timed_run(model: Model, until: float) -> float:
