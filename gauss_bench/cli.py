@@ -204,10 +204,13 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.runner import run as run_suite
+    from gauss_bench.engines.extras import require
 
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
+    if suite.steps and not suite.accuracy:  # about compiled code and nothing else
+        require("llvmlite")
     asked = (options.until, options.steps, limit)
     tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
     if options.json:

@@ -64,7 +64,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
     engines = [x for name in ("gauss", "mujoco", "gauss-native") for x in ("--engine", name)]
     done = environment.run("run", "four_bar", "--suite", "gate", *engines, "--no-costs", "--jobs", "1", "--out", "made", "--json")
     assert done.returncode == 0, done.stderr
-    rows = json.loads(done.stdout)
+    rows = json.loads(done.stdout)["results"]
     assert {row["engine"] for row in rows if row["status"] == "ok"} == {"gauss"}
     for row in rows:
         if row["engine"] in EXTRA_OF:
