@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: bench report test test-all check verify certificates lint drawings setup clean
 
-bench: setup           ## run the quick suite and the kernel suite, and write reports/
+bench: setup           ## run the suite `bench`, and write reports/
 	$(BIN)/gauss-bench run --suite bench --report --jobs $(JOBS) --out reports
 
 report: setup          ## write the pages again from the stored tables
