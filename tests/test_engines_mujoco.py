@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import INTEGRATORS, SOFTNESS, Mujoco, comparison, verify
+from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, verify
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
 from gauss_bench.formulations.gauss import gauss
@@ -112,7 +112,7 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
     mechanism = load("shaper", "driven")
     errors = []
     for armature in (1e4, 1e6):
-        monkeypatch.setattr("gauss_bench.engines.mujoco.adapter.ARMATURE", armature)
+        monkeypatch.setitem(VARIANTS.settings["rigid"], "armature_of_a_driven_hinge_over_inertia", armature)
         errors.append(np.median(acceleration_errors(ENGINE, mechanism, "rigid", random_states(mechanism, 10))))
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
 
@@ -159,7 +159,8 @@ def test_default_softness_does_not_converge_with_the_step():
     mechanism, times = linkage("crank_slider"), [0.0, 0.5]
     exact = by_gauss(mechanism, times).q[-1]
     errors = {
-        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)] for label in SOFTNESS
+        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)]
+        for label in VARIANTS.settings
     }
     assert errors["default"][1] == pytest.approx(errors["default"][0], rel=0.05)
     assert errors["default"][1] > 1e-3
