@@ -14,7 +14,7 @@ States are mapped for one state (n,), in plain Python numbers because that is fa
 
 import cmath
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
@@ -204,7 +204,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     return Tree(tuple(branches), closures, count, len(mechanism.links))
 
 
-def _without_loops(mechanism: Mechanism, joints: list[Joint]) -> list[Joint]:
+def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
     """The joints, in order, but for those that close a loop with earlier ones."""
     group = {i: i for i in range(GROUND, len(mechanism.links))}
     chosen = []
@@ -216,7 +216,7 @@ def _without_loops(mechanism: Mechanism, joints: list[Joint]) -> list[Joint]:
     return chosen
 
 
-def _nearest(mechanism: Mechanism, slides: list[Joint], pins: list[Joint]) -> list[Joint]:
+def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
     """All slides, and the pins by which links are reached from the ground over the fewest joints.
 
     A link that is reached brings along at once whatever slides hold to it: a pin to one of those would close a loop over a slide.
@@ -246,7 +246,7 @@ def _nearest(mechanism: Mechanism, slides: list[Joint], pins: list[Joint]) -> li
     return chosen
 
 
-def _neighbours(joints: list[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
+def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
     """Link -> its joints and the links at their other ends."""
     found: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
     for joint in joints:
