@@ -73,7 +73,7 @@ def depths(tree: Tree) -> dict[int, int]:
 
 @pytest.mark.parametrize("windows", [4, 64])
 def test_a_chain_of_loops_hangs_from_the_ground(windows: int) -> None:
-    """Every vertical on its own ground pivot and every horizontal on a vertical: depth 2, where file order makes a chain of horizontals."""
+    """Verticals on their ground pivots, horizontals on verticals: depth 2, where file order makes a chain of horizontals."""
     mechanism = load(f"n_four_bar_{windows}")
     assert max(depths(spanning_tree(mechanism, least_depth=True)).values()) == 2
     assert max(depths(spanning_tree(mechanism)).values()) == windows + 1
