@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from gauss_bench.mechanism.coordinates import value
@@ -173,10 +174,7 @@ class Errors:
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Errors at every time of the reference that the trajectory has sampled."""
-    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
-    near = np.minimum(near, len(trajectory.t) - 1)
-    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
-    mine = near[both]
+    mine, both = _shared(trajectory, reference)
     shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
@@ -190,6 +188,30 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
         np.fmax(reference.error_q, reference.floor_q)[both],
         np.fmax(reference.error_v, reference.floor_v)[both],
     )
+
+
+def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
+    """Largest |error| of a component of any joint's force (k,) [N], at every time of the reference that the trajectory has sampled.
+
+    NaN where redundant rows leave the forces open. Both forces follow from the accelerations by Newton's laws: `joint_forces`.
+    """
+    mine, both = _shared(trajectory, reference)
+    if evaluator.mechanism.redundant:
+        return np.full(len(mine), np.nan)
+    own, true = (
+        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
+        for x, at in ((trajectory, mine), (reference, both))
+    )
+    gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
+    return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
+
+
+def _shared(trajectory: Trajectory, reference: Reference) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Indices of the trajectory, and which of the reference, at times that both have."""
+    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
+    near = np.minimum(near, len(trajectory.t) - 1)
+    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
+    return near[both], both
 
 
 def relative_acceleration_error(found: Array, true: Array) -> Array:
