@@ -4,7 +4,7 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
-FULL = program.ATTEMPTS
+FULL, FEW = program.ATTEMPTS, 12  # of the search for a program
 CACHE = pytest.StashKey[str]()
 
 
@@ -34,10 +34,16 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def short_search() -> Iterator[None]:
-    """Programs in this process are the best of a dozen attempts: what holds for one holds for any, but for its costs."""
+    """Programs in this process are the best of few attempts: what holds for one holds for any, but for its costs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(program, "ATTEMPTS", 12)
+        patch.setattr(program, "ATTEMPTS", FEW)
         yield
+
+
+def briefly(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments) with a short search, in a worker: to be called there in its place."""
+    program.ATTEMPTS = FEW
+    return function(*arguments)
 
 
 @pytest.fixture
