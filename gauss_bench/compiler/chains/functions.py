@@ -1,203 +1,225 @@
-"""The functions of a large linkage as text of LLVM: its accelerations, and steps of Runge and Kutta around them.
+"""The functions of a large linkage as routines: its accelerations, and a step of an integrator whose state stands in memory.
 
-    void accelerate(ptr y, ptr memory, ptr t, ptr out, i64 groups)
-    void rollout(ptr y, ptr memory, double h, double t0, i64 n, i64, ptr, ptr report, i64, i64 groups)
+    accelerate(y, p, work, t, out)
+    rollout(y, p, work, samples, report; h, t0; n, every, slots)
 
-with the signatures of loops.py, but coordinates in another order (large_loops.py), memory to work in in place of parameters, and
-no samples: arguments without a name are not used. Arrays are C-contiguous doubles, a group being one trajectory or W of them, the
-lane last:
+as in `stepping/rollout.py`, with memory to work in (`machine/loops.py`). With the stage at x, u the step is that of
+`stepping/steps.py`, looped over its stages:
 
-    y        (groups, state, W)    q and v; those after the last step that counts
-    out      (groups, out, W)      accelerations, and behind them the number of guards that hold
-    report   (groups, 3, W)        steps done; 1 if all are; 0
+    a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a;      q' = q + h/6 X,   v' = v + h/6 U
 
-A trajectory stops before the first step in which a guard fails at any stage. With the stage at q_s, v_s
-
-    a = a(t, q_s, v_s),   X += w v_s,   U += w a,   q_s = q + c v_s,   v_s = v + c a;      q' = q + h/6 X,   v' = v + h/6 U
+Projection follows the last stage: q by Newton's chord at the uncorrected q', as long as any correction is not short, then v with the
+Jacobian at the corrected one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.llvm import LoopWriter, Text, declarations
-from gauss_bench.compiler.machine.loops import LoopedProgram, Memory
+from gauss_bench.compiler.elimination.rounds import RoundsProgram
+from gauss_bench.compiler.machine.graph import MASKS, Graph
+from gauss_bench.compiler.machine.loops import WORK, Layout, LoopedFunction, looped
+from gauss_bench.compiler.machine.routine import Array, Load, Loop, Over, Places, Routine, Statement, Store
+from gauss_bench.compiler.stepping.rollout import Carried
+from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION
 
-# c, w, and time since the step began; what the last stage leaves at q_s, v_s is not used
-STAGES = (("%half", 1.0, "%none"), ("%half", 2.0, "%half"), ("%h", 2.0, "%half"), ("%none", 1.0, "%h"))
+CORRECTIONS = 4  # of the positions at most, as in the exact variant of `steps.py`
 
 
 @dataclass(frozen=True, eq=False)
-class Sizes:
-    """Elements of memory that functions work in: that of the loops, and behind it X and U."""
+class LoopedProgram:
+    """The functions of one program as loops that share their memory; `acceleration` is what is stepped, with Baumgarte's terms."""
 
-    memory: Memory
+    source: RoundsProgram
+    layout: Layout
+    plain: LoopedFunction
+    acceleration: LoopedFunction
+    position: LoopedFunction | None
+    velocity: LoopedFunction | None
 
     @property
-    def total(self) -> int:
-        return self.memory.size + self.memory.state
+    def n(self) -> int:
+        return 3 * self.layout.links
+
+    @property
+    def size(self) -> int:
+        """Elements of memory."""
+        made = (self.plain, self.acceleration, self.position, self.velocity)
+        return max(f.memory.size for f in made if f is not None)
 
 
-def module(program: LoopedProgram, across: int, trajectories: int, name: str) -> str:
-    """The module with a function, "accelerate", "rollout_rk4" or "rollout_semi_implicit_euler".
-
-    `across` lanes of a loop are in one vector, or `trajectories`; one of them is 1.
-    """
-    w = Text(across, trajectories)
-    w.line("define internal void @evaluate(ptr noalias %a) {\nentry:")
-    writer = LoopWriter(w, program.groups, program.loops, program.memory)
-    for loop in program.loops:
-        writer.write(loop)
-    w.line("  ret void\n}")
-    w.width(w.trajectories)
-    if name == "accelerate":
-        _accelerate(w, program.memory)
-    else:
-        _rollout(w, Sizes(program.memory), program.guards, name.partition("_")[2])
-    widths = {x for x in (1, 2, 4, 8) if x <= max(across, 1)} | {trajectories}
-    intrinsics = ("void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)", "void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
-    return "\n".join([*declarations(widths), *(f"declare {x}" for x in intrinsics), *w.table_lines(), *w.lines])
+def looped_program(source: RoundsProgram) -> LoopedProgram:
+    """The loops of a program."""
+    layout = Layout(len(source.acceleration.function.outputs[0]) // 3, len(source.parameters))
+    plain = looped(source.acceleration, layout)
+    more = (source.stabilized, source.position, source.velocity)
+    stabilized, position, velocity = (None if f is None else looped(f, layout) for f in more)
+    return LoopedProgram(source, layout, plain, stabilized or plain, position, velocity)
 
 
-def _copy(w: Text, target: str, source: str, elements: int) -> None:
-    w.line(f"  call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {source}, i64 {8 * w.trajectories * elements}, i1 false)")
+Formula = Callable[[Graph, list[int]], Sequence[int]]
 
 
-def _accelerate(w: Text, m: Memory) -> None:
-    w.line("define void @accelerate(ptr noalias %y, ptr noalias %a, ptr noalias %t, ptr noalias %out, i64 %groups) {\nentry:")
-    w.line("  br label %loop\nloop:\n  %k = phi i64 [0, %entry], [%next, %loop]")
-    _copy(w, "%a", w.address("%y", w.let(f"mul i64 %k, {m.state}")), m.state)
-    w.store(w.let(f"load {w.real}, ptr {w.address('%t', '%k')}, align 8"), "%a", m.t)
-    w.line("  call void @evaluate(ptr %a)")
-    _copy(w, w.address("%out", w.let(f"mul i64 %k, {m.out}")), w.address("%a", m.a), m.out)
-    w.line("  %next = add i64 %k, 1\n  %more = icmp slt i64 %next, %groups\n  br i1 %more, label %loop, label %done\ndone:")
-    w.line("  ret void\n}")
+class InMemory:
+    """What both routines do with memory; with `library`, sines are left to the target's own functions."""
+
+    def __init__(self, program: LoopedProgram, library: bool):
+        self.program, self.layout, self.library, self.graph = program, program.layout, library, Graph()
+        self.n = program.n
+        self.arrays = {"p": Array(program.layout.parameters), WORK: Array(program.size, scratch=True)}
+        self.state = [Places("y", tuple(range(k, k + self.n))) for k in (0, self.n)]
+
+    def each(self, lanes: int, loads: Sequence[Places], stores: Sequence[Places], formula: Formula, *given: int) -> Over:
+        """A formula of the elements of some arrays, and of values given."""
+        g = Graph()
+        leaves = [g.leaf(f"%{k}") for k in range(len(loads))]
+        kinds = ["mask" if self.graph.operation[x] in MASKS else "leaf" for x in given]
+        more = [g.make(kind, payload=f"%g{k}") for k, kind in enumerate(kinds)]
+        results = formula(g, [*leaves, *more])
+        pairs = list(zip(results, stores, strict=True))
+        return Over(lanes, g, results, dict(zip(leaves, loads, strict=True)), dict(zip(more, given, strict=True)), pairs)
+
+    def summed(self, name: str, first: int, count: int, leaf: str, square: bool) -> list[Statement]:
+        """The sum of neighbouring elements, or of their squares, as a leaf."""
+        g, at = Graph(), self.layout.starts[name] + first
+        x, spare = g.leaf("%x"), self.program.size - 1
+        value = g.mul(x, x) if square else x
+        loads = {x: Places(WORK, tuple(range(at, at + count)), room=True)}
+        return [Over(count, g, [value], loads, sums=[(value, Places(WORK, (spare,)))]), Load(WORK, {self.graph.leaf(leaf): spare})]
+
+    def copied(self, lanes: int, loads: Sequence[Places], stores: Sequence[Places]) -> Over:
+        return self.each(lanes, loads, stores, lambda g, x: x)
+
+    def entered(self, names: Sequence[str]) -> list[Statement]:
+        """State and parameters into memory."""
+        into = [self.layout.places(name) for name in names]
+        count, start = self.layout.parameters, self.layout.starts["p"]
+        numbers = [Places("p", tuple(range(count)))], [Places(WORK, tuple(range(start, start + count)))]
+        return [self.copied(self.n, self.state, into), *([self.copied(count, *numbers)] if count else [])]
+
+    def at_time(self, t: int, *names: str) -> Over:
+        places = [Places(WORK, (self.layout.starts[name],)) for name in names]
+        return self.each(1, [], places, lambda g, x: x * len(places), t)
+
+    def evaluated(self, function: LoopedFunction, leaf: str) -> tuple[list[Statement], int]:
+        """Statements, and the mask where the guards hold; `leaf` names their number."""
+        g, guards = self.graph, self.graph.leaf(leaf)
+        load = Load(WORK, {guards: self.layout.place("out", self.n)})
+        return [*function.statements(self.library), load], g.make("le", g.const(float(function.guards)), guards)
 
 
-def _pass(w: Text, head: str, count: int, write: Callable[[str], None]) -> None:
-    """A function that does the same to elements 0 to `count` - 1, of which there are whole vectors."""
-    at_once = w.across
-    w.line(f"define internal void {head} {{\nentry:\n  br label %loop\nloop:\n  %k = phi i64 [0, %entry], [%next, %loop]")
-    w.width(max(w.across, w.trajectories))
-    write("%k")
-    w.width(w.trajectories)
-    w.line(
-        f"  %next = add i64 %k, {at_once}\n  %more = icmp ult i64 %next, {count}\n  br i1 %more, label %loop, label %done\ndone:"
-    )
-    w.line("  ret void\n}")
+def accelerate(program: LoopedProgram, library: bool) -> Routine:
+    """The routine that evaluates accelerations."""
+    m = InMemory(program, library)
+    g, t = m.graph, m.graph.leaf("%t")
+    work, holds = m.evaluated(program.plain, "%guards")
+    out = m.copied(m.n, [m.layout.places("out")], [Places("out", tuple(range(m.n)))])
+    body = [*m.entered(("q", "v")), Load("t", {t: 0}), m.at_time(t, "t"), *work, out, Store("out", [g.flag(holds)], g.whole(m.n))]
+    arrays = {"y": Array(2 * m.n), **m.arrays, "t": Array(1), "out": Array(m.n + 1)}
+    return Routine("accelerate", g, arrays, (), (), body, holds, 0)
 
 
-def _advance(w: Text, sizes: Sizes) -> None:
-    """To the next stage, and to the sums."""
-    m, half = sizes.memory, sizes.memory.state // 2
+class MemoryBody(InMemory):
+    """A step as a body of `stepping/rollout.py`."""
 
-    def write(k: str) -> None:
-        way, weight = w.broadcast("%c"), w.broadcast("%w")
-        rates = _load(w, "%a", k, half), _load(w, "%a", k, m.a)
-        for start, rate in zip((0, half), rates, strict=True):
-            _store(w, _fma(w, weight, rate, _load(w, "%a", k, m.size + start)), "%a", k, m.size + start)
-            _store(w, _fma(w, way, rate, _load(w, "%y", k, start)), "%a", k, start)
+    def __init__(self, program: LoopedProgram, integrator: str, library: bool):
+        super().__init__(program, library)
+        g, self.rows, self.operations = self.graph, 2 * self.n, 0
+        self.carried: Carried = {}
+        self.entry = self.entered(("q_begin", "v_begin"))
+        t, h = g.leaf("%t"), g.leaf("%h")
+        end = g.add(t, h)
+        steps, held = self._rk4(t, h) if integrator == "rk4" else self._euler(t, h)
+        settled, kept = self._settled(end) if program.position and program.velocity else ([], [])
+        finite = self.summed("v", 0, 3 * self.layout.stride, "%speeds", square=False)
+        self.statements: list[Statement] = [*steps, *settled, *finite]
+        self.regular, self.regular_out = g.both([held, *kept[:2]]), g.all(True)
+        self.within = g.both([g.make("le", g.abs(g.leaf("%speeds")), g.const(FINITE)), *kept[2:]])
 
-    _pass(w, "@advance(ptr noalias %y, ptr noalias %a, double %c, double %w)", half, write)
+    def _whole(self, *names: str) -> list[Places]:
+        return [self.layout.whole(name) for name in names]
 
+    def _rk4(self, t: int, h: int) -> tuple[list[Statement], int]:
+        g, lanes, j, held = self.graph, 3 * self.layout.stride, self.graph.count("%j"), self.graph.make("mask", payload="%held")
+        way, weight, time = (g.leaf(f"%{x}") for x in ("way", "weight", "time"))
+        half, one, two = g.mul(g.const(0.5), h), g.const(1.0), g.const(2.0)
+        early, third = (g.make("everywhere", x) for x in (g.make("below", j, g.whole(1)), g.make("same", j, g.whole(2))))
+        work, holds = self.evaluated(self.program.acceleration, "%guards")
+        carried: Carried = {
+            way: (half, g.make("select", early, half, h)),
+            weight: (one, g.make("select", third, one, two)),
+            time: (t, g.add(t, way)),
+            held: (g.all(True), g.both([held, holds])),
+            j: (g.whole(0), g.make("sum", j, g.whole(1))),
+        }
+        advance = self.each(
+            lanes,
+            self._whole("v", "out", "q_begin", "v_begin", "q_sum", "v_sum"),
+            self._whole("q", "v", "q_sum", "v_sum"),
+            lambda g, x: [g.fma(x[6], x[0], x[2]), g.fma(x[6], x[1], x[3]), g.fma(x[7], x[0], x[4]), g.fma(x[7], x[1], x[5])],
+            way,
+            weight,
+        )
+        begin = self._whole("q_begin", "v_begin")
+        start = self.each(lanes, begin, self._whole("q", "v", "q_sum", "v_sum"), lambda g, x: [*x, g.const(0.0), g.const(0.0)])
+        stages = Loop(carried, [], g.make("below", j, g.whole(4)), [self.at_time(time, "t"), *work, advance])
+        finish = self.each(
+            lanes,
+            [*begin, *self._whole("q_sum", "v_sum")],
+            self._whole("q", "v"),
+            lambda g, x: [g.fma(x[4], x[2], x[0]), g.fma(x[4], x[3], x[1])],
+            g.div(h, g.const(6.0)),
+        )
+        return [start, stages, finish], held
 
-def _finish(w: Text, sizes: Sizes) -> None:
-    """To the end of the step, where it counts."""
+    def _euler(self, t: int, h: int) -> tuple[list[Statement], int]:
+        lanes, begin = 3 * self.layout.stride, self._whole("q_begin", "v_begin")
+        work, holds = self.evaluated(self.program.acceleration, "%guards")
 
-    def write(k: str) -> None:
-        old = _load(w, "%y", k, 0)
-        new = _fma(w, w.broadcast("%sixth"), _load(w, "%a", k, sizes.memory.size), old)
-        _store(w, new if w.trajectories == 1 else w.select("%ok", new, old), "%y", k, 0)
+        def formula(g: Graph, x: list[int]) -> list[int]:
+            faster = g.fma(x[3], x[2], x[1])
+            return [g.fma(x[3], faster, x[0]), faster]
 
-    mask = w.mask
-    _pass(w, f"@finish(ptr noalias %y, ptr noalias %a, double %sixth, {mask} %ok)", sizes.memory.state, write)
+        finish = self.each(lanes, [*begin, *self._whole("out")], self._whole("q", "v"), formula, h)
+        return [self.copied(lanes, begin, self._whole("q", "v")), self.at_time(t, "t"), *work, finish], holds
 
+    def _settled(self, t: int) -> tuple[list[Statement], list[int]]:
+        """Positions and velocities onto the constraints; masks of the guards, and of short last corrections."""
+        g, lanes, j, held = self.graph, 3 * self.layout.stride, self.graph.count("%c"), self.graph.make("mask", payload="%placed")
+        assert self.program.position is not None
+        assert self.program.velocity is not None
+        moved, at_q = self.evaluated(self.program.position, "%guards_q")
+        turned, at_v = self.evaluated(self.program.velocity, "%guards_v")
+        angles = (2 * self.layout.stride, self.layout.stride)
+        short = g.make("le", g.leaf("%moved"), g.const(LAST_CORRECTION**2))
+        again = g.make("also", g.make("any", g.make("not", short)), g.make("below", j, g.whole(CORRECTIONS - 1)))
+        carried: Carried = {held: (g.all(True), g.both([held, at_q])), j: (g.whole(0), g.make("sum", j, g.whole(1)))}
 
-def _load(w: Text, base: str, k: str, first: int) -> str:
-    return w.let(f"load {w.real}, ptr {_at(w, base, k, first)}, align 8")
+        def add(name: str) -> Over:
+            return self.each(lanes, self._whole(name, "out"), self._whole(name), lambda g, x: [g.add(*x)])
 
+        body = [*moved, add("q_new"), *self.summed("out", *angles, "%moved", square=True)]
+        begin = [self.copied(lanes, self._whole("q"), self._whole("q_new")), self.at_time(t, "t", "t_new")]
+        end = [self.copied(lanes, self._whole("q_new"), self._whole("q")), *turned, add("v")]
+        return [*begin, Loop(carried, body, again), *end], [g.both([held, at_q]), at_v, short]
 
-def _store(w: Text, value: str, base: str, k: str, first: int) -> None:
-    w.line(f"  store {w.real} {value}, ptr {_at(w, base, k, first)}, align 8")
+    def kept(self, alive: int) -> Sequence[Statement]:
+        new = self._whole("q", "v", "q_begin", "v_begin")
+        return [
+            self.each(
+                3 * self.layout.stride,
+                new,
+                new[2:],
+                lambda g, x: [g.make("select", x[4], x[0], x[2]), g.make("select", x[4], x[1], x[3])],
+                alive,
+            )
+        ]
 
+    def _out(self, array: str, start: int | None) -> list[Statement]:
+        into = [Places(array, p.by_lane, start=start) for p in self.state]
+        return [self.copied(self.n, [self.layout.places(x) for x in ("q_begin", "v_begin")], into)]
 
-def _at(w: Text, base: str, k: str, first: int) -> str:
-    return w.address(base, w.let(f"add i64 {k}, {first}"), w.element)
+    def sampled(self, start: int) -> Sequence[Statement]:
+        return self._out("samples", start)
 
-
-def _fma(w: Text, a: str, b: str, c: str) -> str:
-    return w.let(f"call {w.real} @llvm.fma.{w.suffix}({w.real} {a}, {w.real} {b}, {w.real} {c})")
-
-
-def _euler(w: Text, m: Memory) -> None:
-    """v' = v + h a, q' = q + h v', where the step counts."""
-    half = m.state // 2
-
-    def write(k: str) -> None:
-        way, q, v = w.broadcast("%h"), _load(w, "%y", k, 0), _load(w, "%y", k, half)
-        faster = _fma(w, way, _load(w, "%a", k, m.a), v)
-        for start, old, new in ((half, v, faster), (0, q, _fma(w, way, faster, q))):
-            _store(w, new if w.trajectories == 1 else w.select("%ok", new, old), "%y", k, start)
-
-    _pass(w, f"@finish(ptr noalias %y, ptr noalias %a, double %h, {w.mask} %ok)", half, write)
-
-
-def _rollout(w: Text, sizes: Sizes, guards: int, integrator: str) -> None:
-    m = sizes.memory
-    if integrator == "rk4":
-        _advance(w, sizes)
-        _finish(w, sizes)
-    else:
-        _euler(w, m)
-    names = ("ptr noalias %y", "ptr noalias %a", "double %h", "double %t0", "i64 %n", "i64 %every", "ptr %samples")
-    w.line(f"define void @rollout({', '.join(names)}, ptr noalias %report, i64 %slots, i64 %groups) {{\nentry:")
-    w.line(
-        "  %half = fmul double %h, 0.5\n  %sixth = fdiv double %h, 6.0\n  %none = fmul double %h, 0.0\n  br label %group\ngroup:"
-    )
-    w.line("  %g = phi i64 [0, %entry], [%g_next, %finish]")
-    state, report = w.address("%y", w.let(f"mul i64 %g, {m.state}")), w.address("%report", w.let("mul i64 %g, 3"))
-    w.line("  br label %step\nstep:\n  %i = phi i64 [0, %group], [%i_next, %stepped]")
-    w.line(f"  %alive = phi {w.mask} [{w.splat('true', 'i1')}, %group], [%ok, %stepped]")
-    w.line(f"  %done = phi {w.real} [{w.const(0.0)}, %group], [%done_next, %stepped]")
-    w.line("  %left = icmp slt i64 %i, %n\n  br i1 %left, label %go, label %finish\ngo:")
-    w.line("  %count = sitofp i64 %i to double\n  %passed = fmul double %count, %h\n  %time = fadd double %t0, %passed")
-    good = _stages(w, sizes, guards, state) if integrator == "rk4" else _one_stage(w, m, guards, state)
-    w.line(f"  %ok = and {w.mask} %alive, {good}")
-    w.line(f"  %done_next = fadd {w.real} %done, {w.select('%ok', w.const(1.0), w.const(0.0))}")
-    w.line(f"  %on = or i1 {w.any('%ok')}, false\n  br i1 %on, label %stepped, label %finish\nstepped:")
-    way = "%sixth" if integrator == "rk4" else "%h"
-    w.line(f"  call void @finish(ptr {state}, ptr %a, double {way}, {w.mask} %ok)\n  %i_next = add i64 %i, 1\n  br label %step")
-    w.line(f"finish:\n  %steps = phi {w.real} [%done, %step], [%done_next, %go]")
-    w.line("  %all = sitofp i64 %n to double")
-    complete = w.let(f"fcmp oeq {w.real} %steps, {w.broadcast('%all')}")
-    for row, value in enumerate(("%steps", w.select(complete, w.const(1.0), w.const(0.0)), w.const(0.0))):
-        w.store(value, report, row)
-    w.line("  %g_next = add i64 %g, 1\n  %more = icmp slt i64 %g_next, %groups\n  br i1 %more, label %group, label %end\nend:")
-    w.line("  ret void\n}")
-
-
-def _one_stage(w: Text, m: Memory, guards: int, state: str) -> str:
-    """The accelerations at the beginning of the step; returns the mask of guards that hold."""
-    _copy(w, "%a", state, m.state)
-    w.store(w.broadcast(w.let("fadd double %time, %none")), "%a", m.t)
-    w.line("  call void @evaluate(ptr %a)")
-    return _hold(w, m, guards)
-
-
-def _hold(w: Text, m: Memory, guards: int) -> str:
-    """Mask where all guards hold."""
-    return w.let(f"fcmp oeq {w.real} {w.load('%a', m.a + m.coordinate(3 * m.links))}, {w.const(float(guards))}")
-
-
-def _stages(w: Text, sizes: Sizes, guards: int, state: str) -> str:
-    """The four stages, written out; returns the mask of guards that hold at all of them."""
-    m = sizes.memory
-    _copy(w, "%a", state, m.state)
-    sums, size = w.address("%a", m.size), 8 * w.trajectories * m.state
-    w.line(f"  call void @llvm.memset.p0.i64(ptr {sums}, i8 0, i64 {size}, i1 false)")
-    good = w.splat("true", "i1")
-    for c, weight, since in STAGES:
-        w.store(w.broadcast(w.let(f"fadd double %time, {since}")), "%a", m.t)
-        w.line("  call void @evaluate(ptr %a)")
-        good = w.let(f"and {w.mask} {good}, {_hold(w, m, guards)}")
-        w.line(f"  call void @advance(ptr {state}, ptr %a, double {c}, double {weight})")
-    return good
+    def ended(self, complete: int) -> Sequence[Statement]:
+        return self._out("y", None)

@@ -27,6 +27,10 @@ from typing import NamedTuple
 from gauss_bench.compiler.elimination.function import Function
 
 Pair = tuple[int, int]
+LEAVES = ("leaf", "mask", "count")
+MASKS = ("mask", "all", "not", "both", "lt", "le", "nonzero", "everywhere")
+COUNTS = ("count", "whole", "sum", "least", "times")
+TRUTHS = ("below", "same", "any", "also")
 Payload = float | int | str | None
 
 
@@ -34,7 +38,11 @@ class Graph:
     """Values as numbers of nodes; a node is an operation, its operands, and a payload such as the number of a constant.
 
     Real operations: const, leaf, add, sub, mul, div, fma (a b + c), neg, abs, sqrt, select (mask, a, b), real (of an integer).
-    Integers: bits (of a real), and, plus, shl (each with a number as payload), xor. Masks: lt, le, nonzero (of an integer), both.
+    Integers: bits (of a real), and, plus, shl (each with a number as payload), xor. Masks: lt, le, nonzero (of an integer), both,
+    not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
+
+    What is one for all lanes, and steers: counts, which are whole numbers: count (a leaf), whole (a number as payload), sum, least,
+    times (with a number as payload); their value as a real is number. Truths: below and same (of counts), any (of a mask), also.
     """
 
     def __init__(self) -> None:
@@ -127,12 +135,28 @@ class Graph:
     def abs(self, a: int) -> int:
         return self.make("abs", self.unsigned(a)[0])
 
-    def both(self, masks: Sequence[int]) -> int | None:
-        """Where all masks hold; None, for everywhere, without any."""
-        every = None
+    def all(self, holds: bool) -> int:
+        """The mask that holds everywhere, or nowhere."""
+        return self.make("all", payload=holds)
+
+    def both(self, masks: Sequence[int]) -> int:
+        """Where all masks hold; everywhere without any."""
+        every = self.all(True)
         for mask in dict.fromkeys(masks):
-            every = mask if every is None else self.make("both", every, mask)
+            if mask != self.all(True):
+                every = mask if every == self.all(True) else self.make("both", every, mask)
         return every
+
+    def flag(self, mask: int) -> int:
+        """1 where a mask holds, else 0."""
+        return self.make("select", mask, self.const(1.0), self.const(0.0))
+
+    def count(self, name: str) -> int:
+        """A count from outside, by its name."""
+        return self.make("count", payload=name)
+
+    def whole(self, number: int) -> int:
+        return self.make("whole", payload=number)
 
     def total(self, values: Sequence[int]) -> int:
         sum_ = self.const(0.0)
@@ -157,8 +181,17 @@ def leaves(g: Graph, values: list[int]) -> dict[str, int]:
     return {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
 
 
+def depending(g: Graph, on: Iterable[int]) -> set[int]:
+    """Values that depend on some leaves."""
+    dependent = set(on)
+    for x, operands in enumerate(g.operands):
+        if not dependent.isdisjoint(operands):
+            dependent.add(x)
+    return dependent
+
+
 def count_operations(g: Graph, values: list[int]) -> int:
-    return sum(g.operation[x] not in ("const", "leaf") for x in values)
+    return sum(g.operation[x] not in ("const", "all", *LEAVES) for x in values)
 
 
 def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sincos: Callable[[int], Pair]) -> list[list[int]]:
@@ -210,6 +243,8 @@ def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pa
 LATENCY = {
     "const": 0, "leaf": 0, "neg": 0, "bits": 0, "real": 0, "abs": 1, "and": 1, "plus": 1, "shl": 1, "xor": 1, "both": 1, "select":
     1, "add": 3, "sub": 3, "mul": 3, "fma": 4, "lt": 3, "le": 3, "nonzero": 3, "div": 13, "sqrt": 20,
+    "mask": 0, "all": 0, "not": 1, "everywhere": 1, "count": 0, "whole": 0, "sum": 1, "least": 1, "times": 3, "number": 4, "below": 1,
+    "same": 1, "any": 3, "also": 1,
 }  # fmt: skip
 ROUNDS = 6  # of the feedback from the end of a loop to its beginning; urgency settles after two or three
 

@@ -21,17 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine import object_cache
+from gauss_bench.compiler.machine.llvm import Listing
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
 
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
-SIGNATURES = {
-    "rollout": ("ppddiippii"),
-    "accelerate": ("ppppi"),
-    "follow": ("pppppppdiii"),
-}
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
 
@@ -81,9 +77,9 @@ def best_lanes() -> int:
     return 8 if "+avx512f" in features else 4 if "+avx2" in features else 2
 
 
-def compile_text(text: str, name: str, operations: int, cached: bool = True) -> NativeCode:
-    """The function `name` of a module given as text."""
-    start = time.perf_counter()
+def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
+    """The function of a module given as text."""
+    start, text, operations = time.perf_counter(), listing.text, listing.operations
     machine = _target_machine(3 if operations <= LARGE else 1)
     key = _key(text, operations)
     code = object_cache.load(key) if cached else None
@@ -94,7 +90,7 @@ def compile_text(text: str, name: str, operations: int, cached: bool = True) -> 
         code = bytes(machine.emit_object(module))
         if cached:
             object_cache.store(key, code)
-    call, owner = _loaded(code, name, machine)
+    call, owner = _loaded(code, listing, machine)
     return NativeCode(call, time.perf_counter() - start, cached_already, owner)
 
 
@@ -111,13 +107,13 @@ def _target_machine(level: int) -> Any:
     return target.create_target_machine(cpu=cpu, features=features, opt=level, reloc="pic", codemodel="small")
 
 
-def _loaded(code: bytes, name: str, machine: Any) -> tuple[Any, Any]:
+def _loaded(code: bytes, listing: Listing, machine: Any) -> tuple[Any, Any]:
     llvm = _binding()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in SIGNATURES[name]))
-    return prototype(engine.get_function_address(name)), engine
+    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in listing.signature))
+    return prototype(engine.get_function_address(listing.name)), engine
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
@@ -147,12 +143,19 @@ def address(x: Array) -> int:
     return int(x.__array_interface__["data"][0])
 
 
+def aligned(size: int) -> Array:
+    """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
+    room = np.zeros(size + 8)
+    start = -(address(room) // room.itemsize) % 8
+    return room[start : start + size]
+
+
 class Buffers(threading.local):
     """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
 
     call: Any
 
     def put(self, call: Any, *sizes: int) -> None:
-        self.arrays = [np.empty(size) for size in sizes]
+        self.arrays = [aligned(size) for size in sizes]
         self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
         self.call = call
