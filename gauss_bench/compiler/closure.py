@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.running import Target
-from gauss_bench.compiler.turns.follow import Follower
+from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.turns.follow import Follower, follow
 from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -207,6 +208,10 @@ class Closure:
         losses = [replace(x, sample=-(-x.sample // divided)) for x in self._tracked(one, rows, status, threads)]
         rows, status = rows[:, ::divided], status[:, ::divided]
         return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
+
+    def c_source(self) -> str:
+        """Its routine in plain C, `follow` of `turns/follow.py`, for one lane."""
+        return C_HEADER + in_c(follow(self._program, "states", plain=True))
 
     def _memory(self, shape: tuple[int, ...], many: tuple[int, ...], out: Array | None) -> Array:
         if out is None:

@@ -18,7 +18,8 @@ from gauss_bench.compiler.elimination.program import KernelError, Program, known
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.running import Target
+from gauss_bench.compiler.machine.loops import looped_program
+from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.mechanism.model import Mechanism
@@ -140,7 +141,7 @@ class Kernel:
         if form == "looped":
             damping = options.baumgarte if options.stabilization == "baumgarte" else None
             wanted = Wanted(options.formulation, options.open_parameters, damping, options.stabilization == "projection")
-            self._programs = loops = LoopedPrograms(programs_in_rounds(mechanism, wanted), options.target)
+            self._programs = loops = LoopedPrograms(map(looped_program, programs_in_rounds(mechanism, wanted)), options.target)
             first = loops.codes[0]
             self.formulation, self.operations = first.source.plan.formulation, first.plain.operations
         else:

@@ -274,8 +274,8 @@ class RoundsProgram:
         plan: formulation and partition.
         parameters, values: of the open numbers, as in `program.Program`.
         acceleration: (t, q, v, p) -> a; stabilized: the same with Baumgarte's terms, None unless asked for.
-        position: (t, q, t_new, q_new, p) -> Newton's correction of q_new, with the Jacobian at q; velocity: (t, q, v, p) -> correction of
-            v; both None unless projection is asked for.
+        position: (t, q, t_new, q_new, p) -> Newton's correction of q_new, with the Jacobian at q; velocity: (t, q, v, p) ->
+            correction of v; both None unless projection is asked for.
         dropped: names of redundant rows that were left out.
     """
 
@@ -357,7 +357,9 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
     phi = {r: row.phi for r, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
     rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
-    damped = {r: x for r, row in enumerate(rows) if not (x := bent(work.links, row, *wanted.baumgarte)).zero} if wanted.baumgarte else {}
+    damped = (
+        {r: x for r, row in enumerate(rows) if not (x := bent(work.links, row, *wanted.baumgarte)).zero} if wanted.baumgarte else {}
+    )
     numbers = work.links.parameters
     return RoundsProgram(
         plan,
@@ -392,7 +394,9 @@ class _Functions:
             solution = solve(terms.graph, self.J, [b], range(self.rows), dependent)
         else:
             size = n + self.rows
-            solution = solve(terms.graph, _bordered(terms.mass, self.J), [{n + r: x for r, x in b.items()}], range(size), range(size))
+            solution = solve(
+                terms.graph, _bordered(terms.mass, self.J), [{n + r: x for r, x in b.items()}], range(size), range(size)
+            )
         return self._function([solution], {k: x for k, x in solution.x[0].items() if k < n}, inputs)
 
     def _function(self, solutions: list[Solution], result: Right, inputs: tuple[str, ...]) -> RoundsFunction:

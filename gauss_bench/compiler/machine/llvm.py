@@ -7,9 +7,9 @@ Source: LLVM Language Reference Manual.
 
 does `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
 
-In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes, whose number need not be
-known to whoever wrote the routine. Operands that stand side by side are loaded as they stand, others through tables of places. The code
-is as long as there are different operations; how many lanes they have changes its tables alone.
+In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes. Operands that stand side
+by side are loaded as they stand, others through tables of places. The code is as long as there are different operations; how many
+lanes they have changes its tables alone.
 
 Numbers of W lanes are scattered lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
 """
@@ -18,8 +18,8 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.graph import MASKS
-from gauss_bench.compiler.machine.routine import (
+from gauss_bench.compiler.machine.graph import (
+    MASKS,
     Array,
     Emitter,
     If,
@@ -74,7 +74,7 @@ class Writer(Emitter):
     """
 
     def __init__(self, routine: Routine, lanes: int, across: int = 1):
-        super().__init__(routine.graph)
+        super().__init__(routine)
         self.routine, self.trajectories, self.across = routine, lanes, across if lanes == 1 else 1
         self.lines: list[str] = []
         self.tables: dict[str, str] = {}
@@ -232,7 +232,7 @@ class Writer(Emitter):
         match s:
             case Load():
                 base = self._from(s.array, s.start)
-                rows = {x: self.at(base, row) for x, row in s.rows.items()}
+                rows = {x: self.at(base, row) for x, row in self.rows(s).items()}
                 self.names |= {x: self.let(f"load {self.real}, ptr {place}, align 8") for x, place in rows.items()}
             case Store():
                 values, base = self.compute(s.values), self._from(s.array, s.start)
@@ -255,9 +255,10 @@ class Writer(Emitter):
         return {"leaf": self.real, "mask": self.mask, "count": "i64"}[self.graph.operation[x]]
 
     def _loop(self, s: Loop) -> None:
-        first, above, label = self.compute([a for a, _ in s.carried.values()]), self.block, self.fresh("loop")
+        carried, label = self.carried(s), self.fresh("loop")
+        first, above = self.compute([a for a, _ in carried.values()]), self.block
         self._go_to(label)
-        header, inside = self._open(), {x: f"%{label}_{k}" for k, x in enumerate(s.carried)}
+        header, inside = self._open(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
         self.statements(s.body)
         again, last, on = self.need(s.again), self.fresh("end"), label
@@ -267,16 +268,16 @@ class Writer(Emitter):
             before = dict(self.names)
             self.label(on)
             self.statements(s.after)
-            following, below = self.compute([b for _, b in s.carried.values()]), self.block
+            following, below = self.compute([b for _, b in carried.values()]), self.block
             self.line(f"  br label %{label}")
             self.names = before
         else:
-            following, below = self.compute([b for _, b in s.carried.values()]), self.block
+            following, below = self.compute([b for _, b in carried.values()]), self.block
             self.line(f"  br i1 {again}, label %{label}, label %{last}")
         self.label(last)
         self.lines[header] = "\n".join(
             f"  {inside[x]} = phi {self._kind(x)} [{a}, %{above}], [{b}, %{below}]"
-            for x, a, b in zip(s.carried, first, following, strict=True)
+            for x, a, b in zip(carried, first, following, strict=True)
         )
 
     def _if(self, s: If) -> None:
@@ -391,10 +392,7 @@ class _Lanes:
         w._width(self.at_once if self.vector else w.trajectories)
         for x, (name, is_mask) in given.items():
             w.names[x] = w.broadcast(name, "i1" if is_mask else "double") if self.vector else name
-        if s.lanes <= self.at_once:
-            sums = self._body([None] * len(s.sums))
-        else:
-            sums = self._turns()
+        sums = self._body([None] * len(s.sums)) if s.lanes <= self.at_once else self._turns()
         for (_, place), total in zip(s.sums, sums, strict=True):
             self._keep_sum(place, total)
         w.graph, w.names = outer, outer_names
@@ -509,7 +507,9 @@ class _Lanes:
         if mask is None:
             w.line(f"  store {w.real} {value}, ptr {self._element(p)}, align 8")
         else:
-            w.line(f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {self._element(p)}, i32 8, {w.mask} {mask})")
+            w.line(
+                f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {self._element(p)}, i32 8, {w.mask} {mask})"
+            )
 
 
 def _indices(numbers: Sequence[int]) -> str:

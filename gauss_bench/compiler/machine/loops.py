@@ -21,9 +21,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from gauss_bench.compiler.elimination.rounds import RoundsFunction
-from gauss_bench.compiler.machine.graph import Graph, Pair, apply, leaves, live, order, rewrite
-from gauss_bench.compiler.machine.routine import Over, Places
+from gauss_bench.compiler.elimination.rounds import RoundsFunction, RoundsProgram
+from gauss_bench.compiler.machine.graph import Graph, Over, Pair, Places, apply, leaves, live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
 
 FEW = 6  # equal operations; fewer are done one by one
@@ -455,7 +454,6 @@ class Block:
             x = g.leaf(self._leaves.setdefault(values, f"leaf{len(self._leaves)}"))
         return g.neg(x) if negative else x
 
-
     def over(self, m: Memory) -> Over:
         """The loop as a statement."""
 
@@ -500,3 +498,34 @@ def looped(program: RoundsFunction, layout: Layout) -> LoopedFunction:
     groups = grouped(program)
     order = loops(groups)
     return LoopedFunction(program.guards, groups, order, memory(layout, program, groups, order))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopedProgram:
+    """The functions of one program as loops that share their memory; `acceleration` is what is stepped, with Baumgarte's terms."""
+
+    source: RoundsProgram
+    layout: Layout
+    plain: LoopedFunction
+    acceleration: LoopedFunction
+    position: LoopedFunction | None
+    velocity: LoopedFunction | None
+
+    @property
+    def n(self) -> int:
+        return 3 * self.layout.links
+
+    @property
+    def size(self) -> int:
+        """Elements of memory."""
+        made = (self.plain, self.acceleration, self.position, self.velocity)
+        return max(f.memory.size for f in made if f is not None)
+
+
+def looped_program(source: RoundsProgram) -> LoopedProgram:
+    """The loops of a program."""
+    layout = Layout(len(source.acceleration.function.outputs[0]) // 3, len(source.parameters))
+    plain = looped(source.acceleration, layout)
+    more = (source.stabilized, source.position, source.velocity)
+    stabilized, position, velocity = (None if f is None else looped(f, layout) for f in more)
+    return LoopedProgram(source, layout, plain, stabilized or plain, position, velocity)

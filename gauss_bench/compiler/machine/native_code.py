@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine import object_cache
-from gauss_bench.compiler.machine.llvm import Listing
+from gauss_bench.compiler.machine.graph import Routine
+from gauss_bench.compiler.machine.llvm import Listing, listing
+from gauss_bench.compiler.machine.source import in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -159,3 +161,48 @@ class Buffers(threading.local):
         self.arrays = [aligned(size) for size in sizes]
         self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
         self.call = call
+
+
+CHUNK = 4096  # trajectories at a time on arrays: they share what a call of numpy costs, and a step has hundreds
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where code is to run: backend "llvm" or "numpy", trajectories in one vector, whether object code is kept on disk."""
+
+    backend: str
+    lanes: int
+    cache: bool
+
+
+class Loaded:
+    """A routine as it runs on a target: one lane for a single trajectory, `lanes` of them for many.
+
+    Attributes:
+        codes: the machine code that has been compiled or loaded so far, by lanes.
+    """
+
+    def __init__(self, make: Callable[[bool], Routine], target: Target):
+        self.make, self.target = make, target
+        self.codes: dict[int, NativeCode] = {}
+        self.own = Buffers()
+        self._lock = threading.Lock()
+        self._plain = in_python(make(True)) if target.backend == "numpy" else None
+
+    def lanes(self, count: int) -> int:
+        """Trajectories in one group, of so many."""
+        return min(count, CHUNK) if self._plain else 1 if count == 1 else self.target.lanes
+
+    def call(self, lanes: int) -> Any:
+        """Takes arrays, numbers and counts of the routine, and groups."""
+        if self._plain:
+            return self._plain
+        with self._lock:
+            if lanes not in self.codes:
+                made = listing(self.make(lanes > 1), lanes, best_lanes())
+                self.codes[lanes] = compile_listing(made, self.target.cache)
+            return self.codes[lanes].call
+
+    def given(self, arrays: list[Array]) -> list[Any]:
+        """Arrays as `call` takes them."""
+        return list(arrays) if self._plain else [address(x) for x in arrays]

@@ -17,11 +17,25 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS, Graph, inline
-from gauss_bench.compiler.machine.routine import Array as Argument
-from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Over, Places, Routine, Scatter, Statement, Store
+from gauss_bench.compiler.machine.graph import (
+    COUNTS,
+    MASKS,
+    TRUTHS,
+    Emitter,
+    Graph,
+    If,
+    Load,
+    Loop,
+    Over,
+    Places,
+    Routine,
+    Scatter,
+    Statement,
+    Store,
+    inline,
+)
+from gauss_bench.compiler.machine.graph import Array as Argument
 from gauss_bench.terms import Array
-
 
 C_HEADER = "#include <math.h>\n\n"
 
@@ -84,7 +98,7 @@ class Source(Emitter):
     """
 
     def __init__(self, routine: Routine, language: Language):
-        super().__init__(routine.graph)
+        super().__init__(routine)
         self.routine, self.language = routine, language
         self.lines: list[str] = []
         self.variables: dict[str, str] = {}
@@ -135,7 +149,7 @@ class Source(Emitter):
         element = self.language.element
         match s:
             case Load():
-                for x, row in s.rows.items():
+                for x, row in self.rows(s).items():
                     self.names[x] = self.let(x, element.format(s.array, self._row(s.start, row)))
             case Store():
                 held = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
@@ -147,16 +161,17 @@ class Source(Emitter):
                     place = element.format(s.array, f"{s.places}[0] + {start} + {row}")
                     self.line(self.language.assign.format(place, name))
             case Loop():
-                self.compute([a for a, _ in s.carried.values()])
-                self.moved({x: self.names[a] for x, (a, _) in s.carried.items()}, "v")
+                carried = self.carried(s)
+                self.compute([a for a, _ in carried.values()])
+                self.moved({x: self.names[a] for x, (a, _) in carried.items()}, "v")
                 self.line(self.language.forever.format())
                 self.depth += 1
                 self.statements(s.body)
                 self.line(self.language.leave.format(self.need(s.again)))
                 with self.within():
                     self.statements(s.after)
-                    self.compute([b for _, b in s.carried.values()])
-                    self.moved({x: self.names[b] for x, (_, b) in s.carried.items()}, "v")
+                    self.compute([b for _, b in carried.values()])
+                    self.moved({x: self.names[b] for x, (_, b) in carried.items()}, "v")
                 self.depth -= 1
                 if self.language.close:
                     self.line(self.language.close)
@@ -234,7 +249,7 @@ def in_c(routine: Routine) -> str:
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """A routine on arrays (groups, rows, trajectories); those that groups share are (rows, trajectories), or flat to scatter into."""
+    """A routine on arrays (groups, rows, trajectories), flat where they are scattered into."""
     s = Source(routine, PYTHON)
     s.statements(routine.body)
     given = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
@@ -252,7 +267,7 @@ def in_python(routine: Routine) -> Callable[..., None]:
 
 
 def freed(lines: list[str]) -> list[str]:
-    """Lines of Python in which what is used between two branches alone is freed after its last use: whole arrays stay in the cache."""
+    """Lines of Python in which a value that is used between two branches alone is freed after its last use, for the cache's sake."""
     run, where = 0, dict[str, list[tuple[int, int]]]()
     for k, line in enumerate(lines):
         straight = re.match(r" *[a-z]\w* = ", line)

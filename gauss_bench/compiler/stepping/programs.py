@@ -15,13 +15,13 @@ from functools import partial
 import numpy as np
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, aligned, in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.running import Loaded, Target
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, out_of_lanes, shared
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Outcome
 from gauss_bench.compiler.stepping.rollout import acceleration, body, plain_body, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.terms import Array
+
 
 class Stepper:
     """Steps trajectories by one routine `rollout`; `work` are the numbers it works on for each trajectory."""
@@ -53,7 +53,7 @@ class Stepper:
         own = self.loaded.own
         if not hasattr(own, "call"):
             own.put(self.loaded.call(1), 2 * len(q), len(parameters), *([self.work] if self.work else []), 2 * len(q), 3)
-        y, p, sample, report = *own.arrays[:2], *own.arrays[-2:]
+        y, p, *_, sample, report = own.arrays
         y[: len(q)], y[len(q) :], p[:] = q, v, parameters
         own.call(*own.addresses, h, t0, n, max(1, n), 1, 1)
         if report[1]:
@@ -84,7 +84,7 @@ class Evaluator:
         own = self.loaded.own
         if not hasattr(own, "call"):
             own.put(self.loaded.call(1), 2 * len(q), len(parameters), *([self.work] if self.work else []), 1, len(q) + 1)
-        y, p, at, out = *own.arrays[:2], *own.arrays[-2:]
+        y, p, *_, at, out = own.arrays
         y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
         own.call(*own.addresses, 1)
         return out[:-1].copy() if out[-1] else None
@@ -186,7 +186,8 @@ class StraightLinePrograms:
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""
-        codes = [code for x in (self.native, *self.runners.values()) for code in x.loaded.codes.values()]
+        running: list[Evaluator | Stepper] = [self.native, *self.runners.values()]
+        codes = [code for x in running for code in x.loaded.codes.values()]
         return [(code.seconds, code.from_cache) for code in codes]
 
     def prepare(self, integrator: str, many: bool, levels: int | None = None) -> None:

@@ -17,27 +17,38 @@ are steps, since what is stored belongs to the beginning of a step (with project
 
 evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where the guards hold.
 
-What is stepped is a body: in registers here, with all stages written out or one stage gone through four times; in memory in `chains/`.
-Written out, equal expressions of different stages are one value, sines rotate from stage to stage, and the processor overlaps the
-stages; the code is as long as four accelerations. Once it no longer fits the instruction cache (32 kB on most processors, about 11
-bytes an operation), each turn of the loop fetches it anew and takes two to three times as long: then one stage is written, and looped
-over.
+What is stepped is a body: in registers here, with all stages written out or one stage gone through four times; in `chains/`, in
+memory. Written out, equal expressions of different stages are one value, sines rotate from stage to stage, and the processor
+overlaps the stages; the code is as long as four accelerations. Once it no longer fits the instruction cache (32 kB on most
+processors, about 11 bytes an operation), each turn of the loop fetches it anew and takes two to three times as long: then one stage
+is written, and looped over.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, count_operations, live, order, rewrite
-from gauss_bench.compiler.machine.routine import Array, Compute, If, Load, Loop, Routine, Statement, Store
+from gauss_bench.compiler.machine.graph import (
+    Array,
+    Compute,
+    Graph,
+    If,
+    Load,
+    Loop,
+    Routine,
+    Statement,
+    Store,
+    count_operations,
+    live,
+    order,
+    rewrite,
+)
 from gauss_bench.compiler.machine.trigonometry import sincos
 from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, Builder, Reach, StagedStep, Step, rk4_staged
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
 
-class Body(Protocol):
+class Body:
     """One step.
 
     Attributes:
@@ -62,15 +73,15 @@ class Body(Protocol):
 
     def kept(self, alive: int) -> Sequence[Statement]:
         """To the next state, where the mask holds, of what is not carried."""
-        ...
+        raise NotImplementedError
 
     def sampled(self, start: int) -> Sequence[Statement]:
         """Store the state, as it is to be seen, in the samples from a row on."""
-        ...
+        raise NotImplementedError
 
     def ended(self, complete: int) -> Sequence[Statement]:
         """Store the last state in y: as it is to be seen where the mask holds."""
-        ...
+        raise NotImplementedError
 
 
 def rollout(body: Body, many: bool) -> Routine:
@@ -109,10 +120,10 @@ def _either(g: Graph, a: int, b: int) -> int:
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
-class Registers:
+class Registers(Body):
     """A body whose state is carried in registers."""
 
-    def __init__(self, code: Code, step: Step, plain: bool):
+    def __init__(self, code: Code, step: Step):
         self.code, self.step, self.graph, self.rows = code, step, step.graph, 2 * code.program.n
         g, n = self.graph, code.program.n
         self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
@@ -142,7 +153,7 @@ class WrittenOut(Registers):
     """A step in one piece; `plain` where its arithmetic is left to the target."""
 
     def __init__(self, code: Code, step: Step, plain: bool = False):
-        super().__init__(code, step if plain else step.rewritten(), plain)
+        super().__init__(code, step if plain else step.rewritten())
         g, needed = self.graph, live(self.step.graph, self.step.roots())
         self.values = needed if plain else order(g, needed, self.step.carried)
         self.operations = count_operations(g, self.values)
@@ -161,7 +172,7 @@ class Staged(Registers):
         s = staged.step
         masks = (moved[x] for x in (s.regular, s.regular_out, s.within))
         step = Step(graph, {k: moved[x] for k, x in s.carried.items()}, [moved[x] for x in s.out], *masks)
-        super().__init__(code, step, False)
+        super().__init__(code, step)
         g = self.graph
         carried = {name: (moved[a], moved[b]) for name, (a, b) in staged.carried.items()}
         j, even, near = g.count("%j"), g.make("mask", payload="%even"), g.make("mask", payload="%near")
@@ -210,4 +221,6 @@ def acceleration(code: Code, plain: bool = False) -> Routine:
     loads = [Load(name, {g.leaf(x): k for k, x in enumerate(leaves)}) for name, leaves in rows.items()]
     arrays = {name: Array(len(leaves)) for name, leaves in rows.items()} | {"out": Array(n + 1)}
     sound = g.make("lt", g.const(0.0), roots[-1])
-    return Routine("accelerate", g, arrays, (), (), [*loads, Compute(values), Store("out", roots)], sound, count_operations(g, values))
+    return Routine(
+        "accelerate", g, arrays, (), (), [*loads, Compute(values), Store("out", roots)], sound, count_operations(g, values)
+    )

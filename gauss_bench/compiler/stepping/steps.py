@@ -103,7 +103,12 @@ class Builder:
     """Writes the stages of a step into a graph, and gathers their guards."""
 
     def __init__(
-        self, code: Code, reach: Reach, names: tuple[str, str, str] = ("q", "v", "t"), library: bool = False, graph: Graph | None = None
+        self,
+        code: Code,
+        reach: Reach,
+        names: tuple[str, str, str] = ("q", "v", "t"),
+        library: bool = False,
+        graph: Graph | None = None,
     ):
         self.g = g = graph or Graph()
         self.library = library

@@ -34,10 +34,25 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.loop_program import ClosureProgram
 from gauss_bench.compiler.machine import trigonometry
-from gauss_bench.compiler.machine.graph import Graph, Pair, count_operations, depending, inline, live, order, rewrite
-from gauss_bench.compiler.machine.native_code import in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Routine, Scatter, Statement, Store
-from gauss_bench.compiler.machine.running import Loaded, Target
+from gauss_bench.compiler.machine.graph import (
+    Array,
+    Compute,
+    Graph,
+    Load,
+    Loop,
+    Pair,
+    Routine,
+    Scatter,
+    Statement,
+    Store,
+    count_operations,
+    depending,
+    inline,
+    live,
+    order,
+    rewrite,
+)
+from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes, out_of_lanes, shared
 from gauss_bench.terms import Array as Floats
 
 REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
@@ -190,7 +205,9 @@ def follow(program: ClosureProgram, outputs: Outputs, plain: bool = False) -> Ro
     ]
     turn = Loop(carried, body, g.make("also", g.make("any", good), g.make("below", following, g.count("%samples"))))
     parameters = {g.leaf(f"%p{k}"): k for k in range(program.parameters)}
-    entry = [Load(name, {a: k for k, a in enumerate(rows)}) for name, rows in (("x", first), ("signs", signs), ("p", list(parameters)))]
+    entry = [
+        Load(name, {a: k for k, a in enumerate(rows)}) for name, rows in (("x", first), ("signs", signs), ("p", list(parameters)))
+    ]
     arrays = {
         "x": Array(program.unknowns), "signs": Array(program.guards), "inputs": Array(1, "shift"), "p": Array(program.parameters),
         "out": Array(0), "where": Array(1, whole=True), "report": Array(1 + program.guards),
