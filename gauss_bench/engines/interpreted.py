@@ -25,7 +25,7 @@ SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rt
 class Interpreted:
     """One formulation as an engine."""
 
-    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = SETTINGS
     native_loop = False
@@ -119,12 +119,12 @@ class InterpretedModel:
                 self._fixed()
 
     def _adaptive(self) -> None:
-        options = SETTINGS["default"]
+        tolerances = self.choice.tolerances(SETTINGS["default"]["dop853_rtol"], SETTINGS["default"]["dop853_atol"])
         q0, v0 = self.mechanism.q0, self.mechanism.v0
         if self.times[-1] == self.times[0]:
             return
         try:
-            found = dop853(self.stabilized, self.times, q0, v0, options["dop853_rtol"], options["dop853_atol"])
+            found = dop853(self.stabilized, self.times, q0, v0, *tolerances)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
         self.q, self.v, self.steps, _ = found

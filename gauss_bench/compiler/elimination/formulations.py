@@ -27,7 +27,7 @@ from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored, product_of, sum_of
 from gauss_bench.mechanism.model import Mechanism
 
 
@@ -146,8 +146,8 @@ def _known_product(graph: ExpressionGraph, left: Right, right: Right, x: int) ->
     y = x + 1
     if not (x in left and x in right and y in left and y in right):
         return None
-    first = left[x].at * right[x].at
-    return graph.recognised(first + left[y].at * right[y].at, first)
+    first = product_of(left[x].generic, right[x].generic)
+    return graph.recognised(sum_of(first, product_of(left[y].generic, right[y].generic)), first)
 
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
