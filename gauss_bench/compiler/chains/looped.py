@@ -17,7 +17,7 @@ Projection follows the last stage: q by Newton's chord at the uncorrected q', as
 the Jacobian at the corrected one.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class InMemory:
     def __init__(self, program: LoopedProgram, library: bool):
         self.program, self.layout, self.library, self.graph = program, program.layout, library, Graph()
         self.n = program.n
-        self.arrays = {"p": Array(program.layout.parameters), WORK: Array(program.size, scratch=True)}
+        self.arrays: Mapping[str, Array] = {"p": Array(program.layout.parameters), WORK: Array(program.size, scratch=True)}
         self.state = [Places("y", tuple(range(k, k + self.n))) for k in (0, self.n)]
 
     def each(self, lanes: int, loads: Sequence[Places], stores: Sequence[Places], formula: Formula, *given: int) -> Over:

@@ -311,7 +311,8 @@ def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
     """Under the formulations that are open, and last under the other; partitions late, as many freedoms make them slow to find."""
     lagrange = Plan("lagrange", ())
     open_parameters(known.mechanism, wanted.open_parameters)  # refuses a name the mechanism does not have
-    formulation, plans = wanted.formulation, (Plan("gauss", x) for x in covering(known))
+    formulation = wanted.formulation
+    plans: Iterable[Plan] = (Plan("gauss", x) for x in covering(known))
     if formulation == "auto":
         plans = (plan for group in (islice(plans, 1), [lagrange], plans) for plan in group)
     else:

@@ -7,9 +7,9 @@ Source: LLVM Language Reference Manual.
 
 does `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
 
-In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes. Operands that stand side
-by side are loaded as they stand, others through tables of places. The code is as long as there are different operations; how many
-lanes they have changes its tables alone.
+In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes. Operands that stand
+side by side are loaded as they stand, others through tables of places. The code is as long as there are different operations; how
+many lanes they have changes its tables alone.
 
 Numbers of W lanes are scattered lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
 """

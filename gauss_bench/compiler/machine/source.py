@@ -267,7 +267,7 @@ def in_python(routine: Routine) -> Callable[..., None]:
 
 
 def freed(lines: list[str]) -> list[str]:
-    """Lines of Python in which a value that is used between two branches alone is freed after its last use, for the cache's sake."""
+    """Lines of Python in which a value that is used between two branches alone is freed after it, for the cache's sake."""
     run, where = 0, dict[str, list[tuple[int, int]]]()
     for k, line in enumerate(lines):
         straight = re.match(r" *[a-z]\w* = ", line)

@@ -306,8 +306,12 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
     a = b.acceleration(b.t, x, u)
     X, U = b.vector("X"), b.vector("U")
     zero = [g.const(0.0)] * b.n
-    stages = (("x", q, b.along(q, way, u)), ("u", v, b.along(v, way, a)), ("X", zero, b.along(X, weight, u)))
-    stages += (("U", zero, b.along(U, weight, a)),)
+    stages = (
+        ("x", q, b.along(q, way, u)),
+        ("u", v, b.along(v, way, a)),
+        ("X", zero, b.along(X, weight, u)),
+        ("U", zero, b.along(U, weight, a)),
+    )
     carried = {f"%{k}{i}": pair for k, first, after in stages for i, pair in enumerate(zip(first, after, strict=True))}
     carried["%time"] = (e.t, g.add(e.t, way))
     sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)

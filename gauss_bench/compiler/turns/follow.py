@@ -212,7 +212,7 @@ def follow(program: ClosureProgram, outputs: Outputs, plain: bool = False) -> Ro
         "x": Array(program.unknowns), "signs": Array(program.guards), "inputs": Array(1, "shift"), "p": Array(program.parameters),
         "out": Array(0), "where": Array(1, whole=True), "report": Array(1 + program.guards),
     }  # fmt: skip
-    statements = [*entry, turn, Store("x", ended), Store("report", [counted, *passed])]
+    statements: list[Statement] = [*entry, turn, Store("x", ended), Store("report", [counted, *passed])]
     return Routine(
         "follow", g, arrays, ("tolerance",), ("samples", "shift"), statements, good, count_operations(g, live(g, code.roots()))
     )
