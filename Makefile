@@ -46,8 +46,8 @@ setup: .venv/.ready
 
 .venv/.ready: constraints.txt pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --disable-pip-version-check --quiet --require-hashes -r constraints.txt
-	$(BIN)/pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --require-hashes -r constraints.txt
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --no-deps --no-build-isolation -e .
 	touch $@
 
 clean:                 ## remove the environment, caches and unfinished runs

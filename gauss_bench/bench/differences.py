@@ -1,11 +1,13 @@
 """What a run measured otherwise than another one, by the gate's own limits: a user's run against the published one."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gauss_bench.bench.gate import Verdict, compare, facts
 from gauss_bench.bench.runner import frame
-from gauss_bench.tables import KEY, Row, TableError, read_table
+from gauss_bench.tables import KEY, TableError, read_table
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,11 @@ def differences(here: Path, there: Path) -> Differences:
     return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
 
 
-def _key(row: Row) -> tuple[object, ...]:
+def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
     return tuple(row[k] for k in KEY)
 
 
-def accuracy_rows(folder: Path) -> tuple[Row, ...]:
+def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:
     """The accuracy cases of a run.
 
     Raises:

@@ -39,8 +39,8 @@ def dop853(
             raise StepFailure(message)
         steps += 1
         states += _within(solver, times[len(states) :])
-    found = np.array(states)
-    return found[:, :n], found[:, n:], steps, int(solver.nfev)
+    rows = np.array(states)
+    return rows[:, :n], rows[:, n:], steps, int(solver.nfev)
 
 
 def _within(solver: DOP853, times: Array) -> list[Array]:

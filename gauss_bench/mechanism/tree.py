@@ -157,8 +157,8 @@ def columns(x: Array) -> Any:
 def states_of(x: Array) -> dict[int, Any]:
     """Link index -> (vector, angle) of an absolute state, with a resting ground."""
     c = columns(x)
-    found: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
-    return found | {GROUND: (0j, 0.0)}
+    placed: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
+    return placed | {GROUND: (0j, 0.0)}
 
 
 def ends(joint: Joint) -> tuple[int, int]:
@@ -248,12 +248,12 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
 
 def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
     """Link -> its joints and the links at their other ends."""
-    found: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
+    neighbours: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
     for joint in joints:
         a, b = ends(joint)
-        found[a].append((joint, b))
-        found[b].append((joint, a))
-    return found
+        neighbours[a].append((joint, b))
+        neighbours[b].append((joint, a))
+    return neighbours
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
