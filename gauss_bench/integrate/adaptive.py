@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853
 
 from gauss_bench.integrate.fixed_step import Acceleration
 
@@ -18,22 +18,26 @@ class StepFailure(ArithmeticError):
     """The error control could not continue."""
 
 
-def dop853(
-    acceleration: Acceleration, times: Array, q0: Array, v0: Array, rtol: float, atol: float
-) -> tuple[Array, Array, int, int]:
-    """States (k, n) at the times, number of steps, number of evaluations.
+def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float) -> tuple[int, int]:
+    """Fill the states q, v (k, n) at the times from their first rows on; number of steps, number of evaluations.
+
+    What is not reached, because an acceleration fails or the error control does, stays as it is.
 
     Raises:
         StepFailure: with scipy's own reason.
     """
-    n = len(q0)
+    n, done, steps = q.shape[1], 0, 0
 
     def rate(t: float, y: Array) -> Array:
         return np.concatenate([y[n:], acceleration(t, y[:n], y[n:])])
 
-    solution = solve_ivp(
-        rate, (times[0], times[-1]), np.concatenate([q0, v0]), "DOP853", t_eval=times, rtol=rtol, atol=atol, dense_output=True
-    )
-    if not solution.success:
-        raise StepFailure(solution.message)
-    return solution.y[:n].T, solution.y[n:].T, len(solution.sol.ts) - 1, int(solution.nfev)
+    solver = DOP853(rate, times[0], np.concatenate([q[0], v[0]]), times[-1], rtol=rtol, atol=atol)
+    while solver.status == "running":
+        message = solver.step()
+        if solver.status == "failed":
+            raise StepFailure(message)
+        steps += 1
+        part = slice(done, int(np.searchsorted(times, solver.t, side="right")))
+        states = solver.dense_output()(times[part])
+        q[part], v[part], done = states[:n].T, states[n:].T, part.stop
+    return steps, int(solver.nfev)
