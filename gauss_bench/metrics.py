@@ -171,12 +171,16 @@ class Errors:
         return np.maximum(self.length, self.angle)
 
 
+def common_times(t: Array, true: Array) -> tuple[Array, Array]:
+    """Places in t (k,) of the times that `true` (j,) has too, and which of those they are, as a mask (j,); times increase."""
+    near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
+    both = np.abs(t[near] - true) < 1e-9
+    return near[both], both
+
+
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Errors at every time of the reference that the trajectory has sampled."""
-    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
-    near = np.minimum(near, len(trajectory.t) - 1)
-    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
-    mine = near[both]
+    mine, both = common_times(trajectory.t, reference.t)
     shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])

@@ -75,6 +75,11 @@ def sampling_through(step: float, at: Sequence[float]) -> Sampling:
     return _sampled(step, grid, [*rests, *at])
 
 
+def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
+    """Samples at these times and no other; the first is the start, and each is met, by shorter steps where whole ones miss it."""
+    return _sampled(step, np.asarray(times, dtype=float), [])
+
+
 def _on(t: float, step: float) -> bool:
     return abs(t - round(t / step) * step) <= max(1e-9 * step, 1e-15 * t)
 
