@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -140,6 +139,8 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def _work(t: Array, power: Array, at: Array) -> Array:
+    from scipy.interpolate import make_interp_spline  # which takes as long to import as everything else together
+
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
     primitive: Callable[[Array], Array] = spline.antiderivative()
     return np.asarray(primitive(at) - primitive(t[:1]))

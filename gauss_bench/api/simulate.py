@@ -70,6 +70,11 @@ def simulate(
 
 def judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
     """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached."""
+    with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
+        return _judged(mechanism, engine, choice, run, at)
+
+
+def _judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
     found = run.trajectory or run.reached
     if found is None:
         return described(mechanism, engine, choice, run.status, run.message)

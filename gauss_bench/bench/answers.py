@@ -77,6 +77,7 @@ def _form(told: object) -> tuple[np.dtype[Any], list[int]]:
     """Type and shape of an array as told."""
     match told:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
-            if all(type(k) is int and 0 <= k <= LONGEST for k in shape):
-                return KINDS[kind], shape
+            lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
+            if lengths == shape:
+                return KINDS[kind], lengths
     raise NoAnswer("an array of no form")

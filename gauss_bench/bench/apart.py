@@ -114,7 +114,7 @@ def _seconds(x: object) -> float:
 
 def _trajectory(x: object) -> Trajectory | None:
     match x:
-        case {"t": np.ndarray() as t, "q": np.ndarray() as q, "v": np.ndarray() as v, "a": np.ndarray() as a, **told}:
-            note = told.get("note")
-            return Trajectory(t, q, v, a, told.get("steps", ""), told.get("evaluations"), note if isinstance(note, str) else "")
+        case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
+            found = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
+            return Trajectory(*found, steps, evaluations, note) if len(found) == 1 + len(LEVELS) else None
     return None

@@ -199,8 +199,7 @@ def performed(
 
 def _failing(status: object) -> Status:
     """The status of a failure; one that says all is well is an error."""
-    known = Status(status) if status in tuple(Status) else Status.ERROR
-    return Status.ERROR if known in (Status.OK, Status.INVALID) else known
+    return next((x for x in Status if x == status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
 
 
 def _read(model: Model | None) -> object:
@@ -240,7 +239,9 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
     part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
     try:
         model = Interpreted("gauss").build(mechanism, Choice("default", "rk4"))
-        true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
+        with np.errstate(all="ignore"):
+            true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):
         return None
-    return float(np.median(relative_acceleration_error(part[3], true)))
+    with np.errstate(all="ignore"):
+        return float(np.median(relative_acceleration_error(part[3], true)))

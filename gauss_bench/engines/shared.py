@@ -101,7 +101,7 @@ def size(x: Array) -> float:
 
 def finite(*samples: Array) -> int:
     """How many of the samples (k, n) come before the first that is no number, which a run has not reached or not survived."""
-    sound = np.isfinite(np.hstack(samples)).all(axis=1)
+    sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
     return len(sound) if sound.all() else int(sound.argmin())
 
 

@@ -200,7 +200,7 @@ class PinocchioModel:
 
         def at(k: int) -> Array:
             ddy = self.plain(float(self.times[k]), self.y[k], self.dy[k])
-            return self.tree.absolute(self.y[k : k + 1], self.dy[k : k + 1], ddy[None])[2][0]
+            return np.asarray(self.tree.absolute(self.y[k : k + 1], self.dy[k : k + 1], ddy[None])[2][0])
 
         found = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
         if finite(q, v, found.a) == len(q):
