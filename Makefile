@@ -6,13 +6,18 @@ BESIDE := -n $(JOBS) --dist worksteal
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench report test test-all check verify certificates lint drawings setup clean
+.PHONY: bench publish report test test-all check verify certificates lint drawings setup clean
 
-bench: setup           ## run the suite `bench`, and write reports/
-	$(BIN)/gauss-bench run --suite bench --report --jobs $(JOBS) --out reports
+bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
+	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
 
-report: setup          ## write the pages again from the stored tables
-	$(BIN)/gauss-bench report --out reports
+publish: setup         ## run the suite `full` and write reports/, from a committed tree alone
+	@changed=$$(git status --porcelain -- . ':!reports') && test -z "$$changed" || \
+	  { echo "publish: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
+	$(BIN)/gauss-bench run --suite full --report --jobs $(JOBS) --out reports
+
+report: setup          ## write the pages of reports/local/ again from its tables
+	$(BIN)/gauss-bench report
 
 test: setup            ## the tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
@@ -41,10 +46,10 @@ setup: .venv/.ready
 
 .venv/.ready: constraints.txt pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --disable-pip-version-check --quiet --require-hashes -r constraints.txt
-	$(BIN)/pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --require-hashes -r constraints.txt
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --no-deps --no-build-isolation -e .
 	touch $@
 
 clean:                 ## remove the environment, caches and unfinished runs
-	rm -rf .venv reports/.run .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv reports/.run reports/local .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

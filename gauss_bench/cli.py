@@ -214,12 +214,15 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
+    from gauss_bench.bench.differences import accuracy_rows, differences
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
 
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
+    if options.against:
+        accuracy_rows(options.against)
     if suite.steps and not suite.accuracy:  # about compiled code and nothing else
         require("llvmlite")
     asked = (options.until, options.steps, limit)
@@ -231,7 +234,11 @@ def run(options: argparse.Namespace) -> int:
     if options.report:
         from gauss_bench.report.build import build_report
 
-        build_report(options.out)
+        for path in build_report(options.out):
+            if path.suffix in (".md", ".html"):
+                print(path, file=sys.stderr)
+    if options.against:
+        print(text.format_differences(differences(options.out, options.against), options.against), file=sys.stderr)
     return 0
 
 

@@ -162,20 +162,20 @@ def examine(
 def judge(evidence: Evidence) -> Judgement:
     """Every objection to a complete run; a figure that is not finite is one."""
     x = evidence
-    found: list[tuple[Subject, float, float, str]] = []
+    checks: list[tuple[Subject, float, float, str]] = []
     if x.acceleration_error is not None:
         said = f"accelerations off by {x.acceleration_error:.2g} at the same state (median)"
-        found.append((Subject.MODEL, x.acceleration_error, OFF_ACCELERATION, said))
+        checks.append((Subject.MODEL, x.acceleration_error, OFF_ACCELERATION, said))
     opened = float(x.drift.position.max(initial=0.0))
-    found.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
+    checks.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
     gained = float(np.abs(x.energy).max(initial=0.0))
     said = f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
-    found.append((Subject.ENERGY, gained, OFF_ENERGY * x.energy_scale + x.energy_bar, said))
+    checks.append((Subject.ENERGY, gained, OFF_ENERGY * x.energy_scale + x.energy_bar, said))
     if x.errors is not None:
         length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
-        found.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
-        found.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
-    return Judgement(tuple(Objection(*item) for item in found if not item[1] <= item[2]))
+        checks.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
+        checks.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
+    return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
 
 
 def size_of(mechanism: Mechanism) -> float:

@@ -36,7 +36,7 @@ class Drift:
 
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     """The three residuals at every sample."""
-    found = []
+    blocks = []
     h = evaluator.constraints.holonomic
     for start in range(0, len(trajectory.t), CHUNK):
         part = slice(start, start + CHUNK)
@@ -44,8 +44,8 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
         rows = evaluator.constraints(t, q, v)
         velocity = (rows.J @ v[..., None])[..., 0] + rows.phi_t
         acceleration = (rows.J @ a[..., None])[..., 0] - rows.gamma
-        found.append([np.abs(x).max(axis=-1, initial=0.0) for x in (rows.phi[:, :h], velocity, acceleration)])
-    return Drift(*(np.concatenate(x) for x in zip(*found, strict=True)))
+        blocks.append([np.abs(x).max(axis=-1, initial=0.0) for x in (rows.phi[:, :h], velocity, acceleration)])
+    return Drift(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
 
 
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
@@ -82,15 +82,15 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     forces and are not included.
     """
     multipliers = reactions(evaluator, trajectory)
-    found: dict[str, dict[str, Array]] = {}
+    forces: dict[str, dict[str, Array]] = {}
     for k, joint in enumerate(evaluator.mechanism.joints):
         first, second = multipliers[:, 2 * k], multipliers[:, 2 * k + 1]
         if isinstance(joint, Prismatic):
             theta = joint.angle + (trajectory.q[:, 3 * joint.guide.link + 2] if joint.guide.link >= 0 else 0.0)
-            found[joint.name] = {"fx": first * np.sin(theta), "fy": -first * np.cos(theta), "moment": -second}
+            forces[joint.name] = {"fx": first * np.sin(theta), "fy": -first * np.cos(theta), "moment": -second}
         else:
-            found[joint.name] = {"fx": -first, "fy": -second, "moment": np.zeros_like(first)}
-    return found
+            forces[joint.name] = {"fx": -first, "fy": -second, "moment": np.zeros_like(first)}
+    return forces
 
 
 def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
@@ -197,10 +197,10 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
     )
 
 
-def relative_acceleration_error(found: Array, true: Array) -> Array:
+def relative_acceleration_error(a: Array, true: Array) -> Array:
     """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n)."""
     scale = np.abs(true).max(axis=-1)
-    return np.asarray(np.abs(found - true).max(axis=-1) / np.where(scale > 0, scale, 1.0))
+    return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > 0, scale, 1.0))
 
 
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:

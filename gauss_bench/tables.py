@@ -707,23 +707,23 @@ def format_of(folder: Path) -> int:
     if not path.exists():
         return 1
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["format"]
-        if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-            raise ValueError(f"{found!r} is no format")
+        version = json.loads(path.read_text(encoding="utf-8"))["format"]
+        if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+            raise ValueError(f"{version!r} is no format")
     except (ValueError, KeyError, TypeError) as error:
         raise TableError(f"{path}: does not tell the format of the tables beside it: {error}") from error
-    return checked(found, path)
+    return checked(version, path)
 
 
-def checked(found: int, path: Path) -> int:
+def checked(version: int, path: Path) -> int:
     """A format that can be read.
 
     Raises:
         TableError: it is later than FORMAT.
     """
-    if found > FORMAT:
-        raise TableError(f"{path}: format {found} is later than this version of gauss-bench can read, which is {FORMAT}")
-    return found
+    if version > FORMAT:
+        raise TableError(f"{path}: format {version} is later than this version of gauss-bench can read, which is {FORMAT}")
+    return version
 
 
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
@@ -732,10 +732,10 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     Raises:
         TableError: the file is damaged, lacks a column, holds what is not of its column's type, or is of a later format.
     """
-    found = format_of(folder)
+    version = format_of(folder)
     for path in (folder / f"{name}.csv", folder / f"{name}.parquet"):
         if path.exists():
-            return read_file(name, path, found)
+            return read_file(name, path, version)
     return ()
 
 
@@ -801,8 +801,8 @@ def migrate(folder: Path) -> tuple[Path, ...]:
     """
     form = format_of(folder)
     own = {"baseline": None}  # which tells its own format
-    found = [(name, folder / f"{name}.{kind}") for name in TABLES for kind in ("csv", "parquet")]
-    read = {path: (name, read_file(name, path, own.get(name, form))) for name, path in found if path.exists()}
+    files = [(name, folder / f"{name}.{kind}") for name in TABLES for kind in ("csv", "parquet")]
+    read = {path: (name, read_file(name, path, own.get(name, form))) for name, path in files if path.exists()}
     for path, (name, rows) in read.items():
         if path.suffix == ".parquet":
             write_parquet(name, rows, path, _provenance(path))

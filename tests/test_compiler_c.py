@@ -35,10 +35,16 @@ def pointers(*arrays: Array) -> list[Any]:
     return [x.ctypes.data_as(POINTER) for x in arrays]
 
 
-def accelerated(c: Any, t: float, q: Array, v: Array, p: Array) -> tuple[int, Array]:
-    a = np.full(len(q), np.nan)
-    c.accelerate.argtypes = [ctypes.c_double, *[POINTER] * 4]
-    return c.accelerate(t, *pointers(q, v, p, a)), a
+def accelerated(c: Any, t: float, q: Array, v: Array) -> tuple[int, Array]:
+    out = np.full(len(q) + 1, np.nan)
+    c.accelerate.argtypes = [POINTER] * 4
+    return c.accelerate(*pointers(np.append(q, v), np.zeros(1), np.array([t]), out)), out[:-1]
+
+
+def rolled(c: Any, q: Array, v: Array, p: Array, h: float, n: int) -> tuple[int, Array, Array]:
+    y, sample, report = np.append(q, v), np.full(2 * len(q), np.nan), np.zeros(3)
+    c.rollout.argtypes = [*[POINTER] * 4, ctypes.c_double, ctypes.c_double, *[ctypes.c_long] * 3]
+    return c.rollout(*pointers(y, p, sample, report), h, 0.0, n, n, 1), sample, report
 
 
 @compiled_c
@@ -51,39 +57,61 @@ def test_accelerations_in_c_are_those_of_the_native_code(name: str, form: str, t
     kernel = compile_kernel(mechanism, "gauss", form=form)
     c, states = library(kernel, tmp_path), manifold_states(mechanism, 7, seed=3)
     for t, q, v in zip(states.t.tolist(), states.q, states.v, strict=True):
-        code, a = accelerated(c, t, q.copy(), v.copy(), np.zeros(1))
+        code, a = accelerated(c, t, q, v)
         assert code == 0
         wanted = kernel.acceleration(q, v, t)
         np.testing.assert_allclose(a, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # rounding of another order of operations
 
 
 @compiled_c
+@pytest.mark.parametrize("form", ["straight line", "looped"])
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
-def test_steps_in_c_are_those_of_the_native_code(stabilization: str, integrator: str, tmp_path: Path) -> None:
-    mechanism, h, n = load("crank_slider"), 1e-3, 100
-    kernel = compile_kernel(mechanism, "gauss", stabilization, open_parameters=("links.crank.mass",))
-    c, q, v, p = library(kernel, tmp_path, integrator), mechanism.q0.copy(), mechanism.v0.copy(), np.array([0.7])
-    c.step.argtypes = [ctypes.c_double] * 2 + [POINTER] * 3
-    assert all(c.step(k * h, h, *pointers(q, v, p)) == 0 for k in range(n))
-    if stabilization == "projection":
-        c.settle.argtypes = [ctypes.c_double] + [POINTER] * 3
-        assert c.settle(n * h, *pointers(q, v, p)) == 0
+def test_steps_in_c_are_those_of_the_native_code(stabilization: str, integrator: str, form: str, tmp_path: Path) -> None:
+    mechanism, h, n, p = load("crank_slider"), 1e-3, 100, np.array([0.7])
+    kernel = compile_kernel(mechanism, "gauss", stabilization, open_parameters=("links.crank.mass",), form=form)
+    code, found, report = rolled(library(kernel, tmp_path, integrator), mechanism.q0, mechanism.v0, p, h, n)
+    assert code == 0
+    assert report.tolist() == [n, 1, 0]
     wanted = kernel.rollout(mechanism.q0, mechanism.v0, h, n, parameters=p, integrator=integrator)
-    np.testing.assert_allclose((q, v), wanted, rtol=1e-11, atol=1e-11)  # rounding of 100 steps
+    np.testing.assert_allclose(found, np.concatenate(wanted), rtol=1e-11, atol=1e-11)  # rounding of 100 steps
+
+
+@compiled_c
+def test_a_turn_in_c_is_that_of_the_native_code(tmp_path: Path) -> None:
+    closure, count = compile_closure(load("four_bar")), 90
+    source, target = tmp_path / "turn.c", tmp_path / "turn.so"
+    source.write_text(closure.c_source(), encoding="utf-8")
+    subprocess.run(
+        [str(COMPILER), "-std=c99", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", source, "-o", target, "-lm"], check=True
+    )
+    wanted, start = closure.turn(count), closure._start
+    levels = np.zeros((count + 1, 3))
+    levels[:, 0] = start.u + 2 * np.pi / count * np.arange(count + 1)
+    levels[:, 1] = 1.0
+    rows, report = np.full(wanted.rows.shape, np.nan), np.zeros(1 + len(start.signs))
+    c, where = ctypes.CDLL(str(target)), np.zeros(1, dtype=np.int64)
+    c.follow.argtypes = [*[POINTER] * 5, ctypes.POINTER(ctypes.c_long), POINTER, ctypes.c_double, ctypes.c_long, ctypes.c_long]
+    arrays = pointers(start.x.copy(), start.signs, levels, np.zeros(1), rows)
+    places = where.ctypes.data_as(ctypes.POINTER(ctypes.c_long))
+    assert c.follow(*arrays, places, *pointers(report), 1e-28, count, 0) == 0
+    assert report[0] == count
+    np.testing.assert_allclose(rows, wanted.rows, rtol=1e-12, atol=1e-12)
 
 
 @compiled_c
 @pytest.mark.parametrize("form", ["straight line", "looped"])
-def test_a_guard_in_c_returns_one_and_writes_nothing(form: str, tmp_path: Path) -> None:
-    """All bars of the parallelogram lie on one line: no partition serves there."""
+def test_a_guard_in_c_returns_one(form: str, tmp_path: Path) -> None:
+    """All bars of the parallelogram lie on one line: no partition serves there, and no step is taken."""
     mechanism = load("n_four_bar_1")
     kernel = compile_kernel(mechanism, "gauss", form=form)
-    flat = np.zeros(mechanism.n)
+    flat, rest = np.zeros(mechanism.n), np.zeros(mechanism.n)
     flat[0::3] = [0.5, 1.5, 1.0]
-    code, a = accelerated(library(kernel, tmp_path), 0.0, flat, np.zeros(mechanism.n), np.zeros(1))
+    c = library(kernel, tmp_path)
+    assert accelerated(c, 0.0, flat, rest)[0] == 1
+    code, _, report = rolled(c, flat, rest, np.zeros(1), 1e-3, 5)
     assert code == 1
-    assert np.isnan(a).all()
+    assert report[:2].tolist() == [0, 0]
 
 
 X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="narrower x86 processors on another kind of host")

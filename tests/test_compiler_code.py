@@ -1,7 +1,7 @@
 """From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
 
 import os
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ import gauss_bench
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
-from gauss_bench.compiler.machine import native_code, object_cache, trigonometry
+from gauss_bench.compiler.machine import graph, native_code, object_cache, trigonometry
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.native_code import address
+from gauss_bench.compiler.machine.llvm import listing
+from gauss_bench.compiler.machine.native_code import Loaded, Target, address
 from gauss_bench.compiler.stepping import driver, programs, steps
 from gauss_bench.compiler.stepping import rollout as loops
 from gauss_bench.compiler.stepping.driver import before
@@ -72,12 +73,12 @@ def residuals(m: Mechanism, q: Array, v: Array, t: float | Array = 0.0) -> tuple
 def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     """A graph whose leaves are %x0, %x1 ..., run as machine code on columns (k,)."""
     x = np.ascontiguousarray(np.array(columns).T)
-    inputs = {f"%x{i}": ("%y", i) for i in range(x.shape[1])}
-    listing = loops.evaluation(g, roots, inputs, {"%y": x.shape[1], "%p": 0, "%t": 1}, 1)
-    code = native_code.compile_text(listing.text, "accelerate", listing.operations, cached=False)
+    load = graph.Load("x", {g.leaf(f"%x{i}"): i for i in range(x.shape[1])})
+    arrays = {"x": graph.Array(x.shape[1]), "out": graph.Array(len(roots))}
+    made = graph.Routine("evaluate", g, arrays, (), (), [load, graph.Store("out", roots)], g.all(True), len(roots))
+    code = native_code.compile_listing(listing(made, 1), cached=False)
     out = np.empty((len(x), len(roots)))
-    y = address(x)
-    code.call(y, y, y, address(out), len(x))
+    code.call(address(x), address(out), len(x))
     return out
 
 
@@ -378,9 +379,8 @@ def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: i
     batch = driver.Batch(np.tile(np.append(m.q0, m.v0), (3, 1)), np.zeros((3, 0)), 0.0, H, 100, 40)
     found = []
     for longest in (10**6, 0):
-        listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][reach], 4, longest)
-        runner = programs.NativeRunner(code, "rk4", steps.REACHES["rk4"][reach], 4, cached=False)
-        runner.loaded[4] = native_code.compile_text(listing.text, "rollout", listing.operations, cached=False)
+        body = loops.body(code, "rk4", steps.REACHES["rk4"][reach], longest)
+        runner = programs.Stepper(Loaded(partial(loops.rollout, body), Target("llvm", 4, cache=False)))
         outcome = runner.run(batch)
         assert outcome.complete.all()
         found.append(outcome.samples)
@@ -495,8 +495,8 @@ def test_the_code_of_a_long_chain_stays_short() -> None:
     """Sixteen windows would need 7000 operations written out."""
     m = load("n_four_bar_16")
     code = read_code(generate(m), "none")
-    listing = loops.rollout(code, "rk4", steps.REACHES["rk4"][0], 1)
-    assert listing.operations < 2 * code.acceleration.operations + 13 * m.n
+    body = loops.body(code, "rk4", steps.REACHES["rk4"][0])
+    assert body.operations < 2 * code.acceleration.operations + 13 * m.n
     assert 4 * code.acceleration.operations > loops.WRITTEN_OUT
 
 

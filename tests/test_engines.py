@@ -17,7 +17,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
-from tests.conftest import everything
+from tests.conftest import briefly, everything
 
 DATA = Path(__file__).parent / "data"
 SCENARIOS = read_suite("gate").accuracy[0].linkages
@@ -44,7 +44,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    found: dict[str, Any] = worker.call(measure, (case, store), 120.0)["row"]
+    found: dict[str, Any] = worker.call(briefly, (measure, case, store), 120.0)["row"]
     return found
 
 
@@ -113,7 +113,10 @@ def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, 
     adapter = get(engine)
     settings = list(adapter.settings)[-1]
     case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
-    sound, faulty = row(worker, store, case), worker.call(measure, (case, store, partial(scaled_inertia, 1.01)), 60.0)["row"]
+    sound, faulty = (
+        row(worker, store, case),
+        worker.call(briefly, (measure, case, store, partial(scaled_inertia, 1.01)), 60.0)["row"],
+    )
     assert faulty["acceleration_error_median"] > 1e-4
     assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]
 

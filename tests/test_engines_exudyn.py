@@ -8,7 +8,7 @@ import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import Readout, verify
-from gauss_bench.engines.exudyn.adapter import SETTINGS, Exudyn, ExudynModel, library, simulation_settings
+from gauss_bench.engines.exudyn.adapter import VARIANTS, Exudyn, ExudynModel, library, simulation_settings
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import document_of, load, load_document
@@ -106,7 +106,7 @@ def test_driving_torques_over_a_turn(name, scenario):
     assert torque_error(ENGINE, mechanism, settled=0.1, **alpha) < 1e-3
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_law_that_begins_with_a_jump_is_met_from_the_first_sample_on(integrator, settings):
     content = document_of("four_bar")[0]
@@ -137,7 +137,7 @@ def test_halving_the_step_quarters_the_error(name, integrator, linkages):
     assert 3.5 < coarse / fine < 4.5, "both integrators are of order two; the next order is far smaller at these steps"
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_crank_slider_of_the_paper_at_one_second(integrator, settings, linkages):
     times = np.linspace(0.0, 1.0, 5)
@@ -201,7 +201,7 @@ def test_a_model_can_be_run_again(linkages):
     assert np.array_equal(ends[0], ends[2])
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_leave_the_motion_right(settings):
     mechanism = load("parallelogram", "torque")
     limit = {"default": 1e-4, "tuned": 1e-9}[settings]  # as for the linkages without redundant rows

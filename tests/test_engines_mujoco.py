@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import INTEGRATORS, SOFTNESS, Mujoco, comparison, verify
+from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
 from gauss_bench.formulations.gauss import gauss
@@ -112,7 +112,7 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
     mechanism = load("shaper", "driven")
     errors = []
     for armature in (1e4, 1e6):
-        monkeypatch.setattr("gauss_bench.engines.mujoco.adapter.ARMATURE", armature)
+        monkeypatch.setitem(VARIANTS.settings["rigid"], "armature_of_a_driven_hinge_over_inertia", armature)
         errors.append(np.median(acceleration_errors(ENGINE, mechanism, "rigid", random_states(mechanism, 10))))
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
 
@@ -159,7 +159,8 @@ def test_default_softness_does_not_converge_with_the_step():
     mechanism, times = linkage("crank_slider"), [0.0, 0.5]
     exact = by_gauss(mechanism, times).q[-1]
     errors = {
-        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)] for label in SOFTNESS
+        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)]
+        for label in VARIANTS.settings
     }
     assert errors["default"][1] == pytest.approx(errors["default"][0], rel=0.05)
     assert errors["default"][1] > 1e-3
@@ -253,3 +254,35 @@ def test_warnings_are_refused():
 
 def test_version_names_the_library():
     assert ENGINE.version() == f"mujoco {mujoco.__version__}"
+
+
+def test_features_that_a_model_does_not_use_are_switched_off_without_moving_a_digit(monkeypatch):
+    mechanism, times = linkage("loaded"), np.linspace(0.0, 0.05, 3)
+    lean = trajectory(mechanism, times)
+    monkeypatch.setitem(VARIANTS.settings["rigid"], "unused_features", "on")
+    np.testing.assert_array_equal(lean.q, trajectory(mechanism, times).q)
+
+
+def test_a_feature_that_a_model_uses_stays_on():
+    model = ENGINE.build(load("four_bar"), Choice()).model
+    bits = mujoco.mjtDisableBit
+    for limited, expected in ((False, True), (True, False)):
+        model.jnt_limited[0], model.opt.disableflags = limited, 0
+        configure(mujoco, model, VARIANTS.settings["tuned"], 1e-3)
+        assert bool(model.opt.disableflags & bits.mjDSBL_LIMIT) is expected
+        assert model.opt.disableflags & bits.mjDSBL_ISLAND
+    configured = ENGINE.build(load("four_bar"), Choice("default")).model.opt.disableflags
+    assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
+
+
+def test_the_mass_matrix_of_a_chain_of_loops_grows_with_its_length_alone():
+    """On the tree of least depth a vertical has one entry and a horizontal two; a chain of horizontals has all before each."""
+    mechanism = load("n_four_bar_64")
+    entries = {x: ENGINE.build(mechanism, Choice(x, "rk4")).model.nM for x in ("lean/rk4", "as_shipped/rk4")}
+    assert entries == {"lean/rk4": 65 + 2 * 64, "as_shipped/rk4": 65 + sum(range(2, 66))}
+
+
+def test_iterations_of_the_solver_beyond_the_first_two_move_nothing_where_closures_are_rigid():
+    mechanism, times = load("four_bar", "torque"), np.array([0.0, 0.1])
+    two, three = (trajectory(mechanism, times, f"rigid_lean/rk4/{x}", step=1e-3).q[-1] for x in (2, 3))
+    assert np.abs(two - three).max() < 1e-9  # the truncation of the step is 1e-8

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio.adapter import SETTINGS, Pinocchio, PinocchioModel
+from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, PinocchioModel
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.formulations.gauss import gauss
@@ -47,7 +47,7 @@ def ran(mechanism: Mechanism, times: Array, **choice: Any) -> Trajectory:
     return ran_in(ENGINE, mechanism, times, **choice)
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize("name", [*LINKAGES, "swinging_block", "everything", "redundant", "parallelogram"])
 def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: str) -> None:
     mechanism = made(name)
@@ -55,7 +55,7 @@ def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: 
     assert errors.max() < 1e-10  # rounding, amplified by transmission angles, is 3e-13
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize(("name", "scenario"), DRIVEN)
 def test_accelerations_under_a_driver_are_those_of_geometry(name: str, scenario: str, settings: str) -> None:
     mechanism = load(name, scenario)
@@ -155,7 +155,7 @@ def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
     assert ran(load("four_bar"), np.array([0.0, 0.01])).note == ""
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize("name", [*LINKAGES, "swinging_block", "everything"])
 def test_dop853_follows_gauss(name: str, settings: str) -> None:
     mechanism, times = made(name), np.linspace(0.0, 0.5, 6)
@@ -216,7 +216,7 @@ def test_a_second_run_repeats_the_first() -> None:
 
 
 @pytest.mark.parametrize("name", ["redundant", "parallelogram"])
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_run_when_projection_keeps_them_together(name: str, settings: str) -> None:
     mechanism, times = made(name), np.linspace(0.0, 1.0, 5)
     found = ran(mechanism, times, settings=settings, stabilization="projection")
@@ -224,7 +224,7 @@ def test_redundant_rows_run_when_projection_keeps_them_together(name: str, setti
     assert np.abs(found.q - expected.q).max() < 1e-6  # RK4 at 1 ms and 15 rad/s, stepping tree and absolute coordinates
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_that_part_end_the_run(settings: str) -> None:
     """The three cranks of a parallelogram drift until they lock each other: no answer is better than that one."""
     with pytest.raises(RunFailure, match="redundant") as failure:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,6 +42,33 @@ def test_the_solution_meets_the_constraints_and_is_stationary(name: str, seed: i
     assert np.abs(terms.J @ a - terms.gamma).max() < 1e-8
     force = constraint_force(terms, a)  # Gauss's principle: no component along any motion the constraints allow
     assert np.abs(force + terms.J.T @ recover_multipliers(terms, a)).max() < 1e-8 * (1 + np.abs(force).max())
+
+
+def exact(terms: Terms) -> np.ndarray:
+    """The accelerations in 60 digits."""
+    n, m = len(terms.M), len(terms.J)
+    with mpmath.workdps(60):
+        K = mpmath.zeros(n + m)
+        K[:n, :n], K[n:, :n], K[:n, n:] = (mpmath.matrix(x.tolist()) for x in (terms.M, terms.J, terms.J.T))
+        solution = mpmath.lu_solve(K, mpmath.matrix([*terms.Q, *terms.gamma]))
+        return np.array([float(x) for x in solution[:n]])
+
+
+@given(seed=st.integers(0, 10_000), decades=st.integers(0, 12))
+@settings(max_examples=40, deadline=None)
+def test_a_light_link_beside_a_heavy_one_that_stands_still_keeps_its_digits(seed: int, decades: int) -> None:
+    terms = random_terms(seed, 8, 7)
+    J = terms.J.copy()
+    J[:4, 4:] = 0.0  # four rows hold the four heavy coordinates; three leave one of four light ones free
+    heavy = replace(terms, M=np.diag(10.0 ** np.repeat([decades, 0.0], 4)), J=J)
+    assert difference(FORMULATIONS["gauss"](heavy).a, exact(heavy)) < 1e-16 * 10.0 ** min(max(decades, 1), 6) * np.linalg.cond(J)
+
+
+def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
+    terms = random_terms(3, 9, 6)
+    uneven = replace(terms, M=np.diag(10.0 ** np.linspace(0, 11, 9)))
+    twice = replace(uneven, J=np.vstack([uneven.J, uneven.J[::-1]]), gamma=np.concatenate([uneven.gamma, uneven.gamma[::-1]]))
+    assert difference(FORMULATIONS["gauss"](twice).a, exact(uneven)) < 1e-13
 
 
 INDEPENDENT = [load(name) for name in built_in() if name not in ("parallelogram", "excavator")]  # rows, so that KKT is regular

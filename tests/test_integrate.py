@@ -14,7 +14,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
 
-ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0}
+ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0, "dop853_fixed": 8.0}
+STEPS_OF = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16)}  # [s] at smaller ones only rounding is left
+MARGINS = {"dop853_fixed": 0.7}  # those are large: the term of order 9 is as large as that of order 8
 
 
 def pendulum(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -33,11 +35,12 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     (q, v), times = np.array([[[1.0], [np.nan]], [[0.5], [np.nan]]]), np.array([0.0, 1.0])
     dop853(pendulum, times, q, v, 1e-13, 1e-13)
     true = q[-1, 0]
-    steps = np.array([1 / 40, 1 / 80, 1 / 160])
+    steps = np.array(STEPS_OF.get(integrator, (1 / 40, 1 / 80, 1 / 160)))
     errors = np.array([abs(end(integrator, h) - true) for h in steps])
     order = metrics.observed_order(steps, errors, np.full(3, 1e-14))
     assert np.isnan(order[0])
-    assert np.abs(order[1:] - ORDERS[integrator]).max() < 0.15  # the next term of the error, at steps of a tenth of the period
+    # the next term of the error is still felt, at steps of a tenth of the period and more
+    assert np.abs(order[1:] - ORDERS[integrator]).max() < MARGINS.get(integrator, 0.15)
 
 
 def run(mechanism: Mechanism, integrator: str = "rk4", stabilization: str = "none", h: float = 1e-3, t: float = 1.0) -> Trajectory:

@@ -31,7 +31,7 @@ from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolle
 Rows = list[dict[str, Any]]
 SUITE = read_suite("kernel")
 BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
-TURNS = SUITE.turns[0].model_copy(update={"rounds": 3})
+TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360})
 LONG = SUITE.long_runs[0]
 OWN = Method(engine="gauss-native")
 RIVAL = Method(engine="mujoco", settings="tuned")
@@ -89,7 +89,9 @@ def costs() -> dict[str, Rows]:
         replace_engine(patched, "lagrange", clock, Costs(acceleration=40e-6))
         engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
         both = ("gauss-native", "lagrange-native")
-        part = Cost(linkages={}, engines=engines, step=1e-4, rounds=3, batch=both, bare=("pinocchio",), processor=True)
+        part = Cost(
+            linkages={}, engines=engines, integrators=1, step=1e-4, rounds=2, batch=both, bare=("pinocchio",), processor=True
+        )
         found: dict[str, Rows] = race("four_bar", "torque", part)
         found |= claim.counted("four_bar", "torque") | limits.counted("four_bar", "torque")
     completed(SUITE, found)

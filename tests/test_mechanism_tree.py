@@ -1,29 +1,36 @@
 """The spanning tree maps states and forces to and from absolute coordinates without loss."""
 
 import numpy as np
+import pytest
 
-from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
-from gauss_bench.mechanism.tree import spanning_tree
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
+from gauss_bench.mechanism.tree import Tree, spanning_tree
+
+SHAPES = pytest.mark.parametrize("least_depth", [False, True], ids=["file order", "least depth"])
 
 
-def test_states_go_there_and_back(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    tree = spanning_tree(any_mechanism)
+@SHAPES
+def test_states_go_there_and_back(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+    tree = spanning_tree(any_mechanism, least_depth)
     y, dy = rng.normal(size=(5, tree.n)), rng.normal(size=(5, tree.n))
     q, v, _ = tree.absolute(y, dy, 0 * y)
     for found, expected in zip(tree.relative(q, v), (y, dy), strict=True):
         assert np.abs(found - expected).max() < 1e-13
 
 
-def test_the_start_lies_in_the_tree(any_mechanism: Mechanism) -> None:
-    tree = spanning_tree(any_mechanism)
+@SHAPES
+def test_the_start_lies_in_the_tree(least_depth: bool, any_mechanism: Mechanism) -> None:
+    tree = spanning_tree(any_mechanism, least_depth)
     y, dy = tree.relative(any_mechanism.q0, any_mechanism.v0)
     q, v, _ = tree.absolute(y, dy, 0 * y)
     assert np.abs(q - any_mechanism.q0).max() < 1e-14
     assert np.abs(v - any_mechanism.v0).max() < 1e-13
 
 
-def test_rates_are_the_derivatives_of_positions(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    tree = spanning_tree(any_mechanism)
+@SHAPES
+def test_rates_are_the_derivatives_of_positions(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+    tree = spanning_tree(any_mechanism, least_depth)
     y, dy, ddy = rng.normal(size=(3, tree.n))
     h = 1e-5
     ahead, behind = (tree.absolute(y + s * dy + h * h / 2 * ddy, dy + s * ddy, ddy) for s in (h, -h))
@@ -32,16 +39,20 @@ def test_rates_are_the_derivatives_of_positions(any_mechanism: Mechanism, rng: n
     assert np.abs((ahead[1] - behind[1]) / (2 * h) - a).max() < 1e-8
 
 
-def test_forces_do_the_same_virtual_work(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    tree = spanning_tree(any_mechanism)
+@SHAPES
+def test_forces_do_the_same_virtual_work(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+    tree = spanning_tree(any_mechanism, least_depth)
     y, dy = rng.normal(size=(5, tree.n)), rng.normal(size=(5, tree.n))
     q, v, _ = tree.absolute(y, dy, 0 * y)
     Q = rng.normal(size=v.shape)
     assert np.abs((Q * v).sum(-1) - (tree.forces(q, Q) * dy).sum(-1)).max() < 1e-12
 
 
-def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(any_mechanism: Mechanism) -> None:
-    tree = spanning_tree(any_mechanism)
+@SHAPES
+def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(
+    least_depth: bool, any_mechanism: Mechanism
+) -> None:
+    tree = spanning_tree(any_mechanism, least_depth)
     seen = {GROUND}
     for branch in tree.branches:
         assert branch.parent in seen
@@ -51,3 +62,26 @@ def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(
     used = [b.joint for b in tree.branches if b.joint] + list(tree.closures)
     assert len(used) == len(any_mechanism.joints)
     assert {id(j) for j in used} == {id(j) for j in any_mechanism.joints}
+
+
+def depths(tree: Tree) -> dict[int, int]:
+    found = {GROUND: 0}
+    for branch in tree.branches:
+        found[branch.link] = found[branch.parent] + 1
+    return found
+
+
+@pytest.mark.parametrize("windows", [4, 64])
+def test_a_chain_of_loops_hangs_from_the_ground(windows: int) -> None:
+    """Verticals on their ground pivots, horizontals on verticals: depth 2, where file order makes a chain of horizontals."""
+    mechanism = load(f"n_four_bar_{windows}")
+    assert max(depths(spanning_tree(mechanism, least_depth=True)).values()) == 2
+    assert max(depths(spanning_tree(mechanism)).values()) == windows + 1
+
+
+def test_least_depth_is_never_deeper_and_takes_the_same_slides(any_mechanism: Mechanism) -> None:
+    chain, near = spanning_tree(any_mechanism), spanning_tree(any_mechanism, least_depth=True)
+    assert max(depths(near).values()) <= max(depths(chain).values())
+    slides = [{id(b.joint) for b in tree.branches if isinstance(b.joint, Prismatic)} for tree in (chain, near)]
+    assert slides[0] == slides[1]
+    assert near.n == chain.n

@@ -32,7 +32,7 @@ def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
 
 
 def test_a_suite_joins_those_it_builds_on_once_each() -> None:
-    quick, kernel, whole = (read_suite(name) for name in ("quick", "kernel", "bench"))
+    quick, kernel, whole = (read_suite(name) for name in ("quick", "kernel", "full"))
     assert set(cases(whole)) == set(cases(quick))
     assert len(whole.cost) == len(kernel.cost)  # the costs that both build on are there once
     assert whole.steps == kernel.steps
@@ -49,11 +49,11 @@ def test_what_is_left_out_matches_every_field_and_has_a_reason() -> None:
     assert all(rule.why for rule in quick.left_out)
     assert not any(c.engine == "lagrange" and c.step == 1e-4 for c in cases(quick))
     assert any(c.engine == "lagrange" and c.step == 1e-3 for c in cases(quick))
-    assert any(c.engine == "lagrange" and c.step == 1e-4 for c in cases(read_suite("full")))
+    assert any(c.engine == "lagrange" and c.step == 1e-4 for c in cases(read_suite("exhaustive")))
 
 
 def test_a_users_linkages_and_engines_cut_a_suite() -> None:
-    suite = of_engines(restricted(read_suite("bench"), {"parallelogram": "torque"}), ["gauss"])
+    suite = of_engines(restricted(read_suite("full"), {"parallelogram": "torque"}), ["gauss"])
     assert {(c.linkage, c.engine) for c in cases(suite)} == {("parallelogram", "gauss")}
     assert {x for part in suite.cost for x in part.linkages} == {"parallelogram"}
     assert not suite.growth
@@ -85,7 +85,7 @@ def test_a_faulty_suite_is_told_by_file_and_field(
 
 def test_an_unknown_suite_and_one_that_builds_on_itself_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--suite", "quickly", "--out", str(tmp_path / "out")]) == 2
-    assert "unknown suite 'quickly'; there are bench" in capsys.readouterr().err
+    assert "unknown suite 'quickly'; there are costs" in capsys.readouterr().err
     path = tmp_path / "mine.toml"
     path.write_text(f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n')
     with pytest.raises(SuiteError, match="builds on itself"):

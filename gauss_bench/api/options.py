@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gauss_bench import __version__
 
+LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
 Verb = Callable[[argparse.Namespace], int]
 
 
@@ -98,11 +99,12 @@ def _run(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--steps", type=_steps, metavar="H1,H2,...", help="in seconds, instead of the suite's")
     verb.add_argument("--budget", type=float, metavar="S", help="seconds that one case may take (default 120)")
     verb.add_argument("--no-costs", action="store_true", help="leave out the timing")
-    verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
+    verb.add_argument("--out", type=Path, default=LOCAL, metavar="DIR", help=f"where the tables go ({LOCAL})")
+    verb.add_argument("--against", type=Path, metavar="DIR", help="tell what differs from the run there")
 
 
 def _report(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--out", type=Path, default=Path("reports"), metavar="DIR")
+    verb.add_argument("--out", type=Path, default=LOCAL, metavar="DIR", help=f"the folder of the run ({LOCAL})")
 
 
 def _check(verb: argparse.ArgumentParser) -> None:

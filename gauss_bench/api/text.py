@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.bench.differences import Differences
 from gauss_bench.bench.gate import Verdict
 from gauss_bench.bench.offers import offers
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.tables import TABLES
 
+SHOWN = 10  # lines of a long list
 STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
 
 
@@ -136,6 +138,19 @@ def _names(table: str, row: Mapping[str, Any]) -> list[str]:
     """The words that tell a row of a table from others."""
     keys = TABLES[table].columns[: TABLES[table].keys]
     return [str(row[c.name]) for c in keys if c.kind == "text" and row.get(c.name)]
+
+
+def format_differences(found: Differences, there: Path) -> str:
+    """What a run measured otherwise than the one in the folder `there`."""
+    apart = len(found.beyond)
+    lines = [f"apart: {v.case}: {v.metric} = {v.value}, there {v.baseline}" for v in found.beyond[:SHOWN]]
+    if apart > SHOWN:
+        lines.append(f"and {apart - SHOWN} more")
+    others = [(found.only_here, "here only"), (found.only_there, "there only")]
+    missing = "".join(f"; {n} cases are {where}" for n, where in others if n)
+    return "\n".join(
+        [*lines, f"against {there}: {apart} of {found.compared} accuracy figures lie apart beyond the gate's limits{missing}"]
+    )
 
 
 def format_check(verdicts: list[Verdict]) -> str:

@@ -116,5 +116,6 @@ def _trajectory(x: object) -> Trajectory | None:
     match x:
         case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             found = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
-            return Trajectory(*found, steps, evaluations, note) if len(found) == 1 + len(LEVELS) else None
+            if len(found) == 1 + len(LEVELS):
+                return Trajectory(found[0], found[1], found[2], found[3], steps, evaluations, note)
     return None

@@ -12,7 +12,7 @@ from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
-LISTED = {x for name in ("quick", "full") for part in read_suite(name).accuracy for x in part.linkages.items()}
+LISTED = {x for name in ("quick", "exhaustive") for part in read_suite(name).accuracy for x in part.linkages.items()}
 Variant = tuple[str, str, str]  # settings, integrator, stabilisation
 
 

@@ -15,6 +15,7 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
+from gauss_bench.engines.variants import Variant
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
@@ -35,6 +36,7 @@ class Offer:
         name: of the engine.
         version: of the library that computes, or that it is not installed.
         settings: label -> options; the first is the default.
+        variants: name -> what searches try, in order; its name stands for its options wherever settings do.
         integrators: the first is the default; empty where `status` is not OK.
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
@@ -45,6 +47,7 @@ class Offer:
     name: str
     version: str = ""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    variants: dict[str, Variant] = field(default_factory=dict)
     integrators: tuple[str, ...] = ()
     stabilizations: tuple[str, ...] = ()
     adaptive: tuple[str, ...] = ()
@@ -68,12 +71,14 @@ class Offer:
             raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
         if not self.usable:
             return Choice(settings or "default", integrator or "", stabilization or "none", step)
-        integrator = integrator.lower() if integrator else self.integrators[0]
+        variant = self.variants.get(settings or "")
+        integrator = integrator.lower() if integrator else variant.integrator if variant else self.integrators[0]
         if integrator not in self.integrators:
             integrator = ALIASES.get(integrator, integrator)
-        chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization or "none", step)
+        stabilization = stabilization or (variant.stabilization if variant else "none")
+        chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization, step)
         offers = (
-            ("settings", chosen.settings, list(self.settings)),
+            ("settings", chosen.settings, [*self.settings, *self.variants]),
             ("integrator", chosen.integrator, self.integrators),
             ("stabilization", chosen.stabilization, self.stabilizations),
         )
@@ -163,6 +168,7 @@ def describe(name: str) -> Offer:
         if told:
             raise TypeError(f"{told[0]} is a text, not names")
         settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
+        variants = {str(k): _variant(str(k), v) for k, v in dict(getattr(engine, "variants", {})).items()}
         integrators, stabilizations = (tuple(map(str, x)) for x in (engine.integrators, engine.stabilizations))
         for word, offered in (("settings", settings), ("integrators", integrators), ("stabilizations", stabilizations)):
             if not offered:
@@ -171,7 +177,7 @@ def describe(name: str) -> Offer:
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    return Offer(name, _version(engine.version), settings, integrators, stabilizations, adaptive, *loops)
+    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, *loops)
 
 
 def _broken(name: str, error: Exception) -> Offer:
@@ -185,6 +191,11 @@ def _version(asked: Callable[[], object]) -> str:
         return "not installed"
     except Exception as error:
         return f"unknown ({type(error).__name__}: {in_a_sentence(error)})"
+
+
+def _variant(name: str, said: Any) -> Variant:
+    """A variant as plain data, whatever object an engine tells it by."""
+    return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
 
 
 def _plain(value: object) -> object:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.follow import ArrayFollower, Follower, NativeFollower
+from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.turns.follow import Follower, follow
 from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -129,18 +131,15 @@ class Closure:
         self._phases = np.array([0.0 if x.link is None else equations.phase[x.link] for x in inputs])
         judge = self._judge = Judge(mechanism, inputs, self._phases, self.parameters, points)
         judge.mechanism_with(self.values)  # refuses a number that is no dimension
-        states: Follower = (
-            NativeFollower(program, "states", lanes, cache) if backend == "llvm" else ArrayFollower(program, "states")
-        )
-        path: Follower = NativeFollower(program, "path", 1, cache) if backend == "llvm" else ArrayFollower(program, "path")
+        states = Follower(program, "states", Target(backend, lanes, cache))
+        path = Follower(program, "path", Target(backend, 1, cache))
         self._tracker = Tracker(program, equations, states, path, judge, lanes)
         try:
             self._start = self._start_at(mechanism.q0, self.values)
         except Lost as error:
             raise KernelError(f"{mechanism.name}: {error}") from error
         self.inputs = tuple(self._tracker.named(self._start.u))
-        if isinstance(states, NativeFollower):
-            _ = states.native
+        states.loaded.call(lanes)
         self.build_seconds = time.perf_counter() - start
 
     def _start_at(self, q: Array, p: Array) -> Start:
@@ -209,6 +208,10 @@ class Closure:
         losses = [replace(x, sample=-(-x.sample // divided)) for x in self._tracked(one, rows, status, threads)]
         rows, status = rows[:, ::divided], status[:, ::divided]
         return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
+
+    def c_source(self) -> str:
+        """Its routine in plain C, `follow` of `turns/follow.py`, for one lane."""
+        return C_HEADER + in_c(follow(self._program, "states", plain=True))
 
     def _memory(self, shape: tuple[int, ...], many: tuple[int, ...], out: Array | None) -> Array:
         if out is None:

@@ -16,10 +16,12 @@ import numpy as np
 from gauss_bench.compiler.chains.looped import LoopedPrograms
 from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
-from gauss_bench.compiler.elimination.rounds import programs_in_rounds
+from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
+from gauss_bench.compiler.machine.loops import looped_program
+from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
-from gauss_bench.compiler.stepping.programs import StraightLinePrograms, Target
+from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -44,13 +46,12 @@ class Options:
     target: Target
 
 
-def form_for(links: int, stabilization: str = "none", open_numbers: bool = False, backend: str = "llvm") -> str:
+def form_for(links: int, chosen: bool = False, backend: str = "llvm") -> str:
     """Whether a linkage of so many links becomes "straight line" code or a "looped" program, where nothing else is asked for.
 
-    Loops have no projection, no Baumgarte's terms and no open numbers, and need a compiler.
+    Loops have no `chosen` partition and need a compiler.
     """
-    plain = stabilization == "none" and not open_numbers and backend == "llvm"
-    return FORMS[plain and links > STRAIGHT]
+    return FORMS[not chosen and backend == "llvm" and links > STRAIGHT]
 
 
 def compile_kernel(
@@ -93,10 +94,9 @@ def compile_kernel(
     if backend == "llvm" and not native_code.available():
         raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
-    possible = form_for(2**31, stabilization, bool(open_parameters) or independent is not None, chosen)
-    if form == "looped" and possible != form:
-        raise KernelError("a looped program has no stabilisation, open numbers or chosen partition, and needs the package llvmlite")
-    taken = form or form_for(len(mechanism.links), stabilization, bool(open_parameters) or independent is not None, chosen)
+    if form == "looped" and form_for(2**31, independent is not None, chosen) != form:
+        raise KernelError("a looped program has no chosen partition, and needs the package llvmlite")
+    taken = form or form_for(len(mechanism.links), independent is not None, chosen)
     width = (native_code.best_lanes() if taken == "straight line" else 1) if lanes is None else lanes
     target = Target(chosen, width, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
@@ -139,10 +139,11 @@ class Kernel:
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs: StraightLinePrograms | LoopedPrograms
         if form == "looped":
-            generated = programs_in_rounds(mechanism, options.formulation)
-            self._programs = loops = LoopedPrograms(generated, self.lanes, options.target.cache)
-            first = loops.codes[0].program
-            self.formulation, self.operations = first.source.plan.formulation, first.operations
+            damping = options.baumgarte if options.stabilization == "baumgarte" else None
+            wanted = Wanted(options.formulation, options.open_parameters, damping, options.stabilization == "projection")
+            self._programs = loops = LoopedPrograms(map(looped_program, programs_in_rounds(mechanism, wanted)), options.target)
+            first = loops.codes[0]
+            self.formulation, self.operations = first.source.plan.formulation, first.plain.operations
         else:
             self._programs = straight = StraightLinePrograms(
                 _straight_line(mechanism, options), options.stabilization, options.target

@@ -15,12 +15,22 @@ from gauss_bench.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Choice:
-    """What the bench chooses for a run: names from the engine's own lists, and the step [s]."""
+    """What the bench chooses for a run: names from the engine's own lists, the step [s], and how exact an adaptive run is to be.
+
+    Attributes:
+        tolerance: relative, of an integrator that chooses its own steps (absolute: a hundredth of it, in SI units); None for that
+            of the settings.
+    """
 
     settings: str = "default"
     integrator: str = ""
     stabilization: str = "none"
     step: float = 1e-3
+    tolerance: float | None = None
+
+    def tolerances(self, relative: float, absolute: float) -> tuple[float, float]:
+        """Relative and absolute tolerance: those asked for, else those of the settings."""
+        return (relative, absolute) if self.tolerance is None else (self.tolerance, self.tolerance / 100)
 
 
 class Model(Protocol):

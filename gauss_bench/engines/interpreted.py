@@ -26,7 +26,7 @@ SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rt
 class Interpreted:
     """One formulation as an engine."""
 
-    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = SETTINGS
     native_loop = False
@@ -120,11 +120,11 @@ class InterpretedModel:
                 self._fixed()
 
     def _adaptive(self) -> None:
-        options = SETTINGS["default"]
+        tolerances = self.choice.tolerances(SETTINGS["default"]["dop853_rtol"], SETTINGS["default"]["dop853_atol"])
         if self.times[-1] == self.times[0]:
             return
         try:
-            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, options["dop853_rtol"], options["dop853_atol"])
+            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, *tolerances)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 

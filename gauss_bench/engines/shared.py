@@ -70,6 +70,14 @@ def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
     return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
 
 
+TREES = {"file order": False, "least depth": True}  # of joints, as variants call them: whether links hang near the ground
+
+
+def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
+    """The tree of joints that the options of an engine ask for by their knob `tree`."""
+    return spanning_tree(mechanism, TREES[options["tree"]])
+
+
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
     """The pairs of points that the tree leaves apart."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]

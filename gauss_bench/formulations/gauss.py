@@ -9,8 +9,13 @@ Column-pivoted QR of J^T decides the rank r and gives both subspaces at once:
     h = argmin |L^T N h - (L^-1 Q - L^T Y y)|
 
 Any factor L of M serves, because |L^T x| depends on M alone. No multipliers appear; rows may be redundant.
-Source: Yuan and Ge (2016), eqs (1)-(9) with the exponents of (10), (11) corrected; null-space method as in Golub and Van Loan,
-Matrix Computations (4th ed.), section 6.2.3.
+
+N is exact to rounding of its largest entries, and M weighs that rounding: where a heavy link stands still while a light one moves,
+the ratio of their masses times 1e-16 is lost. Beyond a ratio of UNEVEN the same factors are used a second time, on what the first
+solution leaves of both sides of M a + J^T lambda = Q, J a = gamma (iterative refinement).
+Sources: Yuan and Ge (2016), eqs (1)-(9) with the exponents of (10), (11) corrected; null-space method as in Golub and Van Loan,
+Matrix Computations (4th ed.), section 6.2.3; refinement of constrained least squares as in Bjorck, Numerical Methods for Least
+Squares Problems (1996), section 2.9.
 """
 
 import numpy as np
@@ -21,17 +26,33 @@ from gauss_bench.terms import Array, Solution, Terms
 RANK_TOLERANCE = 1e-10  # of the largest diagonal entry of R: rounding leaves about 1e-15, a usable linkage keeps about 1e-2
 
 
+UNEVEN = 1e6  # ratio of masses from which rounding, so amplified, would reach 1e-10
+
+
 def gauss(terms: Terms) -> Solution:
-    """Accelerations (n,) by Gauss's principle; rank is that of J."""
+    """Accelerations (n,) by Gauss's principle; rank is that of J.
+
+    Raises:
+        numpy.linalg.LinAlgError: the mass matrix is not positive definite.
+    """
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     Y, N, R, order = subspaces(J)
-    a: Array = Y @ least_squares(R.T, gamma[order])
-    if N.shape[1]:
-        L, indefinite = dpotrf(M, lower=True)
-        if indefinite:
-            raise np.linalg.LinAlgError("the mass matrix is not positive definite")
-        target = dtrtrs(L, Q, lower=True)[0] - L.T @ a
-        a = a + N @ least_squares(L.T @ N, target)
+    L, indefinite = dpotrf(M, lower=True)
+    if indefinite:
+        raise np.linalg.LinAlgError("the mass matrix is not positive definite")
+
+    def least_constraint(Q: Array, gamma: Array) -> Array:
+        a: Array = Y @ least_squares(R.T, gamma[order])
+        if N.shape[1]:
+            a = a + N @ least_squares(L.T @ N, dtrtrs(L, Q, lower=True)[0] - L.T @ a)
+        return a
+
+    a = least_constraint(Q, gamma)
+    roots = np.diagonal(L)
+    if roots.max() ** 2 > UNEVEN * roots.min() ** 2:
+        r = Y.shape[1]
+        multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows; one choice where rows are redundant
+        a = a + least_constraint(Q - M @ a - J[order[:r]].T @ multipliers, gamma - J @ a)
     return Solution(a, None, Y.shape[1])
 
 

@@ -26,18 +26,24 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
     Raises:
         StepFailure: with scipy's own reason.
     """
-    n, done, steps = q.shape[1], 0, 0
+    n, done, steps = q.shape[1], 1, 0
 
     def rate(t: float, y: Array) -> Array:
         return np.concatenate([y[n:], acceleration(t, y[:n], y[n:])])
 
-    solver = DOP853(rate, times[0], np.concatenate([q[0], v[0]]), times[-1], rtol=rtol, atol=atol)
-    while solver.status == "running":
+    solver = DOP853(rate, float(times[0]), np.concatenate([q[0], v[0]]), float(times[-1]), rtol=rtol, atol=atol)
+    while done < len(times):
         message = solver.step()
         if solver.status == "failed":
             raise StepFailure(message)
         steps += 1
-        part = slice(done, int(np.searchsorted(times, solver.t, side="right")))
-        states = solver.dense_output()(times[part])
-        q[part], v[part], done = states[:n].T, states[n:].T, part.stop
+        for state in _within(solver, times[done:]):
+            q[done], v[done], done = state[:n], state[n:], done + 1
     return steps, int(solver.nfev)
+
+
+def _within(solver: DOP853, times: Array) -> list[Array]:
+    """States at those of the next times that lie in the step just taken; only times inside it cost evaluations."""
+    passed = times[: np.searchsorted(times, solver.t, side="right")]
+    inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None
+    return [solver.y if inside is None or t == solver.t else inside(t) for t in passed]

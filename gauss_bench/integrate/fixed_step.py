@@ -1,7 +1,7 @@
 """Fixed-step integrators: one step each, from (t, q, v) to t + h.
 
-Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.1; the semi-implicit Euler method
-as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and, for DOP853, II.5; the
+semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
 """
 
 from collections.abc import Callable
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import DOP853
 
 ROUNDING = 4 * np.finfo(float).eps  # of two times and what they were made of
 Array = NDArray[np.floating[Any]]
@@ -34,7 +35,21 @@ def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array
     return q + h * v, v
 
 
-STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}
+def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    """The twelve stages of DOP853 without its error estimate: order 8."""
+    n, y = len(q), np.concatenate([q, v])
+    rates = np.empty((len(WEIGHTS), 2 * n))
+    for k, (node, row) in enumerate(zip(NODES, ROWS, strict=True)):
+        state = y + h * row.dot(rates[:k]) if k else y
+        rates[k, :n], rates[k, n:] = state[n:], acceleration(t + node * h, state[:n], state[n:])
+    y = y + h * WEIGHTS.dot(rates)
+    return y[:n], y[n:]
+
+
+WEIGHTS = np.ascontiguousarray(DOP853.B)
+NODES = DOP853.C[: len(WEIGHTS)].tolist()
+ROWS = [np.ascontiguousarray(row[:k]) for k, row in enumerate(DOP853.A[: len(WEIGHTS)])]
+STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853_fixed}
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:

@@ -51,8 +51,8 @@ def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual
     unknown, still = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
-        found = equations.at(np.concatenate([x, start[unknown:]]), still)
-        return found.A, found.J
+        system = equations.at(np.concatenate([x, start[unknown:]]), still)
+        return system.A, system.J
 
     return residual, start[:unknown]
 

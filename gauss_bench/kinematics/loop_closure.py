@@ -151,12 +151,12 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     angles = equations.is_angle
     if not np.abs(guess - x)[angles].max(initial=0.0) < LARGEST_TURN:
         raise Stopped("the angles turn too fast", False)
-    found, J, steps = equations.close(guess)
-    if not np.abs(found - guess)[angles].max(initial=0.0) < LARGEST_MISS:
+    closed, J, steps = equations.close(guess)
+    if not np.abs(closed - guess)[angles].max(initial=0.0) < LARGEST_MISS:
         raise Stopped("the position is far from the prediction", False)
     if TU and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
         raise Stopped("the Jacobian changes its orientation", True)
-    return _State(found, J, steps)
+    return _State(closed, J, steps)
 
 
 def _ended(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
@@ -166,8 +166,8 @@ def _ended(equations: LoopEquations, first: Array, last: _State, direction: Arra
     guess = x + (x - first) * (BEYOND / gone if gone else 0.0)
     guess[TU:] = x[TU:] + BEYOND * direction
     try:
-        found, _, _ = equations.close(guess)
-        singular = bool(np.abs(found - x)[equations.is_angle].max(initial=0.0) < LARGEST_TURN)
+        closed, _, _ = equations.close(guess)
+        singular = bool(np.abs(closed - x)[equations.is_angle].max(initial=0.0) < LARGEST_TURN)
     except Stopped as error:
         singular = error.singular
     if singular:

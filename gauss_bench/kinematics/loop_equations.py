@@ -132,10 +132,10 @@ class LoopEquations:
         """The variable that an input prescribes."""
         wanted = None if given.link is None else self.roots[given.link]
         name = given.joint if given.link is None else self.mechanism.link_name(given.link)
-        found = [x for x in variables if x.link == wanted and (wanted is not None or x.name == given.joint)]
-        if not found:
+        matching = [x for x in variables if x.link == wanted and (wanted is not None or x.name == given.joint)]
+        if not matching:
             self._refuse(f"cannot be driven at {name!r}: neither a slide, nor an active bar, nor a link that can turn")
-        return found[0]
+        return matching[0]
 
     def _size(self) -> float:
         """Longest way through a moving link [m]: what makes columns of J per metre comparable with those per radian."""
@@ -155,21 +155,21 @@ class LoopEquations:
             ValueError: a law is not finite.
         """
         levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in given.law(times)]) for given in self.inputs]
-        found = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
-        if not np.isfinite(found).all():
+        prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
+        if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
         phases = [0.0 if x.link is None else self.phase[x.link] for x in self.inputs]
-        return found[0] - np.array(phases), found[1], found[2]
+        return prescribed[0] - np.array(phases), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
         """Name of each input -> its value in x, as its law counts it [rad, m]."""
-        found: dict[str, float] = {}
+        inputs: dict[str, float] = {}
         for given, known in zip(self.inputs, x[len(self.unknown) :], strict=True):
             if given.link is None:
-                found[str(given.joint)] = float(known)
+                inputs[str(given.joint)] = float(known)
             else:
-                found[self.mechanism.link_name(given.link)] = float(known + self.phase[given.link])
-        return found
+                inputs[self.mechanism.link_name(given.link)] = float(known + self.phase[given.link])
+        return inputs
 
     def start(self) -> Array:
         """x of the mechanism's q0."""

@@ -198,8 +198,8 @@ class PointModel:
 
     def signs(self, J: Array) -> Array:
         """Sign (g,) of the determinant of each group."""
-        found = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
-        return np.array(found, dtype=int)
+        signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
+        return np.array(signs, dtype=int)
 
 
 def groups(model: PointModel) -> tuple[PointGroup, ...]:
@@ -222,11 +222,11 @@ def groups(model: PointModel) -> tuple[PointGroup, ...]:
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in np.flatnonzero(pattern[i]).tolist())
     spoiled = {k for i in free for start in np.flatnonzero(pattern[i]).tolist() for k in {start} | nx.descendants(needs, start)}
     curved = np.any(model.a[:, 1:] != 0, axis=1) & np.any(model.b[:, 1:] != 0, axis=1)
-    found = []
+    several = []
     for part in nx.strongly_connected_components(needs):
         columns = sorted(part)
         rows = sorted(row_of[k] for k in columns)
         if curved[rows].any() and not part & spoiled:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
-            found.append(PointGroup(name, np.array(rows), np.array(columns)))
-    return tuple(found)
+            several.append(PointGroup(name, np.array(rows), np.array(columns)))
+    return tuple(several)

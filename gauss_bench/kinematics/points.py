@@ -48,16 +48,16 @@ def place(point: Point) -> complex:
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Link -> (root, phase) with theta = theta_root + phase: links joined by a slide turn by the same angle. GROUND is a root."""
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
-    found: dict[int, tuple[int, float]] = {}
+    roots: dict[int, tuple[int, float]] = {}
     for root in range(GROUND, len(mechanism.links)):
         todo = [(root, 0.0)]
         while todo:
             link, phase = todo.pop()
-            if link not in found:
-                found[link] = (root, phase)
+            if link not in roots:
+                roots[link] = (root, phase)
                 todo += [(j.block.link, phase + j.turn) for j in slides if j.guide.link == link]
                 todo += [(j.guide.link, phase - j.turn) for j in slides if j.block.link == link]
-    return found
+    return roots
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
@@ -69,13 +69,13 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
     `frames` as from `shared_angles`; the roots in `turned` have a known direction and need no second point.
     """
-    found: list[BasicPoint] = []
+    basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
         at = {end.link: place(end) for end in ends}
-        met = [x for x in found if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
+        met = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
         merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
-        found[:] = [x for x in found if all(x is not y for y in met)] + [merged]
+        basic[:] = [x for x in basic if all(x is not y for y in met)] + [merged]
 
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
     for joint in mechanism.joints:
@@ -85,21 +85,21 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         add(slide.block.name, slide.block)
     for bar in active_bars(mechanism).values():
         for end in (bar.a, bar.b):
-            if end.link != GROUND and sum(end.link in x.at for x in found) < 2:
+            if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
     for slide in slides:
-        if not any(slide.guide.link in x.at for x in found):
+        if not any(slide.guide.link in x.at for x in basic):
             add(slide.guide.name, slide.guide)
-    size = link_size(found)
+    size = link_size(basic)
     for root in sorted({root for root, _ in frames.values()} - turned):
         members = [link for link, (r, _) in frames.items() if r == root]
-        if all(sum(link in x.at for x in found) < 2 for link in members):
+        if all(sum(link in x.at for x in basic) < 2 for link in members):
             guide = next((j for j in slides if j.guide.link in members), None)
             link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
-            start = next((x.at[link] for x in found if link in x.at), 0j)
+            start = next((x.at[link] for x in basic if link in x.at), 0j)
             far = start + size * exp(1j * angle)
             add(f"{mechanism.links[link].name}.+", Point(link, np.array([far.real, far.imag]), ""))
-    return found
+    return basic
 
 
 def link_size(points: list[BasicPoint]) -> float:
@@ -268,8 +268,8 @@ class Points:
 
     def unknown_at(self, q: Array) -> Array:
         """Unknown points (2 u,) of a state q (n,), x before y of each [m]."""
-        found = [world(q, *next(iter(self.points[k - self.first].at.items()))) for k in self.unknown]
-        return np.array([[p.real, p.imag] for p in found]).reshape(-1)
+        places = [world(q, *next(iter(self.points[k - self.first].at.items()))) for k in self.unknown]
+        return np.array([[p.real, p.imag] for p in places]).reshape(-1)
 
 
 def world(q: Array, link: int, s: complex) -> complex:

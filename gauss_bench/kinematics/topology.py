@@ -122,13 +122,13 @@ class LinkageGraph:
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
     """The pairs of the joints in file order, then two pins for each active bar, which is one more link after the others."""
-    found = [_pair(joint) for joint in mechanism.joints]
+    joined = [_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         (near, a), (far, b) = ((f"{bar.name} at {p.name}", p) for p in (bar.a, bar.b))
         outside = [Element(name, p.name, PIN, complex(*p.local)) for name, p in ((near, a), (far, b))]
-        found.append(Pair((a.link, k), (outside[0], Element(near, a.name, PIN, 0j))))
-        found.append(Pair((k, b.link), (Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name), outside[1])))
-    return tuple(found)
+        joined.append(Pair((a.link, k), (outside[0], Element(near, a.name, PIN, 0j))))
+        joined.append(Pair((k, b.link), (Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name), outside[1])))
+    return tuple(joined)
 
 
 def _pair(joint: Joint) -> Pair:

@@ -15,8 +15,8 @@ RADIAN_PAIRS = ("angle", "block_angle", "rest", "start", "travel", "crank")
 
 def table(value: Any, key: str) -> dict[str, Any]:
     """The sub-table `key`, or an empty one where there is none or it is not a table."""
-    found = value.get(key) if isinstance(value, dict) else None
-    return found if isinstance(found, dict) else {}
+    inner = value.get(key) if isinstance(value, dict) else None
+    return inner if isinstance(inner, dict) else {}
 
 
 def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -25,8 +25,8 @@ def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def sequence(value: Any, key: str) -> list[Any]:
-    found = value.get(key) if isinstance(value, dict) else None
-    return found if isinstance(found, list) else []
+    entries = value.get(key) if isinstance(value, dict) else None
+    return entries if isinstance(entries, list) else []
 
 
 class Names:

@@ -7,14 +7,17 @@ with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) 
     prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free        x, y, theta of the centre of mass
 
-Slides are taken into the tree before pins, so that what is left open are pins wherever possible. Branches are listed depth first.
+Slides are taken into the tree before pins, so that what is left open are pins wherever possible. Of the pins, the tree takes those
+by which links hang near the ground, or simply the first ones of the file. Branches are listed depth first.
 States are mapped for one state (n,), in plain Python numbers because that is fastest, or a batch (..., n).
 """
 
 import cmath
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -154,8 +157,8 @@ def columns(x: Array) -> Any:
 def states_of(x: Array) -> dict[int, Any]:
     """Link index -> (vector, angle) of an absolute state, with a resting ground."""
     c = columns(x)
-    found: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
-    return found | {GROUND: (0j, 0.0)}
+    placed: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
+    return placed | {GROUND: (0j, 0.0)}
 
 
 def ends(joint: Joint) -> tuple[int, int]:
@@ -163,15 +166,15 @@ def ends(joint: Joint) -> tuple[int, int]:
     return (joint.guide.link, joint.block.link) if isinstance(joint, Prismatic) else (joint.a.link, joint.b.link)
 
 
-def spanning_tree(mechanism: Mechanism) -> Tree:
-    """The tree that takes slides first, then pins in file order; links not held by any joint to the ground start free."""
-    group = {i: i for i in range(GROUND, len(mechanism.links))}
-    chosen: list[Joint] = []
-    for joint in sorted(mechanism.joints, key=lambda j: isinstance(j, Revolute)):
-        a, b = (group[i] for i in ends(joint))
-        if a != b:
-            chosen.append(joint)
-            group = {i: a if g == b else g for i, g in group.items()}
+def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
+    """The tree that takes slides first, then pins; links not held by any joint to the ground start free.
+
+    Pins are taken in file order, which makes a chain of what hangs together, or, with `least_depth`, so that every link is as few
+    joints away from the ground as slides allow.
+    """
+    slides = _without_loops(mechanism, [j for j in mechanism.joints if isinstance(j, Prismatic)])
+    pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
+    chosen = _nearest(mechanism, slides, pins) if least_depth else _without_loops(mechanism, [*slides, *pins])
     branches: list[Branch] = []
     reached = {GROUND}
     count = 0
@@ -199,6 +202,58 @@ def spanning_tree(mechanism: Mechanism) -> Tree:
             descend(i)
     closures = tuple(j for j in mechanism.joints if all(j is not b.joint for b in branches))
     return Tree(tuple(branches), closures, count, len(mechanism.links))
+
+
+def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
+    """The joints, in order, but for those that close a loop with earlier ones."""
+    group = {i: i for i in range(GROUND, len(mechanism.links))}
+    chosen = []
+    for joint in joints:
+        a, b = (group[i] for i in ends(joint))
+        if a != b:
+            chosen.append(joint)
+            group = {i: a if g == b else g for i, g in group.items()}
+    return chosen
+
+
+def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
+    """All slides, and the pins by which links are reached from the ground over the fewest joints.
+
+    A link that is reached brings along at once whatever slides hold to it: a pin to one of those would close a loop over a slide.
+    """
+    held, pinned = _neighbours(slides), _neighbours(pins)
+    chosen: list[Joint] = []
+    reached: set[int] = set()
+    waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
+
+    def reach(link: int, depth: int) -> None:
+        reached.add(link)
+        heappush(waiting, (depth, link))
+        for joint, other in held[link]:
+            if other not in reached:
+                chosen.append(joint)
+                reach(other, depth + 1)
+
+    for root in range(GROUND, len(mechanism.links)):
+        if root not in reached:
+            reach(root, 0)
+        while waiting:
+            depth, link = heappop(waiting)
+            for joint, other in pinned[link]:
+                if other not in reached:
+                    chosen.append(joint)
+                    reach(other, depth + 1)
+    return chosen
+
+
+def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
+    """Link -> its joints and the links at their other ends."""
+    neighbours: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
+    for joint in joints:
+        a, b = ends(joint)
+        neighbours[a].append((joint, b))
+        neighbours[b].append((joint, a))
+    return neighbours
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:

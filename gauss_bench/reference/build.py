@@ -111,8 +111,8 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
             raise ArithmeticError(f"DOP853 cannot pass t = {solver.t:.6g} s: the motion is singular there")
         y, step = solver.y, solver.h_abs
         states.append(y)
-    found = np.array(states)
-    return found[:, :n], found[:, n:]
+    rows = np.array(states)
+    return rows[:, :n], rows[:, n:]
 
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> tuple[Array, Array, Array]:

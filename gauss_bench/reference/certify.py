@@ -139,12 +139,12 @@ def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
 
 def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
     """Level -> (k,) largest distance from the truth up to each time that the other motion reached."""
-    found = {}
+    bars = {}
     for level in (*LEVELS, "multipliers"):
         one, two = getattr(truth, level), getattr(other, level)
         known = one is not None and two is not None
-        found[level] = np.maximum.accumulate(distance(one, two)) if known else np.zeros(len(other.times))
-    return found
+        bars[level] = np.maximum.accumulate(distance(one, two)) if known else np.zeros(len(other.times))
+    return bars
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
@@ -165,12 +165,12 @@ def _collocation(
         def progress(t: float, h: float = step) -> None:
             said(f"collocation at {h:.2g} s", t)
 
-        found = extended_motion(document, mechanism.scenario, truth.times, step, progress)
-        bars = disagreement(truth, found)
+        other = extended_motion(document, mechanism.scenario, truth.times, step, progress)
+        bars = disagreement(truth, other)
         worst = max(float(relative(truth, level, bars[level]).max()) for level in ("q", "v"))
-        longer = best is None or len(found.times) > len(best[0].times)
+        longer = best is None or len(other.times) > len(best[0].times)
         if longer or worst < before:
-            best = found, step
+            best = other, step
         if worst <= ENOUGH or (worst > before / 4 and not longer):
             break
         before, step = worst, step / 2

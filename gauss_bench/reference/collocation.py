@@ -120,9 +120,9 @@ def step_count(span: Any, step: float) -> int:
 def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a: Array, h: float, method: Tableau) -> Array:
     previous, eps = np.inf, float(np.finfo(a.dtype).eps)
     for _ in range(ITERATIONS):
-        found = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))
-        change = float(np.abs(found - a).max() / (1.0 + np.abs(found).max()))
-        a = found
+        corrected = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))
+        change = float(np.abs(corrected - a).max() / (1.0 + np.abs(corrected).max()))
+        a = corrected
         if change < 5 * eps or (change < 5000 * eps and change >= previous):
             return a
         previous = change

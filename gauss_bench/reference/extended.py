@@ -171,12 +171,12 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) ->
     A, AA = h * method.A, h * h * method.AA
     x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
     x[:, :n] = method.forecast(h / state.h) @ state.a
-    size, found = np.inf, None
+    size, solved = np.inf, None
     for k in range(ITERATIONS):
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
-        if found is None or size > MOVED:
-            found = linkage.inverse(times, linkage.rows(times, q, v).J)
-        step = corrected(found.inverse, linkage.imbalance(times, q, v, x))
+        if solved is None or size > MOVED:
+            solved = linkage.inverse(times, linkage.rows(times, q, v).J)
+        step = corrected(solved.inverse, linkage.imbalance(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
         pace = size / before if k else 1.0
@@ -184,7 +184,9 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) ->
             return x[:, :n]
         if k >= PATIENCE and not size < HOPELESS:
             break
-    near = f", near a singular position (relative singular value {found.smallest:.1e})" if found and found.smallest < NEAR else ""
+    near = (
+        f", near a singular position (relative singular value {solved.smallest:.1e})" if solved and solved.smallest < NEAR else ""
+    )
     raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
 
 

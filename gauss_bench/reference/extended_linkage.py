@@ -62,11 +62,11 @@ class Linkage:
         Raises:
             Unsolved: the position is singular.
         """
-        found, when = saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
-        if not found.smallest > SINGULAR:
-            raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {found.smallest:.1e})")
-        self.nearest = min(self.nearest, (found.smallest, when))
-        return found
+        solved, when = saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        if not solved.smallest > SINGULAR:
+            raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
+        self.nearest = min(self.nearest, (solved.smallest, when))
+        return solved
 
     def imbalance(self, t: Any, q: Array, v: Array, x: Array) -> Array:
         """Residual (..., n + m) of accelerations and multipliers x at state(s) q, v."""

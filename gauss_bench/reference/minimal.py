@@ -128,8 +128,8 @@ class MinimalCoordinate:
         residual = parts - inertia[..., None] * (d[:, None, :] @ parts)
         J = self.constraints(0.0, q, v).J
         A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
-        found = np.linalg.solve(np.swapaxes(A, -1, -2), residual)[:, :-1]
-        multipliers = self.friction.consistent(found[..., 0], found[..., 1:])
+        solution = np.linalg.solve(np.swapaxes(A, -1, -2), residual)[:, :-1]
+        multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self, step: float = np.radians(1.0)) -> tuple[float, float]:

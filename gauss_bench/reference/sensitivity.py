@@ -33,17 +33,17 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
     """
     rng = np.random.default_rng(SEED)
     base = taylor_motion(document, mechanism.scenario, times, double=True)
-    found = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
+    levels = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
     for _ in range(DRAWS):
         try:
             moved = taylor_motion(perturbed(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (LinkageError, ArithmeticError):
             continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
         k = min(len(base.times), len(moved.times))
-        for level, floor in found.items():
+        for level, floor in levels.items():
             change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
             floor[:k] = np.fmax(floor[:k], np.maximum.accumulate(change) * (ROUNDING / DELTA))
-    return found
+    return levels
 
 
 def perturbed(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:

@@ -61,8 +61,8 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
 
 
 def _closures(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
-    found = driven_reference(mechanism, certificate.t)
-    return len(certificate.t), max(_off(getattr(found, x), getattr(certificate, x)) for x in ("q", "v", "a"))
+    again = driven_reference(mechanism, certificate.t)
+    return len(certificate.t), max(_off(getattr(again, x), getattr(certificate, x)) for x in ("q", "v", "a"))
 
 
 def _windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
@@ -84,8 +84,8 @@ def _windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float
     return done, worst
 
 
-def _off(found: Array, stated: Array, scale: Array | None = None) -> float:
-    return float(np.abs(found - stated).max() / max(1.0, float(np.abs(stated if scale is None else scale).max())))
+def _off(computed: Array, stated: Array, scale: Array | None = None) -> float:
+    return float(np.abs(computed - stated).max() / max(1.0, float(np.abs(stated if scale is None else scale).max())))
 
 
 def _balance(certificate: Certificate, mechanism: Mechanism) -> float:

@@ -51,8 +51,8 @@ def read_run(folder: Path) -> Run:
         NoRun: there is none.
         TableError: a file is damaged, or of a later format than is known here.
     """
-    found = [name for name in TABLES if name != "baseline" and any((folder / f"{name}.{x}").exists() for x in ("csv", "parquet"))]
-    if not found:
+    written = [name for name in TABLES if name != "baseline" and any((folder / f"{name}.{x}").exists() for x in ("csv", "parquet"))]
+    if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
     path = folder / ENVIRONMENT

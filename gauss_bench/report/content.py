@@ -137,8 +137,8 @@ def microseconds(seconds: float) -> str:
 
 def listed(words: Iterable[str]) -> str:
     """a, b and c."""
-    found = list(words)
-    return " and ".join([", ".join(found[:-1]), found[-1]]) if len(found) > 1 else "".join(found)
+    parts = list(words)
+    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
 
 def count(n: int, word: str) -> str:

@@ -54,7 +54,7 @@ def inline_picture(picture: Picture) -> Markup:
 
 
 def _environment(autoescape: bool) -> jinja2.Environment:
-    found = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("gauss_bench.report", "templates"),
         undefined=jinja2.StrictUndefined,
         autoescape=autoescape,
@@ -62,8 +62,8 @@ def _environment(autoescape: bool) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    found.filters |= {"rich": rich, "plain": plain, "md_cell": markdown_cell, "css": css_name, "inline": inline_picture}
-    return found
+    environment.filters |= {"rich": rich, "plain": plain, "md_cell": markdown_cell, "css": css_name, "inline": inline_picture}
+    return environment
 
 
 def _context(run: Run, content: Sequence[Section]) -> dict[str, Any]:

@@ -131,8 +131,8 @@ class Looks:
         self.lines = cycle((row["integrator"] for row in rows), LINES)
 
     def of(self, row: Row, marker: bool = True) -> dict[str, Any]:
-        found = {"color": self.colours[row["engine"]], "linestyle": self.lines[row["integrator"]]}
-        return found | {"marker": self.markers[row["settings"]], "markeredgewidth": 0} if marker else found
+        style = {"color": self.colours[row["engine"]], "linestyle": self.lines[row["integrator"]]}
+        return style | {"marker": self.markers[row["settings"]], "markeredgewidth": 0} if marker else style
 
     def keys(self, rows: Sequence[Row], marker: bool = True) -> list[tuple[str, Entries]]:
         """Legends for what is drawn of the rows."""

@@ -153,8 +153,8 @@ def label(row: Row, *columns: str) -> str:
 
 def accelerations(rows: Sequence[Row]) -> list[Row]:
     """One row per mechanism, engine and settings that has an acceleration error: it is the same for all their cases."""
-    found = [row for row in rows if known(row.get("acceleration_error_median"))]
-    return [_merged(group) for group in grouped(found, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
+    measured = [row for row in rows if known(row.get("acceleration_error_median"))]
+    return [_merged(group) for group in grouped(measured, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
 
 
 def costs(rows: Sequence[Row]) -> list[Row]:
@@ -162,8 +162,8 @@ def costs(rows: Sequence[Row]) -> list[Row]:
     keys = ("mechanism", "engine", "settings", "integrator")
     stepped = [r for r in rows if known(r.get("step_time")) or known(r.get("native_step_time"))]
     have = {tuple(r[k] for k in keys[:3]) for r in stepped}
-    found = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
-    return [_merged(group) for group in grouped(found, lambda r: tuple(r[k] for k in keys)).values()]
+    timed = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
+    return [_merged(group) for group in grouped(timed, lambda r: tuple(r[k] for k in keys)).values()]
 
 
 def _merged(group: Sequence[Row]) -> Row:

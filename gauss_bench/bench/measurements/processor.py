@@ -15,6 +15,7 @@ from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.graph import LATENCY
+from gauss_bench.compiler.machine.llvm import Listing
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
@@ -56,7 +57,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
     if not native_code.available():
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes
-    code = native_code.compile_text(chain_text(chains, LINKS, width), "accelerate", chains * LINKS)
+    code = native_code.compile_listing(Listing(chain_text(chains, LINKS, width), "accelerate", "ppppi", chains * LINKS))
     out = np.empty(width)
     address = out.ctypes.data
     return lasting(None, lambda: (out, code.call(None, None, None, address, TURNS)), chains * LINKS * TURNS)

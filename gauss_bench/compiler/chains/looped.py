@@ -1,154 +1,229 @@
-"""Programs of large linkages: their loops as machine code, and the way of numbers into it and out.
+"""Large linkages: their functions as routines that work in memory, and programs of them as they run.
 
 Straight-line code is the fastest for linkages of a few loops. It outgrows the instruction cache at about a thousand operations, and
 takes half a minute to generate and compile at thirty thousand. Here equal operations of different links are lanes of one loop,
 found in the expressions themselves, so that no linkage is told to be a chain; one without any repetition merely gathers its
 operands.
+
+    accelerate(y, p, work, t, out)
+    rollout(y, p, work, samples, report; h, t0; n, every, slots)
+
+as in `stepping/rollout.py`, with memory to work in (`machine/loops.py`). With the stage at x, u the step is that of
+`stepping/steps.py`, looped over its stages:
+
+    a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a;      q' = q + h/6 X,   v' = v + h/6 U
+
+Projection follows the last stage: q by Newton's chord at the uncorrected q', as long as some correction is not short, then v with
+the Jacobian at the corrected one.
 """
 
-import ctypes
-import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from gauss_bench.compiler.chains.functions import Sizes, module
-from gauss_bench.compiler.machine.loops import WIDEST, LoopedProgram, Memory, RoundsProgram, looped
-from gauss_bench.compiler.machine.native_code import Flags, NativeCode, address, best_lanes, compile_text, in_lanes, out_of_lanes
-from gauss_bench.compiler.machine.source import c_loops
-from gauss_bench.compiler.stepping.driver import Batch, Outcome
-from gauss_bench.terms import Array
+from gauss_bench.compiler.machine.graph import (
+    MASKS,
+    Array,
+    Graph,
+    Load,
+    Loop,
+    Over,
+    Places,
+    Routine,
+    Statement,
+    Store,
+)
+from gauss_bench.compiler.machine.loops import WORK, LoopedFunction, LoopedProgram
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.stepping.programs import Evaluator, Stepper
+from gauss_bench.compiler.stepping.rollout import Body, Carried, rollout
+from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION
+from gauss_bench.terms import Array as Floats
+
+CORRECTIONS = 4  # of the positions at most, as in the exact variant of `steps.py`
 
 
-def aligned(size: int) -> Array:
-    """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
-    room = np.zeros(size + WIDEST)
-    start = -(address(room) // room.itemsize) % WIDEST
-    return room[start : start + size]
+Formula = Callable[[Graph, list[int]], Sequence[int]]
 
 
-class Single(threading.local):
-    """Memory for one trajectory, of each thread its own: arrays, views of them in the order of the mechanism, addresses."""
+class InMemory:
+    """What both routines do with memory; with `library`, sines are left to the target's own functions."""
 
-    def __init__(self, m: Memory):
-        self.y, self.out, self.t, self.report = aligned(m.state), aligned(m.out), np.zeros(1), np.zeros(3)
-        self.work = aligned(Sizes(m).total)
-        self.q, self.v = (x[:, : m.links].T for x in self.y.reshape(2, 3, m.stride))
-        self.a = self.out[: 3 * m.stride].reshape(3, m.stride)[:, : m.links].T
-        self.addresses = [ctypes.c_void_p(address(x)) for x in (self.y, self.work, self.t, self.out, self.report)]
+    def __init__(self, program: LoopedProgram, library: bool):
+        self.program, self.layout, self.library, self.graph = program, program.layout, library, Graph()
+        self.n = program.n
+        self.arrays: Mapping[str, Array] = {"p": Array(program.layout.parameters), WORK: Array(program.size, scratch=True)}
+        self.state = [Places("y", tuple(range(k, k + self.n))) for k in (0, self.n)]
 
+    def each(self, lanes: int, loads: Sequence[Places], stores: Sequence[Places], formula: Formula, *given: int) -> Over:
+        """A formula of the elements of some arrays, and of values given."""
+        g = Graph()
+        leaves = [g.leaf(f"%{k}") for k in range(len(loads))]
+        kinds = ["mask" if self.graph.operation[x] in MASKS else "leaf" for x in given]
+        more = [g.make(kind, payload=f"%g{k}") for k, kind in enumerate(kinds)]
+        results = formula(g, [*leaves, *more])
+        pairs = list(zip(results, stores, strict=True))
+        return Over(lanes, g, results, dict(zip(leaves, loads, strict=True)), dict(zip(more, given, strict=True)), pairs)
 
-class LoopedCode:
-    """Loops of one mechanism under one plan as machine code.
+    def summed(self, name: str, first: int, count: int, leaf: str, square: bool) -> list[Statement]:
+        """The sum of neighbouring elements, or of their squares, as a leaf."""
+        g, at = Graph(), self.layout.starts[name] + first
+        x, spare = g.leaf("%x"), self.program.size - 1
+        value = g.mul(x, x) if square else x
+        loads = {x: Places(WORK, tuple(range(at, at + count)), room=True)}
+        return [Over(count, g, [value], loads, sums=[(value, Places(WORK, (spare,)))]), Load(WORK, {self.graph.leaf(leaf): spare})]
 
-    Attributes:
-        loaded: what has been compiled or loaded so far, by function and trajectories at once.
-    """
+    def copied(self, lanes: int, loads: Sequence[Places], stores: Sequence[Places]) -> Over:
+        return self.each(lanes, loads, stores, lambda g, x: x)
 
-    def __init__(self, program: LoopedProgram, cache: bool):
-        self.program, self.memory, self.guards, self.cache = program, program.memory, program.guards, cache
-        self.loaded: dict[tuple[str, int], NativeCode] = {}
-        self.single = Single(self.memory)
+    def entered(self, names: Sequence[str]) -> list[Statement]:
+        """State and parameters into memory."""
+        into = [self.layout.places(name) for name in names]
+        count, start = self.layout.parameters, self.layout.starts["p"]
+        numbers = [Places("p", tuple(range(count)))], [Places(WORK, tuple(range(start, start + count)))]
+        return [self.copied(self.n, self.state, into), *([self.copied(count, *numbers)] if count else [])]
 
-    def native(self, name: str, lanes: int) -> NativeCode:
-        """One of the functions of functions.py, for so many trajectories at once."""
-        if (name, lanes) not in self.loaded:
-            text = module(self.program, best_lanes() if lanes == 1 else 1, lanes, name)
-            self.loaded[name, lanes] = compile_text(text, name.split("_")[0], 0, self.cache)
-        return self.loaded[name, lanes]
+    def at_time(self, t: int, *names: str) -> Over:
+        places = [Places(WORK, (self.layout.starts[name],)) for name in names]
+        return self.each(1, [], places, lambda g, x: x * len(places), t)
 
-    def _packed(self, states: Array) -> Array:
-        """States (k, 2n) in the order of memory (k, state)."""
-        m = self.memory
-        out = np.zeros((len(states), 2, 3, m.stride))
-        out[..., : m.links] = states.reshape(-1, 2, m.links, 3).swapaxes(2, 3)
-        return out.reshape(len(states), m.state)
-
-    def _unpacked(self, x: Array) -> Array:
-        """The order of the mechanism (k, parts n) from that of memory (k, parts 3 stride)."""
-        m = self.memory
-        return x.reshape(len(x), -1, 3, m.stride)[..., : m.links].swapaxes(2, 3).reshape(len(x), -1)
-
-    def _work(self, lanes: int) -> Array:
-        return aligned(Sizes(self.memory).total * lanes)
-
-    def accelerations(self, t: Array, states: Array, lanes: int) -> tuple[Array, Flags]:
-        """Accelerations (k, n), and whether all guards hold (k,), of states (k, 2n) at times (k,)."""
-        m, lanes = self.memory, 1 if len(states) == 1 else lanes
-        y, at = in_lanes(self._packed(states), lanes), in_lanes(t[:, None], lanes)
-        out, work = np.empty((len(y), m.out, lanes)), self._work(lanes)
-        self.native("accelerate", lanes).call(address(y), address(work), address(at), address(out), len(y))
-        rows = out_of_lanes(out, len(states))
-        return self._unpacked(rows[:, : 3 * m.stride]), rows[:, m.coordinate(3 * m.links)] == self.guards
-
-    def advance(self, integrator: str, states: Array, t0: float, h: float, n: int, lanes: int) -> tuple[Array, Array]:
-        """States (k, 2n) after the steps that count, and how many these are (k,)."""
-        lanes = 1 if len(states) == 1 else lanes
-        y, work = in_lanes(self._packed(states), lanes), self._work(lanes)
-        report = np.empty((len(y), 3, lanes))
-        empty = address(report)
-        call = self.native(f"rollout_{integrator}", lanes).call
-        call(address(y), address(work), h, t0, n, n, empty, empty, 1, len(y))
-        return self._unpacked(out_of_lanes(y, len(states))), out_of_lanes(report, len(states))[:, 0].astype(int)
-
-    def acceleration(self, t: float, q: Array, v: Array) -> tuple[Array, bool]:
-        """As `accelerations`, for one state (n,) by the shortest way."""
-        x, m = self.single, self.memory
-        x.q[...], x.v[...] = np.reshape(q, (m.links, 3)), np.reshape(v, (m.links, 3))
-        x.t[0] = t
-        y, work, at, out, _ = x.addresses
-        self.native("accelerate", 1).call(y, work, at, out, 1)
-        return x.a.flatten(), bool(x.out[3 * m.stride] == self.guards)
-
-    def advance_one(self, integrator: str, q: Array, v: Array, t0: float, h: float, n: int) -> tuple[Array, int]:
-        """As `advance`, for one state (n,) by the shortest way."""
-        x, m = self.single, self.memory
-        x.q[...], x.v[...] = q.reshape(m.links, 3), v.reshape(m.links, 3)
-        y, work, _, _, report = x.addresses
-        self.native(f"rollout_{integrator}", 1).call(y, work, h, t0, n, n, None, report, 1, 1)
-        return np.concatenate([x.q.flatten(), x.v.flatten()]), int(x.report[0])
+    def evaluated(self, function: LoopedFunction, leaf: str) -> tuple[list[Statement], int]:
+        """Statements, and the mask where the guards hold; `leaf` names their number."""
+        g, guards = self.graph, self.graph.leaf(leaf)
+        load = Load(WORK, {guards: self.layout.place("out", self.n)})
+        return [*function.statements(self.library), load], g.make("le", g.const(float(function.guards)), guards)
 
 
-class LoopedRunner:
-    """Steps by the loops of one program."""
+def accelerate(program: LoopedProgram, library: bool) -> Routine:
+    """The routine that evaluates accelerations."""
+    m = InMemory(program, library)
+    g, t = m.graph, m.graph.leaf("%t")
+    work, holds = m.evaluated(program.plain, "%guards")
+    out = m.copied(m.n, [m.layout.places("out")], [Places("out", tuple(range(m.n)))])
+    body = [*m.entered(("q", "v")), Load("t", {t: 0}), m.at_time(t, "t"), *work, out, Store("out", [g.flag(holds)], g.whole(m.n))]
+    arrays = {"y": Array(2 * m.n), **m.arrays, "t": Array(1), "out": Array(m.n + 1)}
+    return Routine("accelerate", g, arrays, (), (), body, holds, 0)
 
-    def __init__(self, code: LoopedCode, integrator: str, lanes: int):
-        self.code, self.integrator, self.lanes = code, integrator, lanes
 
-    def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        """Step a batch; `threads` make no difference."""
-        count = len(batch.states)
-        states, done, complete = batch.states.copy(), np.zeros(count, int), np.ones(count, bool)
-        samples = np.full((count, batch.slots, states.shape[1]), np.nan)
-        for slot in range(batch.slots):
-            at = slot * batch.every
-            steps, rows = min(batch.every, batch.n - at), np.flatnonzero(complete)
-            if not len(rows):
-                break
-            after, moved = self.code.advance(self.integrator, states[rows], batch.t0 + at * batch.h, batch.h, steps, self.lanes)
-            states[rows], done[rows] = after, at + moved
-            complete[rows] = (moved == steps) & np.isfinite(after).all(axis=1)
-            samples[complete, slot] = states[complete]
-        return Outcome(states, samples, done, complete, np.zeros(count, bool))
+class MemoryBody(InMemory, Body):
+    """A step as a body of `stepping/rollout.py`."""
 
-    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
-        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
-        state, done = self.code.advance_one(self.integrator, q, v, t0, h, n)
-        if done == n and np.isfinite(state).all():
-            return state
-        void = np.full((1, 1, len(state)), np.nan)
-        return Outcome(state[None], void, np.array([done]), np.zeros(1, bool), np.zeros(1, bool))
+    def __init__(self, program: LoopedProgram, integrator: str, library: bool):
+        super().__init__(program, library)
+        g, self.rows, self.operations = self.graph, 2 * self.n, 0
+        self.carried: Carried = {}
+        self.entry = self.entered(("q_begin", "v_begin"))
+        t, h = g.leaf("%t"), g.leaf("%h")
+        end = g.add(t, h)
+        steps, held = self._rk4(t, h) if integrator == "rk4" else self._euler(t, h)
+        settled, kept = self._settled(end) if program.position and program.velocity else ([], [])
+        finite = self.summed("v", 0, 3 * self.layout.stride, "%speeds", square=False)
+        self.statements: list[Statement] = [*steps, *settled, *finite]
+        self.regular, self.regular_out = g.both([held, *kept[:2]]), g.all(True)
+        self.within = g.both([g.make("le", g.abs(g.leaf("%speeds")), g.const(FINITE)), *kept[2:]])
+
+    def _whole(self, *names: str) -> list[Places]:
+        return [self.layout.whole(name) for name in names]
+
+    def _rk4(self, t: int, h: int) -> tuple[list[Statement], int]:
+        g, lanes, j, held = self.graph, 3 * self.layout.stride, self.graph.count("%j"), self.graph.make("mask", payload="%held")
+        way, weight, time = (g.leaf(f"%{x}") for x in ("way", "weight", "time"))
+        half, one, two = g.mul(g.const(0.5), h), g.const(1.0), g.const(2.0)
+        early, third = (g.make("everywhere", x) for x in (g.make("below", j, g.whole(1)), g.make("same", j, g.whole(2))))
+        work, holds = self.evaluated(self.program.acceleration, "%guards")
+        carried: Carried = {
+            way: (half, g.make("select", early, half, h)),
+            weight: (one, g.make("select", third, one, two)),
+            time: (t, g.add(t, way)),
+            held: (g.all(True), g.both([held, holds])),
+            j: (g.whole(0), g.make("sum", j, g.whole(1))),
+        }
+        advance = self.each(
+            lanes,
+            self._whole("v", "out", "q_begin", "v_begin", "q_sum", "v_sum"),
+            self._whole("q", "v", "q_sum", "v_sum"),
+            lambda g, x: [g.fma(x[6], x[0], x[2]), g.fma(x[6], x[1], x[3]), g.fma(x[7], x[0], x[4]), g.fma(x[7], x[1], x[5])],
+            way,
+            weight,
+        )
+        begin = self._whole("q_begin", "v_begin")
+        start = self.each(lanes, begin, self._whole("q", "v", "q_sum", "v_sum"), lambda g, x: [*x, g.const(0.0), g.const(0.0)])
+        stages = Loop(carried, [], g.make("below", j, g.whole(4)), [self.at_time(time, "t"), *work, advance])
+        finish = self.each(
+            lanes,
+            [*begin, *self._whole("q_sum", "v_sum")],
+            self._whole("q", "v"),
+            lambda g, x: [g.fma(x[4], x[2], x[0]), g.fma(x[4], x[3], x[1])],
+            g.div(h, g.const(6.0)),
+        )
+        return [start, stages, finish], held
+
+    def _euler(self, t: int, h: int) -> tuple[list[Statement], int]:
+        lanes, begin = 3 * self.layout.stride, self._whole("q_begin", "v_begin")
+        work, holds = self.evaluated(self.program.acceleration, "%guards")
+
+        def formula(g: Graph, x: list[int]) -> list[int]:
+            faster = g.fma(x[3], x[2], x[1])
+            return [g.fma(x[3], faster, x[0]), faster]
+
+        finish = self.each(lanes, [*begin, *self._whole("out")], self._whole("q", "v"), formula, h)
+        return [self.copied(lanes, begin, self._whole("q", "v")), self.at_time(t, "t"), *work, finish], holds
+
+    def _settled(self, t: int) -> tuple[list[Statement], list[int]]:
+        """Positions and velocities onto the constraints; masks of the guards, and of short last corrections."""
+        g, lanes, j, held = self.graph, 3 * self.layout.stride, self.graph.count("%c"), self.graph.make("mask", payload="%placed")
+        assert self.program.position is not None
+        assert self.program.velocity is not None
+        moved, at_q = self.evaluated(self.program.position, "%guards_q")
+        turned, at_v = self.evaluated(self.program.velocity, "%guards_v")
+        angles = (2 * self.layout.stride, self.layout.stride)
+        short = g.make("le", g.leaf("%moved"), g.const(LAST_CORRECTION**2))
+        again = g.make("also", g.make("any", g.make("not", short)), g.make("below", j, g.whole(CORRECTIONS - 1)))
+        carried: Carried = {held: (g.all(True), g.both([held, at_q])), j: (g.whole(0), g.make("sum", j, g.whole(1)))}
+
+        def add(name: str) -> Over:
+            return self.each(lanes, self._whole(name, "out"), self._whole(name), lambda g, x: [g.add(*x)])
+
+        body = [*moved, add("q_new"), *self.summed("out", *angles, "%moved", square=True)]
+        begin = [self.copied(lanes, self._whole("q"), self._whole("q_new")), self.at_time(t, "t", "t_new")]
+        end = [self.copied(lanes, self._whole("q_new"), self._whole("q")), *turned, add("v")]
+        return [*begin, Loop(carried, body, again), *end], [g.both([held, at_q]), at_v, short]
+
+    def kept(self, alive: int) -> Sequence[Statement]:
+        new = self._whole("q", "v", "q_begin", "v_begin")
+        return [
+            self.each(
+                3 * self.layout.stride,
+                new,
+                new[2:],
+                lambda g, x: [g.make("select", x[4], x[0], x[2]), g.make("select", x[4], x[1], x[3])],
+                alive,
+            )
+        ]
+
+    def _out(self, array: str, start: int | None) -> list[Statement]:
+        into = [Places(array, p.by_lane, start=start) for p in self.state]
+        return [self.copied(self.n, [self.layout.places(x) for x in ("q_begin", "v_begin")], into)]
+
+    def sampled(self, start: int) -> Sequence[Statement]:
+        return self._out("samples", start)
+
+    def ended(self, complete: int) -> Sequence[Statement]:
+        return self._out("y", None)
 
 
 class LoopedPrograms:
     """The looped programs of one mechanism: the best first, further ones when they are asked for."""
 
-    def __init__(self, programs: Iterator[RoundsProgram], lanes: int, cache: bool):
-        self.lanes, self.cache, self._more = lanes, cache, programs
-        self.codes: list[LoopedCode] = []
-        self.runners: dict[tuple[int, str], LoopedRunner] = {}
+    def __init__(self, programs: Iterator[LoopedProgram], target: Target):
+        self.target, self._more = target, programs
+        self.codes: list[LoopedProgram] = []
+        self.evaluators: list[Evaluator] = []
+        self.runners: dict[tuple[int, str], Stepper] = {}
         self.further()
-        self.n, self.values, self.dropped = 3 * self.codes[0].memory.links, np.zeros(0), self.codes[0].program.source.dropped
+        source = self.codes[0].source
+        self.n, self.values, self.dropped = self.codes[0].n, source.values, source.dropped
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -158,50 +233,61 @@ class LoopedPrograms:
         program = next(self._more, None)
         if program is None:
             return False
-        self.codes.append(LoopedCode(looped(program), self.cache))
+        self.add(program)
         return True
+
+    def add(self, code: LoopedProgram) -> None:
+        self.codes.append(code)
+        self.evaluators.append(Evaluator(Loaded(lambda many: accelerate(code, library=False), self.target), code.size))
 
     def levels(self, integrator: str) -> int:
         """One: all sines are computed from nothing."""
         return 1
 
-    def level(self, integrator: str, h: float, v: Array) -> int:
+    def level(self, integrator: str, h: float, v: Floats) -> int:
         return 0
 
-    def runner(self, k: int, integrator: str, level: int) -> LoopedRunner:
+    def runner(self, k: int, integrator: str, level: int) -> Stepper:
         """Steps by one program."""
-        return self.runners.setdefault((k, integrator), LoopedRunner(self.codes[k], integrator, self.lanes))
+        if (k, integrator) not in self.runners:
+            code = self.codes[k]
+            made = Loaded(lambda many: rollout(MemoryBody(code, integrator, library=False), many), self.target)
+            self.runners[k, integrator] = Stepper(made, code.size)
+        return self.runners[k, integrator]
 
-    def margin(self, k: int, t: float, state: Array, p: Array) -> float:
+    def margin(self, k: int, t: float, state: Floats, p: Floats) -> float:
         """Infinite where all guards of a program hold at a state, else 0."""
-        return np.inf if self.codes[k].acceleration(t, state[: self.n], state[self.n :])[1] else 0.0
+        return np.inf if self.evaluators[k].one(t, state[: self.n], state[self.n :], p) is not None else 0.0
 
-    def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
+    def accelerations(self, k: int, t: Floats, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
-        return self.codes[k].accelerations(t, np.concatenate([q, v], axis=1), self.lanes)
+        return self.evaluators[k].accelerations(t, np.concatenate([q, v], axis=1), p)
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array | None:
+    def acceleration(self, t: float, q: Floats, v: Floats) -> Floats | None:
         """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
-        a, good = self.codes[0].acceleration(t, q, v)
-        return a if good else None
+        return self.evaluators[0].one(t, q, v, self.values)
 
-    def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """None: these programs compute accelerations alone."""
+    def multipliers(self, k: int, t: Floats, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Flags]:
+        """None: these programs compute accelerations and corrections alone."""
         return np.zeros((len(q), 0)), np.zeros(len(q), bool)
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
         """Independent coordinates of every program generated so far; () for Lagrange's."""
-        return tuple(code.program.source.plan.independent for code in self.codes)
+        return tuple(code.source.plan.independent for code in self.codes)
 
     def c_source(self, integrator: str) -> str:
-        """The accelerations of the best program in plain C; steps are the caller's."""
-        return c_loops(self.codes[0].program)
+        """The best program in plain C."""
+        first = self.codes[0]
+        steps = in_c(rollout(MemoryBody(first, integrator, library=True), many=False))
+        return C_HEADER + in_c(accelerate(first, library=True)) + "\n" + steps
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""
-        return [(x.seconds, x.from_cache) for code in self.codes for x in code.loaded.values()]
+        running: list[Evaluator | Stepper] = [*self.evaluators, *self.runners.values()]
+        codes = [code for x in running for code in x.loaded.codes.values()]
+        return [(code.seconds, code.from_cache) for code in codes]
 
     def prepare(self, integrator: str, many: bool, levels: int | None = None) -> None:
         """Compile what steps of one state, or of many, may need, or the first `levels` variants of it."""
-        self.codes[0].native(f"rollout_{integrator}", self.lanes if many else 1)
+        self.runner(0, integrator, 0).loaded.call(self.target.lanes if many else 1)

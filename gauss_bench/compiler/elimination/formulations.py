@@ -27,7 +27,7 @@ from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored, product_of, sum_of
 from gauss_bench.mechanism.model import Mechanism
 
 
@@ -146,8 +146,8 @@ def _known_product(graph: ExpressionGraph, left: Right, right: Right, x: int) ->
     y = x + 1
     if not (x in left and x in right and y in left and y in right):
         return None
-    first = left[x].at * right[x].at
-    return graph.recognised(first + left[y].at * right[y].at, first)
+    first = product_of(left[x].generic, right[x].generic)
+    return graph.recognised(sum_of(first, product_of(left[y].generic, right[y].generic)), first)
 
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
@@ -265,7 +265,7 @@ class Workspace:
 
     def residuals(self) -> dict[int, Node]:
         """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
-        moved = rows_of(self._links_at_new())
+        moved = rows_of(self.links_at_new())
         kept = [moved[k] for k in self.kept]
         return {k: row.phi for k, row in enumerate(kept) if row.phi is not None and not row.phi.zero}
 
@@ -276,12 +276,7 @@ class Workspace:
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
         """gamma - 2 alpha phi' - beta^2 phi by kept row."""
-
-        def bias(row: Row) -> Node:
-            bent = row.gamma - rate_of(self.links, row) * (2 * alpha)
-            return bent if row.phi is None else bent - row.phi * beta**2
-
-        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bias(row)).zero}
+        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bent(self.links, row, alpha, beta)).zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
         """phi of all holonomic rows, phi' of all rows, and energy, which hold off the constraints too: every angle for itself."""
@@ -290,11 +285,17 @@ class Workspace:
         rows = rows_of(plain)
         return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
 
-    def _links_at_new(self) -> Links:
+    def links_at_new(self) -> Links:
         """The links where a position correction starts from, inputs t_new and q_new: every angle for itself."""
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
         return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
+
+
+def bent(links: Links, row: Row, alpha: float, beta: float) -> Node:
+    """Baumgarte's gamma - 2 alpha phi' - beta^2 phi of a row."""
+    bias = row.gamma - rate_of(links, row) * (2 * alpha)
+    return bias if row.phi is None else bias - row.phi * beta**2
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:

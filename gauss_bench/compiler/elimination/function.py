@@ -6,6 +6,7 @@ of a difference with one use the opposite difference: neither is worth an operat
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ Outputs = Sequence[Sequence[Node]]
 
 VALUES = VALUE | {
     "DIV": np.divide,
-    "NEG": np.negative,
     "FMIN": np.minimum,
     "FMAX": np.maximum,
     "LE": lambda a, b: np.less_equal(a, b) * 1.0,
@@ -107,9 +107,10 @@ class Function:
     def costs(self) -> Costs:
         """What an evaluation costs; a product with one use is fused with the sum that uses it."""
         used = [0] * len(self.instructions)
-        for x in self.instructions:
-            for k in x.operands if x.operation != "INPUT" else ():
-                used[k] += 1
+        for operation, operands, _ in self.instructions:
+            if operation != "INPUT":
+                for k in operands:
+                    used[k] += 1
         ready: list[float] = []
         for x in self.instructions:
             ready.append(0.0 if x.operation == "INPUT" else self._ready(x, ready, used))
@@ -117,13 +118,18 @@ class Function:
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
         """When a result is ready, given when its operands are."""
-        latest = max((ready[k] for k in x.operands), default=0.0)
-        if x.operation in ("ADD", "SUB"):
-            for k, other in (x.operands, x.operands[::-1]):
+        operation, operands, _ = x
+        latest = max([ready[k] for k in operands], default=0.0)
+        if operation in ("ADD", "SUB"):
+            for k, other in (operands, operands[::-1]):
                 factor = self.instructions[k]
                 if factor.operation == "MUL" and used[k] == 1:
-                    latest = min(latest, max(ready[other], *(ready[y] for y in factor.operands)))
-        return latest + LATENCY.get(x.operation, STEP)
+                    latest = min(latest, max(ready[other], *[ready[y] for y in factor.operands]))
+        return latest + LATENCY.get(operation, STEP)
+
+
+def _operands(node: Node) -> tuple[Node, ...]:
+    return () if node.op == "INPUT" else node.args
 
 
 def reachable(outputs: Iterable[Node]) -> list[Node]:
@@ -134,33 +140,44 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
         node = left.pop()
         if node.index not in known:
             known[node.index] = node
-            left += [a for a in node.args if isinstance(a, Node)]
+            left += _operands(node)
     return [known[k] for k in sorted(known)]
 
 
-def uses(outputs: Iterable[Node]) -> dict[int, int]:
-    """How often each node is an operand or an output."""
-    outputs = list(outputs)
+def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
+    """How often each node is an operand or an output; `needed` are the nodes the outputs need, where they are known."""
     count: dict[int, int] = {}
-    for node in [*outputs, *(a for x in reachable(outputs) for a in x.args if isinstance(a, Node))]:
+    for node in outputs:
         count[node.index] = count.get(node.index, 0) + 1
+    for user in reachable(outputs) if needed is None else needed:
+        for node in _operands(user):
+            count[node.index] = count.get(node.index, 0) + 1
     return count
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
     """What a function of these outputs alone would cost."""
-    inputs = dict.fromkeys(str(x.args[0]) for x in reachable(outputs) if x.op == "INPUT")
-    return function([(name, 0) for name in inputs], [outputs], uses(outputs)).costs
+    needed = reachable(outputs)
+    inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
+    return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs
 
 
 class _Reader:
     """Nodes of one function in the form in which they become instructions."""
 
-    def __init__(self, shared: dict[int, int] | None, own: dict[int, int]):
-        self.shared, self.own = shared, own
+    def __init__(self, shared: dict[int, int] | None, ends: Sequence[Node]):
+        self.shared, self.ends = shared, ends
+
+    @cached_property
+    def own(self) -> dict[int, int]:
+        """Uses of nodes that the functions whose code will be merged do not have."""
+        return uses(self.ends)
 
     def _once(self, x: Node) -> bool:
-        return self.shared is not None and self.shared.get(x.index, self.own[x.index]) == 1
+        if self.shared is None:
+            return False
+        count = self.shared.get(x.index)
+        return (self.own[x.index] if count is None else count) == 1
 
     def form(self, node: Node) -> tuple[str, tuple[Node, ...]]:
         """Operation and operands of a node."""
@@ -187,7 +204,7 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
 def numbered(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None = None) -> tuple[Function, dict[int, int]]:
     """The function of some nodes, and the number of each of its nodes' values by the node's index."""
     ends = [x for nodes in outputs for x in nodes]
-    reader = _Reader(shared, uses(ends) if shared is not None else {})
+    reader = _Reader(shared, ends)
     forms: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}
     left = list(ends)
     while left:

@@ -20,11 +20,12 @@ Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 201
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import GENERIC, VANISHES, ExpressionGraph, Node
+from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
 from gauss_bench.terms import Array
 
 Right = dict[int, Node]
@@ -144,23 +145,43 @@ class Search:
     crossing: float = 0.0
     undivided: bool = False
 
+    @property
+    def by_chance(self) -> bool:
+        """Whether another seed can make another choice."""
+        return self.noise > 0.0 or 0.0 < self.crossing < 1.0
+
 
 class _Entry:
     """An entry under elimination: summands, and the values of their sum at the samples and random points."""
 
-    __slots__ = ("at", "largest", "terms")
+    __slots__ = ("_at", "_open", "generic", "largest", "terms")
 
     def __init__(self, node: Node):
-        self.terms, self.at, self.largest = [node], node.at, np.abs(node.at[-GENERIC:])
+        self.terms, self.generic = [node], node.generic
+        x, y, z = node.generic
+        self.largest = abs(x), abs(y), abs(z)
+        self._at: Array | None = None
+        self._open = [node]  # summands that are not in _at yet
 
     def add(self, node: Node) -> None:
         self.terms.append(node)
-        self.at = self.at + node.at
-        self.largest = np.maximum(self.largest, np.abs(node.at[-GENERIC:]))
+        self._open.append(node)
+        self.generic = sum_of(self.generic, node.generic)
+        (a, b, c), (x, y, z) = self.largest, node.generic
+        self.largest = max(a, abs(x)), max(b, abs(y)), max(c, abs(z))
+
+    @property
+    def at(self) -> Array:
+        """Values of the sum at the samples, followed by those at the random points."""
+        for node in self._open:
+            self._at = node.at if self._at is None else self._at + node.at
+        self._open = []
+        return self._at  # type: ignore[return-value]
 
     @property
     def vanishes(self) -> bool:
-        return bool((np.abs(self.at[-GENERIC:]) <= VANISHES * self.largest).all())
+        (x, y, z), (a, b, c) = self.generic, self.largest
+        return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
         if len(self.terms) > 1:
@@ -170,7 +191,7 @@ class _Entry:
     @property
     def penalty(self) -> float:
         """What a division by this entry adds to its count."""
-        g = self.at[-GENERIC:]
+        g = self.generic
         if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):
             return 1.0
         number = self.node().number
@@ -179,6 +200,21 @@ class _Entry:
     @property
     def ready(self) -> float:
         return max(x.ready for x in self.terms)
+
+
+class _Sizes(NamedTuple):
+    """How large the entries of a row are at the samples.
+
+    Attributes:
+        largest: (samples,) the largest entry, columns scaled.
+        relative: by column, the smallest size relative to `largest`.
+        usable: by column, whether a pivot there is not small at any sample; steady: whether it has one sign besides.
+    """
+
+    largest: Array
+    relative: dict[int, float]
+    usable: dict[int, bool]
+    steady: dict[int, bool]
 
 
 class _Markowitz:
@@ -194,6 +230,7 @@ class _Markowitz:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
         self.scale = {c: self._largest_in(c) for c in self.columns}
+        self.sizes: dict[int, _Sizes] = {}  # of rows that have been looked at and not changed since
         self.by_row, self.by_column = _Counts(), _Counts()
         for r in self.rows:
             self.by_row.set(r, len(self.rows[r]))
@@ -216,7 +253,6 @@ class _Markowitz:
 
     def _choose(self) -> tuple[int, int, Array]:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
-        seen: dict[int, tuple[Array, dict[int, Array]]] = {}
         everywhere = len(self.by_row)
         for reach, steady in ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False)):
             near = [(r, c) for r in self.by_row.fewest(reach) for c in self.rows[r]]
@@ -226,25 +262,30 @@ class _Markowitz:
                 count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)
                 if best is not None and count > best[0] + self.search.noise:
                     continue
-                if self._usable(r, c, steady, seen):
-                    offer = self._cost(r, c, count), -float(seen[r][1][c].min())
+                sizes = self._row_sizes(r)
+                if sizes.steady[c] if steady else sizes.usable[c]:
+                    offer = self._cost(r, c, count), -sizes.relative[c]
                     if best is None or offer < best[:2]:
                         best = (*offer, r, c)
             if best is not None:
-                return best[2], best[3], seen[best[2]][0]
+                return best[2], best[3], self._row_sizes(best[2]).largest
         raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
 
-    def _usable(self, r: int, c: int, steady: bool, seen: dict[int, tuple[Array, dict[int, Array]]]) -> bool:
-        """Whether a pivot is not small in its row at any sample and, if `steady`, has one sign at all: else it is zero between."""
-        if r not in seen:
-            sizes = {k: self._values(e) / self.scale[k] for k, e in self.rows[r].items()}
-            largest = np.maximum(np.max(list(sizes.values()), axis=0), np.finfo(float).tiny)
-            seen[r] = largest, {k: x / largest for k, x in sizes.items()}
-        values = self.rows[r][c].at[: self.graph.samples]
-        low, high = float(values.min()), float(values.max())
-        if steady and low < 0.0 < high:
-            return False
-        return float(seen[r][1][c].min()) >= RELATIVE and float(np.abs(values).min()) >= SMALLEST
+    def _row_sizes(self, r: int) -> _Sizes:
+        """A pivot is usable that is not small in its row at any sample, steady if it has one sign too: else it is zero between."""
+        known = self.sizes.get(r)
+        if known is None:
+            row = self.rows[r]
+            values = np.array([e.at[: self.graph.samples] for e in row.values()])
+            sizes = np.abs(values)
+            scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
+            largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)
+            relative = (scaled / largest).min(axis=1)
+            usable = (relative >= RELATIVE) & (sizes.min(axis=1) >= SMALLEST)
+            steady = usable & ~((values.min(axis=1) < 0.0) & (values.max(axis=1) > 0.0))
+            by_column = (dict(zip(row, x.tolist(), strict=True)) for x in (relative, usable, steady))
+            known = self.sizes[r] = _Sizes(largest, *by_column)
+        return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
         entry = self.rows[r][c]
@@ -270,6 +311,7 @@ class _Markowitz:
             self.columns[k].discard(r)
         for other in others:
             entry = self.rows[other].pop(c).node()
+            self.sizes.pop(other, None)
             if crossed:
                 self.rows[other] = {k: _Entry(e.node() * pivot) for k, e in self.rows[other].items()}
             f = entry if row_divided or crossed else entry * inverse
@@ -278,7 +320,7 @@ class _Markowitz:
             self.by_row.set(other, len(self.rows[other]))
         for k in row:
             self.by_column.set(k, len(self.columns[k]))
-        threshold = GUARD * self.scale[c] * float(np.median(largest))
+        threshold = GUARD * self.scale[c] * median(largest)
         self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
         self.upper[r] = list(row.items())
 
@@ -301,6 +343,12 @@ class _Markowitz:
             else:
                 target[k] = _Entry(product)
                 self.columns[k].add(other)
+
+
+def median(x: Array) -> float:
+    """Of a few numbers."""
+    ordered, half = sorted(x.tolist()), len(x) // 2
+    return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
 
 
 class _Counts:

@@ -11,6 +11,7 @@ projected out: a column-pivoted QR of the transposed bases, all at once.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -84,6 +85,7 @@ def row_names(mechanism: Mechanism) -> list[str]:
     return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
+@lru_cache(maxsize=8)  # a mechanism is asked about under several formulations, and once more for other partitions
 def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     """Samples, redundant rows and null spaces of a mechanism.
 

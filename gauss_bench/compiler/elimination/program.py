@@ -85,7 +85,8 @@ def best_of(work: Workspace, wanted: Wanted) -> Best:
     various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
     attempts = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
     leaders, spare = attempts[:REPEATED], wanted.attempts - len(various)
-    again = [replace(leaders[k % len(leaders)].search, seed=100 + k) for k in range(spare)]
+    repeated = [(k, leaders[k % len(leaders)].search) for k in range(spare)]
+    again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]  # others come out the same again
     return min([attempts[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
 
 

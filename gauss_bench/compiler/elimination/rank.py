@@ -9,12 +9,12 @@ Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.1
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -90,9 +90,15 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
     return error / size if size > 0 else error
 
 
+@lru_cache(maxsize=8)
+def _checked_at(mechanism: Mechanism) -> States:
+    """States on the constraints, other than those at which pivots are chosen."""
+    return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
+
+
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
     """The largest relative error of accelerations over the motion, not a number where one is not; and how many states served."""
-    evaluator, states = Evaluator(mechanism), manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
+    evaluator, states = Evaluator(mechanism), _checked_at(mechanism)
     a, sound = accelerate(states.t[:, None], states.q, states.v)
     errors = [acceleration_error(evaluator, float(states.t[k]), states.q[k], states.v[k], a[k]) for k in np.flatnonzero(sound)]
     return float(np.max(errors, initial=0.0)), len(errors)
@@ -100,7 +106,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
     """Error of residuals, their rates and energy, one after the other, relative to their own size or 1 (m, rad, their rates, J)."""
-    evaluator, states = Evaluator(mechanism), manifold_states(mechanism, FEW, seed=1)
+    evaluator, states = Evaluator(mechanism), _checked_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]
     q = states.q[-1] + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=mechanism.n)
     terms = evaluator.terms(t, q, v)

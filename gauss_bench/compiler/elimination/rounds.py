@@ -23,12 +23,13 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, workspace
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, bent, refuse, workspace
 from gauss_bench.compiler.elimination.function import Function, numbered
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right
 from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
-from gauss_bench.compiler.equations.constraints import Row
+from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
+from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -234,36 +235,70 @@ Home = tuple[str, int]  # an array, and the place in it
 
 
 @dataclass(frozen=True, eq=False)
-class RoundsProgram:
+class RoundsFunction:
     """What is to be computed.
 
     Attributes:
-        plan: formulation and partition.
-        acceleration: (t, q, v) -> a (n,), number of guards that hold (1,).
+        inputs: of "t", "q", "v", "t_new", "q_new", "p", those that it takes, in this order.
+        function: of these -> one number for each coordinate (n,), number of guards that hold (1,).
         guards: how many there are.
         phases: how many values are known when each stage of the computation ends; values of a stage need no later ones.
         homes: value -> where it is kept, for solutions: by coordinate, so that links stand side by side.
+    """
+
+    inputs: tuple[str, ...]
+    function: Function
+    guards: int
+    phases: list[int]
+    homes: dict[int, Home]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a program must be able to do: numbers left open, Baumgarte's alpha and beta [1/s], and projection."""
+
+    formulation: str = "gauss"
+    open_parameters: tuple[str, ...] = ()
+    baumgarte: tuple[float, float] | None = None
+    projection: bool = False
+
+
+PLAIN = Wanted()
+
+
+@dataclass(frozen=True, eq=False)
+class RoundsProgram:
+    """Functions of one mechanism under a plan.
+
+    Attributes:
+        plan: formulation and partition.
+        parameters, values: of the open numbers, as in `program.Program`.
+        acceleration: (t, q, v, p) -> a; stabilized: the same with Baumgarte's terms, None unless asked for.
+        position: (t, q, t_new, q_new, p) -> Newton's correction of q_new, with the Jacobian at q; velocity: (t, q, v, p) ->
+            correction of v; both None unless projection is asked for.
         dropped: names of redundant rows that were left out.
     """
 
     plan: Plan
-    acceleration: Function
-    guards: int
-    phases: list[int]
-    homes: dict[int, Home]
+    parameters: tuple[str, ...]
+    values: Array
+    acceleration: RoundsFunction
+    stabilized: RoundsFunction | None
+    position: RoundsFunction | None
+    velocity: RoundsFunction | None
     dropped: tuple[str, ...]
 
 
-def programs_in_rounds(mechanism: Mechanism, formulation: str) -> Iterator[RoundsProgram]:
+def programs_in_rounds(mechanism: Mechanism, wanted: Wanted) -> Iterator[RoundsProgram]:
     """The programs of a mechanism, the best first.
 
     Raises:
-        KernelError: dry friction, an unknown formulation, no usable pivots, or a first program that is wrong.
+        KernelError: dry friction, an unknown formulation or number, no usable pivots, or a first program that is wrong.
     """
-    refuse(mechanism, formulation)
+    refuse(mechanism, wanted.formulation)
     known = study(mechanism)
     made: list[RoundsProgram] = []
-    for program in _cheapest_first(_generated(known, formulation), 2 if formulation == "auto" else 1):
+    for program in _cheapest_first(_generated(known, wanted), 2 if wanted.formulation == "auto" else 1):
         if not made:
             check(program, mechanism)
         made.append(program)
@@ -272,9 +307,11 @@ def programs_in_rounds(mechanism: Mechanism, formulation: str) -> Iterator[Round
         raise KernelError(f"{mechanism.name}: no partition of the coordinates has usable pivots")
 
 
-def _generated(known: Study, formulation: str) -> Iterator[RoundsProgram]:
+def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
     """Under the formulations that are open, and last under the other; partitions late, as many freedoms make them slow to find."""
     lagrange = Plan("lagrange", ())
+    open_parameters(known.mechanism, wanted.open_parameters)  # refuses a name the mechanism does not have
+    formulation = wanted.formulation
     plans: Iterable[Plan] = (Plan("gauss", x) for x in covering(known))
     if formulation == "auto":
         plans = (plan for group in (islice(plans, 1), [lagrange], plans) for plan in group)
@@ -282,13 +319,13 @@ def _generated(known: Study, formulation: str) -> Iterator[RoundsProgram]:
         plans = chain([lagrange], plans) if formulation == "lagrange" else chain(plans, [lagrange])
     for plan in plans:
         try:
-            yield generate_in_rounds(known, plan)
+            yield generate_in_rounds(known, plan, wanted)
         except KernelError:
             continue  # not every partition can be eliminated everywhere
 
 
 def _cheapest_first(programs: Iterator[RoundsProgram], compared: int) -> Iterator[RoundsProgram]:
-    yield from sorted(islice(programs, compared), key=lambda p: p.acceleration.operations)
+    yield from sorted(islice(programs, compared), key=lambda p: p.acceleration.function.operations)
     yield from programs
 
 
@@ -300,43 +337,86 @@ def check(program: RoundsProgram, mechanism: Mechanism) -> None:
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
-        a, held = program.acceleration(t, q, v)
-        return a, held[:, 0] == program.guards
+        a, held = program.acceleration.function(t, q, v, np.broadcast_to(program.values, (len(q), len(program.values))))
+        return a, held[:, 0] == program.acceleration.guards
 
     error, count = error_on_constraints(mechanism, accelerate)
     if not (count and error <= CHECKED):
         raise KernelError(f"{mechanism.name}: the {program.plan.formulation} kernel is off by {error:.1e} at {count} states")
 
 
-def generate_in_rounds(known: Study, plan: Plan) -> RoundsProgram:
-    """The accelerations of a mechanism under a plan.
+def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> RoundsProgram:
+    """The functions of a mechanism under a plan.
 
     Raises:
         KernelError: no pivots are usable.
     """
-    work = workspace(known, (), plan)
-    graph, mechanism = work.terms.graph, known.mechanism
-    rows = _starred(graph, mechanism, work)
-    J: Matrix = {(r, c): e for r, row in enumerate(rows) for c, e in row.entries.items()}
+    work = workspace(known, wanted.open_parameters, plan)
+    rows = _starred(work.terms.graph, known.mechanism, work.kept, work.rows)
+    made = _Functions(work, rows)
+    moved = _starred(work.terms.graph, known.mechanism, work.kept, rows_of(work.links_at_new())) if wanted.projection else []
+    phi = {r: row.phi for r, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
+    rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
-    eliminated = _gauss if plan.formulation == "gauss" else _lagrange
-    solutions, a = eliminated(work, J, gamma, len(rows))
-    phases = [x for s in solutions for x in s.phases]
-    guards = [x for s in solutions for x in s.guards]
-    phases.append(graph.count)
-    holds = [_at_least(graph, pivot, threshold) for pivot, threshold in guards]
-    phases.append(graph.count)
-    n = mechanism.n
-    ends = [a.get(j, graph.constant(0.0)) for j in range(n)]
-    acceleration, number = numbered((("t", 1), ("q", n), ("v", n)), [ends, [total(graph, holds)]])
-    made = sorted(number)
-    homes = {
-        number[node.index]: _home(k, c, n)
-        for k, x in enumerate(solutions[0].x)
-        for c, node in x.items()
-        if node.op == "IS" and node.index in number
-    }
-    return RoundsProgram(plan, acceleration, len(guards), [bisect_left(made, x) for x in phases], homes, known.dropped)
+    damped = (
+        {r: x for r, row in enumerate(rows) if not (x := bent(work.links, row, *wanted.baumgarte)).zero} if wanted.baumgarte else {}
+    )
+    numbers = work.links.parameters
+    return RoundsProgram(
+        plan,
+        numbers.names,
+        numbers.values,
+        made.acceleration(gamma),
+        made.acceleration(damped) if wanted.baumgarte else None,
+        made.correction(phi, ("t", "q", "t_new", "q_new", "p")) if wanted.projection else None,
+        made.correction(rates, ("t", "q", "v", "p")) if wanted.projection else None,
+        known.dropped,
+    )
+
+
+class _Functions:
+    """Functions of one workspace; what one of them made may serve the next."""
+
+    def __init__(self, work: Workspace, rows: list[Row]):
+        self.work, self.rows = work, len(rows)
+        self.J: Matrix = {(r, c): e for r, row in enumerate(rows) for c, e in row.entries.items()}
+        self.phases: list[int] = []
+
+    def acceleration(self, gamma: Right) -> RoundsFunction:
+        eliminated = _gauss if self.work.plan.formulation == "gauss" else _lagrange
+        return self._function(*eliminated(self.work, self.J, gamma, self.rows), ("t", "q", "v", "p"))
+
+    def correction(self, residual: Right, inputs: tuple[str, ...]) -> RoundsFunction:
+        """The change of the coordinates that takes a residual by row away."""
+        terms, n, plan = self.work.terms, len(self.work.terms.mass), self.work.plan
+        b = {r: -x for r, x in residual.items()}
+        if plan.formulation == "gauss":
+            dependent = [c for c in range(n) if c not in plan.independent]
+            solution = solve(terms.graph, self.J, [b], range(self.rows), dependent)
+        else:
+            size = n + self.rows
+            solution = solve(
+                terms.graph, _bordered(terms.mass, self.J), [{n + r: x for r, x in b.items()}], range(size), range(size)
+            )
+        return self._function([solution], {k: x for k, x in solution.x[0].items() if k < n}, inputs)
+
+    def _function(self, solutions: list[Solution], result: Right, inputs: tuple[str, ...]) -> RoundsFunction:
+        graph, n, names = self.work.terms.graph, len(self.work.terms.mass), self.work.links.parameters.names
+        self.phases += [*(x for s in solutions for x in s.phases), graph.count]
+        guards = [x for s in solutions for x in s.guards]
+        holds = [_at_least(graph, pivot, threshold) for pivot, threshold in guards]
+        self.phases.append(graph.count)
+        ends = [result.get(j, graph.constant(0.0)) for j in range(n)]
+        sizes = tuple((x, len(names) if x == "p" else 1 if x[0] == "t" else n) for x in inputs)
+        function, number = numbered(sizes, [ends, [total(graph, holds)]])
+        made = sorted(number)
+        homes = {
+            number[node.index]: _home(k, c, n)
+            for k, x in enumerate(solutions[0].x)
+            for c, node in x.items()
+            if node.op == "IS" and node.index in number
+        }
+        return RoundsFunction(inputs, function, len(guards), [bisect_left(made, x) for x in self.phases], homes)
 
 
 def _home(number: int, unknown: int, n: int) -> Home:
@@ -390,17 +470,21 @@ def _force(work: Workspace, a0: Right, j: int) -> Node:
 
 def _lagrange(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solution], Right]:
     terms, n = work.terms, len(work.terms.mass)
-    A: Matrix = {(i, i): x for i, x in enumerate(terms.mass)}
-    for (r, c), e in J.items():
-        A[n + r, c] = A[c, n + r] = e
     b = {k: x for k, x in terms.Q.items() if not x.zero} | {n + r: x for r, x in gamma.items()}
-    solution = solve(terms.graph, A, [b], range(n + m), range(n + m))
+    solution = solve(terms.graph, _bordered(terms.mass, J), [b], range(n + m), range(n + m))
     return [solution], {k: x for k, x in solution.x[0].items() if k < n}
 
 
-def _starred(graph: ExpressionGraph, mechanism: Mechanism, work: Workspace) -> list[Row]:
+def _bordered(mass: Sequence[Node], J: Matrix) -> Matrix:
+    n, A = len(mass), {(i, i): x for i, x in enumerate(mass)}
+    for (r, c), e in J.items():
+        A[n + r, c] = A[c, n + r] = e
+    return A
+
+
+def _starred(graph: ExpressionGraph, mechanism: Mechanism, kept: Sequence[int], every: Sequence[Row]) -> list[Row]:
     """The kept rows, those of a pin through several links relative to the one nearest to the ground."""
-    rows = {k: work.rows[k] for k in work.kept}
+    rows = {k: every[k] for k in kept}
     distance = _distances(mechanism)
     for pairs in _pins(mechanism).values():
         links = [pairs[0][1].a.link, *(j.b.link for _, j in pairs)]
@@ -410,7 +494,7 @@ def _starred(graph: ExpressionGraph, mechanism: Mechanism, work: Workspace) -> l
             if len(chain) > 1 and all(k in rows for k in chain):
                 old = [rows[k] for k in chain]
                 rows |= dict(zip(chain, _relative(graph, old, centre), strict=True))
-    return [rows[k] for k in work.kept]
+    return [rows[k] for k in kept]
 
 
 def _pins(mechanism: Mechanism) -> dict[str, list[tuple[int, Revolute]]]:
@@ -449,5 +533,6 @@ def _relative(graph: ExpressionGraph, chain: list[Row], centre: int) -> list[Row
                     entries.setdefault(c, []).append(e * sign)
             sums = {c: graph.total(x) for c, x in entries.items()}
             gamma = graph.total([row.gamma * sign for row in part])
-            rows.append(Row(part[0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, None, graph.constant(0.0)))
+            phi = graph.total([row.phi * sign for row in part if row.phi is not None])
+            rows.append(Row(part[0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, graph.constant(0.0)))
     return rows

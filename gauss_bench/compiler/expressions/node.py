@@ -12,6 +12,7 @@ Signs and constant factors are kept outside: -(x y), never (-x) y, so that sums 
 Vectors of the plane have nodes as components.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
@@ -34,21 +35,56 @@ VALUE: dict[str, Callable[..., Array]] = {
     "SUB": np.subtract,
     "MUL": np.multiply,
     "INV": np.reciprocal,
+    "NEG": np.negative,
     "SQRT": np.sqrt,
     "SIN": np.sin,
     "COS": np.cos,
 }
+Generic = tuple[float, float, float]  # values at the random points
 
 
 class Node:
-    """One expression: operation, operands, values at the samples followed by those at the random points, and when it is ready."""
+    """One expression: operation, operands, values at the random points, and when it is ready.
 
-    __slots__ = ("args", "at", "graph", "index", "number", "op", "ready")
+    Most nodes are looked for at the random points alone, so that values at the samples are worked out where they are asked for.
+    """
 
-    def __init__(self, graph: "ExpressionGraph", op: str, args: tuple[Any, ...], at: Array, number: float | None, ready: float):
-        self.graph, self.op, self.args, self.at, self.number, self.ready = graph, op, args, at, number, ready
+    __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
+
+    def __init__(
+        self,
+        graph: "ExpressionGraph",
+        op: str,
+        args: tuple[Any, ...],
+        generic: Generic,
+        number: float | None,
+        ready: float,
+        at: Array | None = None,
+    ):
+        self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
+        self._at = at
         self.index = graph.count
         graph.count += 1
+
+    @property
+    def at(self) -> Array:
+        """Values at the samples, followed by those at the random points."""
+        if self._at is None:
+            left = [self]
+            while left:
+                node = left[-1]
+                missing = [x for x in node.args if x._at is None]
+                left += missing
+                if not missing:
+                    node._at = node._valued()
+                    left.pop()
+        return self._at  # type: ignore[return-value]
+
+    def _valued(self) -> Array:
+        """`at`, where the operands have theirs."""
+        if self.number is not None:
+            return np.full(self.graph.samples + GENERIC, self.number)
+        return VALUE[self.op](*(x._at for x in self.args))
 
     def __add__(self, other: "Node | float") -> "Node":
         return self.graph.add(self, self.graph.node(other))
@@ -87,7 +123,7 @@ class ExpressionGraph:
         self.samples = samples
         self.count = 0
         self.known: dict[tuple[Any, ...], Node] = {}
-        self.ratios: dict[tuple[str, ...], Node] = {}
+        self.ratios: dict[str, Node] = {}
         self.trail: list[tuple[dict[Any, Node], Any]] = []
         self.random = np.random.default_rng(19800427)
 
@@ -98,8 +134,7 @@ class ExpressionGraph:
         number += 0.0  # no negative zero
         known = self.known.get(("CONST", number))
         if known is None:
-            at = np.full(self.samples + GENERIC, number)
-            known = self._keep(Node(self, "CONST", (), at, number, 0.0), ("CONST", number))
+            known = self._keep(Node(self, "CONST", (), (number, number, number), number, 0.0), ("CONST", number))
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
@@ -108,7 +143,8 @@ class ExpressionGraph:
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
             at = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
-            known = self._new("INPUT", (name, index), at, 0.0, ("INPUT", name, index))
+            g = _generic(at)
+            known = self._new("INPUT", (name, index), g, _ratio_key(g), 0.0, ("INPUT", name, index), at)
         return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
@@ -119,7 +155,8 @@ class ExpressionGraph:
             if all(a.number is not None for a in args):
                 return self.constant(float(at[0]))
             values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
-            known = self._new(op, args, values, max(a.ready for a in args) + STEP, key)
+            g = _generic(values)
+            known = self._new(op, args, g, _ratio_key(g), max(a.ready for a in args) + STEP, key, values)
         return known
 
     def neg(self, a: Node) -> Node:
@@ -128,7 +165,11 @@ class ExpressionGraph:
         if a.op == "NEG":
             return a.args[0]  # type: ignore[no-any-return]
         key = ("NEG", a.index)
-        return self.known.get(key) or self._keep(Node(self, "NEG", (a,), -a.at, None, a.ready), key)
+        known = self.known.get(key)
+        if known is None:
+            x, y, z = a.generic
+            known = self._keep(Node(self, "NEG", (a,), (-x, -y, -z), None, a.ready), key)
+        return known
 
     def add(self, a: Node, b: Node) -> Node:
         if a.zero or b.zero:
@@ -162,9 +203,11 @@ class ExpressionGraph:
         if abs(size - 1.0) > SAME:
             number = self.constant(size)
             key = ("MUL", number.index, base.index)
-            product = self.known.get(key) or self._keep(
-                Node(self, "MUL", (number, base), size * base.at, None, base.ready + STEP), key
-            )
+            known = self.known.get(key)
+            if known is None:
+                g = product_of(number.generic, base.generic)
+                known = self._keep(Node(self, "MUL", (number, base), g, None, base.ready + STEP), key)
+            product = known
         return product if factor > 0 else self.neg(product)
 
     def inverse(self, a: Node) -> Node:
@@ -174,51 +217,67 @@ class ExpressionGraph:
         return self.scaled(1.0 / own, self._made("INV", base))
 
     def sqrt(self, a: Node) -> Node:
-        return self._made("SQRT", a)
+        return self._of_one("SQRT", a)
 
     def sin(self, a: Node) -> Node:
-        return self._made("SIN", a)
+        return self._of_one("SIN", a)
 
     def cos(self, a: Node) -> Node:
-        return self._made("COS", a)
+        return self._of_one("COS", a)
 
-    def _made(self, op: str, *args: Node) -> Node:
+    def _of_one(self, op: str, a: Node) -> Node:
+        """A function of the library's, whose last digit may depend on how many values it is given: all at once."""
+        old = self.known.get((op, a.index))
+        if old is not None:
+            return old
+        at = VALUE[op](a.at)
+        return self._made(op, a, at=at)
+
+    def _made(self, op: str, *args: Node, at: Array | None = None) -> Node:
         """By its form or by its values: an old node, a multiple of one, a constant, or a new node."""
-        key = (op, *(a.index for a in args))
+        key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
             return old
-        at = VALUE[op](*(a.at for a in args))
-        if all(a.number is not None for a in args):
-            return self.constant(float(at[0]))
-        known = self.recognised(at, args[0].at if op in ("ADD", "SUB") else None)
+        g = GENERIC_VALUE[op](*[a.generic for a in args]) if at is None else _generic(at)
+        if None not in [a.number for a in args]:
+            return self.constant(g[0] if at is None else float(at[0]))
+        ratio = _ratio_key(g)
+        known = self._recognised(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
             return self._keep(known, key)
-        ready = _sum_ready(*args) if op in ("ADD", "SUB") else max(a.ready for a in args) + LATENCY.get(op, STEP)
-        return self._new(op, args, at, ready, key)
+        ready = _sum_ready(*args) if op in ("ADD", "SUB") else max([a.ready for a in args]) + LATENCY.get(op, STEP)
+        return self._new(op, args, g, ratio, ready, key, at)
 
-    def recognised(self, at: Array, summand: Array | None) -> Node | None:
+    def recognised(self, g: Generic, summand: Generic | None) -> Node | None:
         """The node with these values at the random points, as a constant or a multiple of a known one, or None.
 
         Of a sum one of the summands tells how much may be left by rounding where it cancels.
         """
-        g = at[-GENERIC:].tolist()
-        first = g[0]
-        if summand is not None and all(abs(x) <= VANISHES * abs(y) for x, y in zip(g, summand[-GENERIC:].tolist(), strict=True)):
-            return self.constant(0.0)
-        if all(abs(x - first) <= SAME * abs(first) for x in g[1:]):
-            return self.constant(_rounded(first))
-        base = self.ratios.get(_ratio_key(g))
+        return self._recognised(g, summand, _ratio_key(g))
+
+    def _recognised(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
+        x, y, z = g
+        if summand is not None:
+            least = VANISHES * abs(summand[0]), VANISHES * abs(summand[1]), VANISHES * abs(summand[2])
+            if abs(x) <= least[0] and abs(y) <= least[1] and abs(z) <= least[2]:
+                return self.constant(0.0)
+        close = SAME * abs(x)
+        if abs(y - x) <= close and abs(z - x) <= close:
+            return self.constant(_rounded(x))
+        base = self.ratios.get(ratio)
         if base is None:
             return None
-        factors = [x / y for x, y in zip(g, base.at[-GENERIC:].tolist(), strict=True)]
-        if max(abs(x - factors[0]) for x in factors) > SAME * abs(factors[0]):
+        a, b, c = base.generic
+        factor = x / a
+        if max(abs(y / b - factor), abs(z / c - factor)) > SAME * abs(factor):
             return None
-        return self.scaled(_rounded(factors[0]), base)
+        return self.scaled(_rounded(factor), base)
 
-    def _new(self, op: str, args: tuple[Any, ...], at: Array, ready: float, key: tuple[Any, ...]) -> Node:
-        made = Node(self, op, args, at, None, ready)
-        ratio = _ratio_key(at[-GENERIC:].tolist())
+    def _new(
+        self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
+    ) -> Node:
+        made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
             self.ratios[ratio] = made
             self.trail.append((self.ratios, ratio))
@@ -264,7 +323,7 @@ class ExpressionGraph:
         while left:
             a = left.pop(0)
             for k, b in enumerate(left[:reach]):
-                known = self.recognised(a.at + b.at, a.at)
+                known = self.recognised(sum_of(a.generic, b.generic), a.generic)
                 if known is not None:
                     left[k] = known
                     break
@@ -283,10 +342,35 @@ def factored(x: Node) -> tuple[float, Node]:
     return sign, x
 
 
-def _ratio_key(g: list[float]) -> tuple[str, ...]:
+def sum_of(a: Generic, b: Generic) -> Generic:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def product_of(a: Generic, b: Generic) -> Generic:
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+def _difference(a: Generic, b: Generic) -> Generic:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _reciprocal(a: Generic) -> Generic:
+    x, y, z = [1.0 / x if x else math.copysign(math.inf, x) for x in a]
+    return x, y, z
+
+
+GENERIC_VALUE: dict[str, Callable[..., Generic]] = {"ADD": sum_of, "SUB": _difference, "MUL": product_of, "INV": _reciprocal}
+
+
+def _generic(at: Array) -> Generic:
+    x, y, z = at[-GENERIC:].tolist()
+    return x, y, z
+
+
+def _ratio_key(g: Generic) -> str:
     """Ratios of the values at the random points, to ten digits."""
     first = g[0] or 1e-300
-    return tuple([f"{x / first:.9e}" for x in g[1:]])
+    return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _rounded(x: float) -> float:

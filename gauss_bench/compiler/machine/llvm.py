@@ -1,29 +1,46 @@
-"""Text of LLVM's intermediate representation: each value a double, or a vector of W doubles with one trajectory in each lane.
+"""Routines as text of LLVM's intermediate representation: each value a double, or a vector of W doubles, one trajectory a lane.
 
 The text is the same for one lane and for many but for its types. No instruction carries a flag that would allow rounding to change.
 Source: LLVM Language Reference Manual.
 
-Loops over lanes: several lanes at once for one trajectory, or one lane after the other for several trajectories.
+    void NAME(arrays, numbers, counts, i64 groups)
 
-one trajectory      an element is a double, a vector holds neighbouring lanes: elements k, k + 1, ... of an array
-    W trajectories      an element is a vector with one double for each trajectory
+does `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
 
-Operands that stand side by side are loaded as they stand, others through tables of places. The code is as long as there are
-different operations; how many lanes they have changes its tables alone.
+In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes. Operands that stand
+side by side are loaded as they stand, others through tables of places. The code is as long as there are different operations; how
+many lanes they have changes its tables alone.
+
+Numbers of W lanes are scattered lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.loops import Block, LaneGroup, LaneGroups, Loop, Memory, needed_outside
+from gauss_bench.compiler.machine.graph import (
+    MASKS,
+    Array,
+    Emitter,
+    If,
+    Load,
+    Loop,
+    Over,
+    Places,
+    Routine,
+    Scatter,
+    Statement,
+    Store,
+    nested,
+)
 
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTEGER = {"and": "and", "plus": "add", "shl": "shl"}
 COMPARISON = {"lt": "olt", "le": "ole"}
+COUNTS = {"sum": "add i64", "below": "icmp slt i64", "same": "icmp eq i64", "also": "and i1"}
 LONGEST_BLOCK = 4000  # values
 CALLS = {"fma": ("fma", 3), "abs": ("fabs", 1), "sqrt": ("sqrt", 1)}
+BLOCK = 8  # rows and lanes of the largest transposition
 
 
 def hexadecimal(x: float) -> str:
@@ -33,30 +50,75 @@ def hexadecimal(x: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """Code for native_code.py: the text of a module, and operations in one turn of the loop or in one evaluation."""
+    """Code for native_code.py: the text of a module, its function, and operations in one turn of the loop or in one evaluation."""
 
     text: str
+    name: str
+    signature: str
     operations: int
 
 
-class Writer:
-    """Lines of one function, with a fresh name for every value.
+def listing(routine: Routine, lanes: int, across: int = 1) -> Listing:
+    """The module of a routine for so many trajectories at once; with one, `across` lanes of a loop are in one vector."""
+    return Listing(Writer(routine, lanes, across).text(), routine.name, routine.signature, routine.operations)
+
+
+class Writer(Emitter):
+    """Lines of one function.
 
     Attributes:
-        lanes: W.
-        real, integer, mask: types of a value with W lanes.
-        names: what a value of the graph is called in the text.
+        trajectories: W. across: lanes of an `Over` in one vector; 1 where a vector holds trajectories.
+        lanes: of the values that are being written. real, integer, mask: their types.
+        element: type of one element of an array.
         block: label of the basic block that is being written.
     """
 
-    def __init__(self, lanes: int):
+    def __init__(self, routine: Routine, lanes: int, across: int = 1):
+        super().__init__(routine)
+        self.routine, self.trajectories, self.across = routine, lanes, across if lanes == 1 else 1
+        self.lines: list[str] = []
+        self.tables: dict[str, str] = {}
+        self.used: set[int] = set()
+        self.block, self._count, self._labels, self._values = "entry", 0, 0, 0
+        self._width(lanes)
+        self.element = self.real
+
+    def _width(self, lanes: int) -> None:
+        """From here on, values of so many lanes."""
         self.lanes = lanes
+        self.used.add(lanes)
         self.real, self.integer, self.mask = (t if lanes == 1 else f"<{lanes} x {t}>" for t in ("double", "i64", "i1"))
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
-        self.lines: list[str] = []
-        self.names: dict[int, str] = {}
-        self.block = "entry"
-        self._count = self._cuts = 0
+
+    def text(self) -> str:
+        r = self.routine
+        given = [f"ptr noalias %{x}" for x in r.arrays] + [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in r.counts]
+        self.line(f"define void @{r.name}({', '.join([*given, 'i64 %groups'])}) align 64 {{\nentry:")
+        for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
+            name = str(payload)[1:]
+            if operation == "leaf" and name in r.numbers:
+                self.names[x] = self.broadcast(f"%{name}.0")
+            elif operation == "count" and name in r.counts:
+                self.names[x] = f"%{name}"
+        sizes = {x: self._size(array) for x, array in r.arrays.items()}
+        self._go_to("group")
+        header = self._open()
+        self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}"), r.arrays[x]) for x, size in sizes.items()}
+        self.places = {s.places: self._scattered(s) for s in nested(r.body) if isinstance(s, Scatter)}
+        self.statements(r.body)
+        self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
+        self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
+        self.line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
+        tables = [f"{name} = {text}" for text, name in self.tables.items()]
+        return "\n".join([*_declarations(self.used), *tables, *self.lines])
+
+    def _size(self, array: Array) -> str:
+        """Elements of an array in one group."""
+        return self.let(f"mul i64 %{array.by}, {array.rows}") if array.by else str(0 if array.scratch else array.rows)
+
+    def at(self, base: str, row: int | str, array: Array | None = None) -> str:
+        kind = f"<{self.trajectories} x i64>" if array and array.whole and self.trajectories > 1 else self.element
+        return self.let(f"getelementptr {kind}, ptr {base}, i64 {row}")
 
     def line(self, text: str) -> None:
         self.lines.append(text)
@@ -66,11 +128,19 @@ class Writer:
         self.lines.append(f"{name}:")
         self.block = name
 
-    def cut(self) -> None:
-        """Go on in a new basic block: the time to compile one grows faster than its length."""
-        self._cuts += 1
-        self.line(f"  br label %cut{self._cuts}")
-        self.label(f"cut{self._cuts}")
+    def fresh(self, name: str) -> str:
+        """A label that is not there yet."""
+        self._labels += 1
+        return f"{name}{self._labels}"
+
+    def _go_to(self, label: str) -> None:
+        self.line(f"  br label %{label}")
+        self.label(label)
+
+    def _open(self) -> int:
+        """A line to be filled in later."""
+        self.line("")
+        return len(self.lines) - 1
 
     def let(self, text: str) -> str:
         """A line whose result gets a name."""
@@ -85,52 +155,25 @@ class Writer:
     def const(self, x: float) -> str:
         return self.splat(hexadecimal(x), "double")
 
-    def broadcast(self, scalar: str) -> str:
-        """A double in every lane."""
+    def broadcast(self, scalar: str, kind: str = "double") -> str:
+        """A number in every lane."""
         if self.lanes == 1:
             return scalar
-        one = self.let(f"insertelement {self.real} poison, double {scalar}, i32 0")
-        return self.let(f"shufflevector {self.real} {one}, {self.real} poison, <{self.lanes} x i32> zeroinitializer")
+        vector = f"<{self.lanes} x {kind}>"
+        one = self.let(f"insertelement {vector} poison, {kind} {scalar}, i32 0")
+        return self.let(f"shufflevector {vector} {one}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
 
-    def address(self, base: str, row: int | str, kind: str | None = None) -> str:
-        return self.let(f"getelementptr {kind or self.real}, ptr {base}, i64 {row}")
-
-    def load(self, base: str, row: int) -> str:
-        return self.let(f"load {self.real}, ptr {self.address(base, row)}, align 8")
-
-    def store(self, value: str, base: str, row: int) -> None:
-        self.line(f"  store {self.real} {value}, ptr {self.address(base, row)}, align 8")
+    def address(self, base: str, row: int | str, kind: str) -> str:
+        return self.let(f"getelementptr {kind}, ptr {base}, i64 {row}")
 
     def select(self, mask: str, a: str, b: str) -> str:
         return self.let(f"select {self.mask} {mask}, {self.real} {a}, {self.real} {b}")
 
-    def everywhere(self, mask: int | None) -> str:
-        """The name of a mask of the graph; without one, all lanes."""
-        return self.splat("true", "i1") if mask is None else self.names[mask]
-
-    def any(self, mask: str) -> str:
-        """Whether a mask holds in some lane."""
-        if self.lanes == 1:
-            return mask
-        bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
-        return self.let(f"icmp ne i{self.lanes} {bits}, 0")
-
-    def write(self, g: Graph, values: Iterable[int]) -> None:
-        """Write values in the given order, their operands first where the order has them later; named ones are there already."""
-        for count, x in enumerate(values, 1):
-            if count % LONGEST_BLOCK == 0:
-                self.cut()
-            waiting = [x]
-            while waiting:
-                missing = [k for k in g.operands[waiting[-1]] if k not in self.names]
-                if waiting[-1] in self.names or not missing:
-                    y = waiting.pop()
-                    if y not in self.names:
-                        self.names[y] = self._value(g, y)
-                else:
-                    waiting += missing
-
-    def _value(self, g: Graph, x: int) -> str:
+    def value(self, x: int) -> str:
+        self._values += 1
+        if self._values % LONGEST_BLOCK == 0:  # the time to compile a basic block grows faster than its length
+            self._go_to(self.fresh("cut"))
+        g = self.graph
         operation, payload = g.operation[x], g.payload[x]
         a = [self.names[k] for k in g.operands[x]]
         if operation == "const":
@@ -146,6 +189,8 @@ class Writer:
             return self.let(f"{INTEGER[operation]} {self.integer} {a[0]}, {self.splat(str(payload), 'i64')}")
         if operation in COMPARISON:
             return self.let(f"fcmp {COMPARISON[operation]} {self.real} {a[0]}, {a[1]}")
+        if operation in COUNTS:
+            return self.let(f"{COUNTS[operation]} {a[0]}, {a[1]}")
         match operation:
             case "neg":
                 return self.let(f"fneg {self.real} {a[0]}")
@@ -161,34 +206,92 @@ class Writer:
                 return self.let(f"icmp ne {self.integer} {a[0]}, {self.splat('0', 'i64')}")
             case "both":
                 return self.let(f"and {self.mask} {a[0]}, {a[1]}")
+            case "not":
+                return self.let(f"xor {self.mask} {a[0]}, {self.splat('true', 'i1')}")
+            case "all":
+                return self.splat(str(payload).lower(), "i1")
+            case "everywhere":
+                return self.broadcast(a[0], "i1")
+            case "any":
+                return a[0] if self.lanes == 1 else self._any(a[0])
+            case "number":
+                return self.broadcast(self.let(f"sitofp i64 {a[0]} to double"))
+            case "whole":
+                return str(payload)
+            case "times":
+                return self.let(f"mul i64 {a[0]}, {payload}")
+            case "least":
+                return self.let(f"call i64 @llvm.smin.i64(i64 {a[0]}, i64 {a[1]})")
         raise ValueError(f"no text for {operation} {payload}")
 
-    def declarations(self) -> str:
-        """Of the functions of LLVM itself that the text may call."""
-        return "\n".join(
-            f"declare {self.real} @llvm.{name}.{self.suffix}({', '.join([self.real] * count)})" for name, count in CALLS.values()
+    def _any(self, mask: str) -> str:
+        bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
+        return self.let(f"icmp ne i{self.lanes} {bits}, 0")
+
+    def statement(self, s: Statement) -> None:
+        match s:
+            case Load():
+                base = self._from(s.array, s.start)
+                rows = {x: self.at(base, row) for x, row in self.rows(s).items()}
+                self.names |= {x: self.let(f"load {self.real}, ptr {place}, align 8") for x, place in rows.items()}
+            case Store():
+                values, base = self.compute(s.values), self._from(s.array, s.start)
+                for row, x in enumerate(values):
+                    self.line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
+            case Scatter():
+                _Scattering(self, s).write()
+            case Loop():
+                self._loop(s)
+            case If():
+                self._if(s)
+            case Over():
+                _Lanes(self, s).write()
+
+    def _from(self, array: str, start: int | None) -> str:
+        """Where an array begins, or a row of it."""
+        return self.base[array] if start is None else self.at(self.base[array], self.need(start))
+
+    def _kind(self, x: int) -> str:
+        return {"leaf": self.real, "mask": self.mask, "count": "i64"}[self.graph.operation[x]]
+
+    def _loop(self, s: Loop) -> None:
+        carried, label = self.carried(s), self.fresh("loop")
+        first, above = self.compute([a for a, _ in carried.values()]), self.block
+        self._go_to(label)
+        header, inside = self._open(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
+        self.names |= inside
+        self.statements(s.body)
+        again, last, on = self.need(s.again), self.fresh("end"), label
+        if s.after:
+            on = self.fresh("on")
+            self.line(f"  br i1 {again}, label %{on}, label %{last}")
+            before = dict(self.names)
+            self.label(on)
+            self.statements(s.after)
+            following, below = self.compute([b for _, b in carried.values()]), self.block
+            self.line(f"  br label %{label}")
+            self.names = before
+        else:
+            following, below = self.compute([b for _, b in carried.values()]), self.block
+            self.line(f"  br i1 {again}, label %{label}, label %{last}")
+        self.label(last)
+        self.lines[header] = "\n".join(
+            f"  {inside[x]} = phi {self._kind(x)} [{a}, %{above}], [{b}, %{below}]"
+            for x, a, b in zip(carried, first, following, strict=True)
         )
 
-
-class Text(Writer):
-    """Lines of a function in which the width changes from loop to loop, and the tables they refer to.
-
-    Attributes:
-        across: lanes of a loop that one vector holds; 1 where a vector holds trajectories.
-        element: type of one element of memory.
-    """
-
-    def __init__(self, across: int, trajectories: int):
-        super().__init__(trajectories)
-        self.across, self.trajectories = across, trajectories
-        self.element = self.real
-        self.tables: dict[str, str] = {}
-
-    def width(self, lanes: int) -> None:
-        """From here on, values of so many lanes."""
-        fresh = Writer(lanes)
-        self.lanes, self.real, self.integer, self.mask = fresh.lanes, fresh.real, fresh.integer, fresh.mask
-        self.suffix = fresh.suffix
+    def _if(self, s: If) -> None:
+        condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
+        above, then, join = self.block, self.fresh("then"), self.fresh("join")
+        self.line(f"  br i1 {condition}, label %{then}, label %{join}")
+        with self.within():
+            self.label(then)
+            self.statements(s.body)
+            new, below = self.compute([a for a, _ in s.merged.values()]), self.block
+        self._go_to(join)
+        for k, (x, a, b) in enumerate(zip(s.merged, new, old, strict=True)):
+            self.names[x] = f"%{join}_{k}"
+            self.line(f"  %{join}_{k} = phi {self._kind(x)} [{a}, %{below}], [{b}, %{above}]")
 
     def table(self, kind: str, values: list[str]) -> str:
         """Name of a constant array, one for equal contents; its last entry is repeated to fill the last vector."""
@@ -196,204 +299,222 @@ class Text(Writer):
         text = f"private unnamed_addr constant [{len(values)} x {kind}] [{', '.join(f'{kind} {x}' for x in values)}], align 64"
         return self.tables.setdefault(text, f"@table{len(self.tables)}")
 
-    def table_lines(self) -> list[str]:
-        return [f"{name} = {text}" for text, name in self.tables.items()]
+    def _scattered(self, s: Scatter) -> list[str]:
+        """Where each trajectory's numbers begin."""
+        whole = [self.let(f"load i64, ptr {self.address(self.base[s.places], k, 'i64')}") for k in range(self.lanes)]
+        return [self.address(self.base[s.array], place, "double") for place in whole]
 
 
-@dataclass(frozen=True, eq=False)
-class Wide:
-    """How one loop is written: its index k, how many lanes are done at once, and an element to waste."""
+def _declarations(widths: set[int]) -> list[str]:
+    """Of the functions of LLVM itself that the text may call."""
+    lines = ["declare i64 @llvm.smin.i64(i64, i64)"]
+    for lanes in sorted(widths):
+        real, suffix, mask = ("double", "f64", "i1") if lanes == 1 else (f"<{lanes} x double>", f"v{lanes}f64", f"<{lanes} x i1>")
+        lines += [f"declare {real} @llvm.{name}.{suffix}({', '.join([real] * count)})" for name, count in CALLS.values()]
+        lines += [f"declare void @llvm.masked.store.{suffix}.p0({real}, ptr, i32, {mask})"] if lanes > 1 else []
+    return lines
 
-    text: Text
-    k: str
-    lanes: int
-    at_once: int
-    spare: int
+
+class _Scattering:
+    """One row of numbers for each trajectory."""
+
+    def __init__(self, writer: Writer, s: Scatter):
+        self.w, self.row = writer, writer.compute(s.values)
+        start = writer.need(s.start)
+        self.places = [writer.address(place, start, "double") for place in writer.places[s.places]]
+
+    def write(self) -> None:
+        w, row = self.w, self.row
+        if w.lanes == 1:
+            self._singly(row, self.places, "double")
+        for block in range(0, w.lanes if w.lanes > 1 else 0, BLOCK):
+            size, places = min(BLOCK, w.lanes - block), self.places[block : block + BLOCK]
+            part = [self._lanes(x, block, size) for x in row]
+            starts = range(0, len(row) - size + 1, size) if len(row) >= size else []
+            for k in [*starts, *([len(row) - size] if starts and len(row) % size else [])]:
+                for lane, x in enumerate(self._transposed(part[k : k + size])):
+                    w.line(f"  store <{size} x double> {x}, ptr {w.address(places[lane], k, 'double')}, align 8")
+            if not starts:
+                self._singly(part, places, f"<{size} x double>")
+
+    def _lanes(self, x: str, first: int, size: int) -> str:
+        """A part of the lanes of a value."""
+        return x if size == self.w.lanes else self.w.let(_shuffle(self.w.real, x, x, range(first, first + size)))
+
+    def _transposed(self, rows: list[str]) -> list[str]:
+        """Vectors of as many lanes as there are rows, exchanged so that lane l of row k becomes lane k of row l."""
+        w, size = self.w, len(rows)
+        distance = 1
+        while distance < size:
+            low = [k if not k & distance else size + k - distance for k in range(size)]
+            high = [k + distance if not k & distance else size + k for k in range(size)]
+            new = list(rows)
+            for k in (k for k in range(size) if not k & distance):
+                pair, kind = (rows[k], rows[k + distance]), f"<{size} x double>"
+                new[k], new[k + distance] = (w.let(_shuffle(kind, *pair, which)) for which in (low, high))
+            rows, distance = new, 2 * distance
+        return rows
+
+    def _singly(self, row: list[str], places: list[str], kind: str) -> None:
+        """Fewer numbers than lanes."""
+        w = self.w
+        for lane, place in enumerate(places):
+            for k, x in enumerate(row):
+                one = x if kind == "double" else w.let(f"extractelement {kind} {x}, i32 {lane}")
+                w.line(f"  store double {one}, ptr {w.address(place, k, 'double')}, align 8")
+
+
+def _shuffle(kind: str, a: str, b: str, lanes: Sequence[int]) -> str:
+    picked = ", ".join(f"i32 {k}" for k in lanes)
+    return f"shufflevector {kind} {a}, {kind} {b}, <{len(lanes)} x i32> <{picked}>"
+
+
+class _Lanes:
+    """A loop over lanes: its index k, and how many lanes are done at once."""
+
+    def __init__(self, writer: Writer, s: Over):
+        self.w, self.s = writer, s
+        self.at_once = min(writer.across, 1 << (s.lanes - 1).bit_length())
+        self.k = "0"
 
     @property
     def vector(self) -> bool:
         """Whether a value holds several lanes."""
         return self.at_once > 1
 
-    def element(self, first: int) -> str:
-        """Address of element `first` + k."""
-        row = self.k if not first else f"{first}" if self.k == "0" else self.text.let(f"add i64 {self.k}, {first}")
-        return self.text.address("%a", row, self.text.element)
+    def write(self) -> None:
+        """Without a branch where one turn does it."""
+        w, s = self.w, self.s
+        given = {x: (w.need(y), w.graph.operation[y] in MASKS) for x, y in s.given.items()}
+        self.base = {p.array: w._from(p.array, p.start) for p in self._places()}
+        outer, outer_names, w.names = w.graph, w.names, {}
+        w.graph = s.graph
+        w._width(self.at_once if self.vector else w.trajectories)
+        for x, (name, is_mask) in given.items():
+            w.names[x] = w.broadcast(name, "i1" if is_mask else "double") if self.vector else name
+        sums = self._body([None] * len(s.sums)) if s.lanes <= self.at_once else self._turns()
+        for (_, place), total in zip(s.sums, sums, strict=True):
+            self._keep_sum(place, total)
+        w.graph, w.names = outer, outer_names
+        w._width(w.trajectories)
 
-    def get(self, address: str) -> str:
-        return self.text.let(f"load {self.text.real}, ptr {address}, align 8")
+    def _places(self) -> list[Places]:
+        s = self.s
+        return [p for p in s.loads.values() if isinstance(p, Places)] + [p for _, p in [*s.stores, *s.sums]]
 
-    def rest(self) -> str | None:
+    def _turns(self) -> list[str]:
+        w, above, label = self.w, self.w.block, self.w.fresh("lanes")
+        w._go_to(label)
+        header = w._open()
+        self.k, before = f"%{label}_k", [f"%{label}_s{i}" for i in range(len(self.s.sums))]
+        sums = self._body(list(before))
+        following = w.let(f"add i64 {self.k}, {self.at_once}")
+        more, last = w.let(f"icmp ult i64 {following}, {self.s.lanes}"), w.fresh("end")
+        phis = [f"  {self.k} = phi i64 [0, %{above}], [{following}, %{w.block}]"]
+        zero = w.const(0.0)
+        phis += [f"  {x} = phi {w.real} [{zero}, %{above}], [{y}, %{w.block}]" for x, y in zip(before, sums, strict=True)]
+        w.lines[header] = "\n".join(phis)
+        w.line(f"  br i1 {more}, label %{label}, label %{last}")
+        w.label(last)
+        return sums
+
+    def _body(self, before: Sequence[str | None]) -> list[str]:
+        """The lines of one turn; returns the sums after it, from those `before` it."""
+        w, s = self.w, self.s
+        w.names |= {x: self._load(p) if isinstance(p, Places) else self._numbers(p) for x, p in s.loads.items()}
+        w.compute(s.order)
+        sums = [self._added(w.need(x), old) for (x, _), old in zip(s.sums, before, strict=True)]
+        for x, p in s.stores:
+            self._store(w.need(x), p)
+        return sums
+
+    def _added(self, value: str, before: str | None) -> str:
+        w, mask = self.w, self._rest()
+        value = value if mask is None else w.select(mask, value, w.const(0.0))
+        return value if before is None else w.let(f"fadd {w.real} {before}, {value}")
+
+    def _keep_sum(self, place: Places, total: str) -> None:
+        """Add up the lanes of a vector, and store the sum."""
+        w = self.w
+        if self.vector:
+            half = w.lanes // 2
+            while half:
+                picks = [*range(half, 2 * half), *[0] * (w.lanes - half)]
+                moved = w.let(f"shufflevector {w.real} {total}, {w.real} poison, <{w.lanes} x i32> <{_indices(picks)}>")
+                total = w.let(f"fadd {w.real} {total}, {moved}")
+                half //= 2
+            total = w.let(f"extractelement {w.real} {total}, i32 0")
+        w.line(f"  store {w.element} {total}, ptr {w.at(self.base[place.array], place.by_lane[0])}, align 8")
+
+    def _element(self, p: Places) -> str:
+        """Address of the element k behind the first."""
+        first = p.by_lane[0]
+        row = self.k if not first else f"{first}" if self.k == "0" else self.w.let(f"add i64 {self.k}, {first}")
+        return self.w.at(self.base[p.array], row)
+
+    def _rest(self) -> str | None:
         """Mask of the lanes that exist; None where all do."""
-        if not self.vector or self.lanes % self.at_once == 0:
+        w = self.w
+        if not self.vector or self.s.lanes % self.at_once == 0:
             return None
-        w = self.text
         numbers = "<" + ", ".join(f"i64 {x}" for x in range(self.at_once)) + ">"
-        one = w.let(f"insertelement {w.integer} poison, i64 {self.k}, i32 0")
-        every = w.let(f"shufflevector {w.integer} {one}, {w.integer} poison, <{w.lanes} x i32> zeroinitializer")
-        return w.let(f"icmp ult {w.integer} {w.let(f'add {w.integer} {every}, {numbers}')}, {w.splat(str(self.lanes), 'i64')}")
+        every = w.let(f"add {w.integer} {w.broadcast(self.k, 'i64')}, {numbers}")
+        return w.let(f"icmp ult {w.integer} {every}, {w.splat(str(self.s.lanes), 'i64')}")
 
-    def places(self, places: list[int], spare: int | None = None) -> list[str]:
-        """Addresses of this turn's elements; those of lanes that do not exist are `spare`, or the last one's."""
-        w = self.text
-        missing = -len(places) % self.at_once
-        table = w.address(
-            w.table("i32", [str(x) for x in places + [places[-1] if spare is None else spare] * missing]), self.k, "i32"
-        )
+    def _addresses(self, p: Places) -> list[str]:
+        """Addresses of this turn's elements; those of lanes that do not exist are the last one's."""
+        w = self.w
+        table = w.address(w.table("i32", [str(x) for x in p.by_lane]), self.k, "i32")
         addresses = []
         for lane in range(self.at_once):
             entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
-            addresses.append(w.address("%a", w.let(f"sext i32 {entry} to i64"), w.element))
+            addresses.append(w.at(self.base[p.array], w.let(f"sext i32 {entry} to i64")))
         return addresses
 
-    def load(self, places: list[int]) -> str:
+    def _load(self, p: Places) -> str:
         """The values at places by lane."""
-        w = self.text
-        if len(set(places)) == 1:
-            address = w.address("%a", places[0], w.element)
-            return w.broadcast(w.let(f"load double, ptr {address}, align 8")) if self.vector else self.get(address)
-        if _side_by_side(places):
-            return self.get(self.element(places[0]))
+        w = self.w
+        if len(set(p.by_lane)) == 1:
+            one = w.let(f"load {w.element}, ptr {w.at(self.base[p.array], p.by_lane[0])}, align 8")
+            return w.broadcast(one) if self.vector else one
+        if _side_by_side(p.by_lane) and (p.room or not self.vector or self.s.lanes % self.at_once == 0):
+            return w.let(f"load {w.real}, ptr {self._element(p)}, align 8")
+        vector, addresses = "poison", self._addresses(p)
         if not self.vector:
-            return self.get(self.places(places)[0])
-        vector = "poison"
-        for lane, address in enumerate(self.places(places)):
+            return w.let(f"load {w.real}, ptr {addresses[0]}, align 8")
+        for lane, address in enumerate(addresses):
             one = w.let(f"load double, ptr {address}, align 8")
             vector = w.let(f"insertelement {w.real} {vector}, double {one}, i32 {lane}")
         return vector
 
-    def numbers(self, values: list[float]) -> str:
+    def _numbers(self, values: tuple[float, ...]) -> str:
         """Numbers by lane."""
-        w = self.text
+        w = self.w
         address = w.address(w.table("double", [hexadecimal(x) for x in values]), self.k, "double")
         if self.vector:
-            return self.get(address)
+            return w.let(f"load {w.real}, ptr {address}, align 8")
         return w.broadcast(w.let(f"load double, ptr {address}, align 8"))
 
-    def store(self, value: str, places: list[int], room: bool) -> None:
-        """Store by lane; `room` where nothing is lost behind the last."""
-        w = self.text
-        if not _side_by_side(places):
-            self._scatter(value, places)
+    def _store(self, value: str, p: Places) -> None:
+        """Store by lane."""
+        w = self.w
+        if not _side_by_side(p.by_lane):
+            for lane, address in reversed(list(enumerate(self._addresses(p)))):  # so that the last one that exists is last
+                one = w.let(f"extractelement {w.real} {value}, i32 {lane}") if self.vector else value
+                w.line(f"  store {w.element} {one}, ptr {address}, align 8")
             return
-        mask = None if room else self.rest()
-        address = self.element(places[0])
+        mask = None if p.room else self._rest()
         if mask is None:
-            w.line(f"  store {w.real} {value}, ptr {address}, align 8")
+            w.line(f"  store {w.real} {value}, ptr {self._element(p)}, align 8")
         else:
-            w.line(f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {address}, i32 8, {w.mask} {mask})")
-
-    def _scatter(self, value: str, places: list[int]) -> None:
-        w = self.text
-        for lane, address in enumerate(self.places(places, self.spare)):
-            one = w.let(f"extractelement {w.real} {value}, i32 {lane}") if self.vector else value
-            w.line(f"  store {w.element} {one}, ptr {address}, align 8")
+            w.line(
+                f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {self._element(p)}, i32 8, {w.mask} {mask})"
+            )
 
 
-def _side_by_side(places: list[int]) -> bool:
-    return places == list(range(places[0], places[0] + len(places)))
+def _indices(numbers: Sequence[int]) -> str:
+    return ", ".join(f"i32 {x}" for x in numbers)
 
 
-class LoopWriter:
-    """Writes loops one after the other into a function of the pointer %a."""
-
-    def __init__(self, text: Text, groups: LaneGroups, program_loops: list[Loop], memory: Memory):
-        self.text, self.groups, self.memory = text, groups, memory
-        self.needed = needed_outside(program_loops)
-        self.block = "entry"
-        self.count = 0
-
-    def write(self, loop: Loop) -> None:
-        """One loop; without a branch where one turn does it."""
-        w, turns_by = self.text, min(self.text.across, 1 << (loop.lanes - 1).bit_length())
-        w.width(turns_by if w.across > 1 else w.trajectories)
-        body = _Body(self, loop)
-        self.count += 1
-        if loop.lanes <= turns_by:
-            sums = body.write(Wide(w, "0", loop.lanes, turns_by, self.memory.spare), {})
-        else:
-            sums = self._turns(body, loop, turns_by)
-        for value, total in sums.items():
-            self._keep_sum(value, total)
-
-    def _turns(self, body: "_Body", loop: Loop, at_once: int) -> dict[int, str]:
-        w, label = self.text, f"loop{self.count}"
-        w.line(f"  br label %{label}\n{label}:")
-        header = len(w.lines)
-        w.line("")
-        k, following = f"%k{self.count}", f"%n{self.count}"
-        before = {x: f"%s{self.count}_{i}" for i, x in enumerate(body.sums())}
-        sums = body.write(Wide(w, k, loop.lanes, at_once, self.memory.spare), before)
-        phis = [f"  {k} = phi i64 [0, %{self.block}], [{following}, %{label}]"]
-        zero = w.const(0.0)
-        phis += [f"  {name} = phi {w.real} [{zero}, %{self.block}], [{sums[x]}, %{label}]" for x, name in before.items()]
-        w.lines[header] = "\n".join(phis)
-        w.line(f"  {following} = add i64 {k}, {at_once}")
-        more = w.let(f"icmp ult i64 {following}, {loop.lanes}")
-        self.block = f"after{self.count}"
-        w.line(f"  br i1 {more}, label %{label}, label %{self.block}\n{self.block}:")
-        return sums
-
-    def _keep_sum(self, value: int, total: str) -> None:
-        """Add up the lanes of a vector, and store the sum."""
-        w = self.text
-        if value not in self.memory.place:
-            return
-        if w.across > 1 and w.lanes > 1:
-            half = w.lanes // 2
-            while half:
-                picks = ", ".join(f"i32 {x}" for x in [*range(half, 2 * half), *[0] * (w.lanes - half)])
-                moved = w.let(f"shufflevector {w.real} {total}, {w.real} poison, <{w.lanes} x i32> <{picks}>")
-                total = w.let(f"fadd {w.real} {total}, {moved}")
-                half //= 2
-            total = w.let(f"extractelement {w.real} {total}, i32 0")
-        address = w.address("%a", self.memory.place[value], w.element)
-        w.line(f"  store {w.element} {total}, ptr {address}, align 8")
-
-
-class _Body:
-    """One loop as text."""
-
-    def __init__(self, writer: "LoopWriter", loop: Loop):
-        self.writer = writer
-        self.block = Block(loop, writer.groups, writer.needed)
-
-    def sums(self) -> list[int]:
-        return self.block.sums()
-
-    def write(self, wide: Wide, before: dict[int, str]) -> dict[int, str]:
-        """The lines of one turn; returns the sums after it, from those `before` it."""
-        w = wide.text
-        w.names = {x: self._load(wide, values) for x, values in self.block.loads.items()}
-        w.write(self.block.graph, self.block.order)
-        sums = {}
-        for group, x in self.block.kept:
-            if group.operation == "SUM":
-                sums[group.results[0]] = self._added(wide, w.names[x], before.get(group.results[0]))
-            else:
-                self._store(wide, group, w.names[x])
-        return sums
-
-    def _added(self, wide: Wide, value: str, before: str | None) -> str:
-        w, mask = wide.text, wide.rest()
-        value = value if mask is None else w.select(mask, value, w.const(0.0))
-        return value if before is None else w.let(f"fadd {w.real} {before}, {value}")
-
-    def _load(self, wide: Wide, values: tuple[int, ...]) -> str:
-        numbers, place = self.writer.groups.numbers, self.writer.memory.place
-        if values[0] in numbers:
-            return wide.numbers([numbers[v] for v in values])
-        return wide.load([place[v] for v in values])
-
-    def _store(self, wide: Wide, group: LaneGroup, value: str) -> None:
-        places = self.writer.memory.stored(group)
-        wide.store(value, places, self.writer.memory.room(places))
-
-
-def declarations(widths: set[int]) -> list[str]:
-    """Of the functions of LLVM itself that the text may call."""
-    lines = [Writer(1).declarations()]
-    for lanes in sorted(widths - {1}):
-        w = Writer(lanes)
-        lines += [w.declarations(), f"declare void @llvm.masked.store.{w.suffix}.p0({w.real}, ptr, i32, {w.mask})"]
-    return lines
+def _side_by_side(places: Sequence[int]) -> bool:
+    return list(places) == list(range(places[0], places[0] + len(places)))

@@ -11,11 +11,9 @@ different rounds would drift apart.
 A loop does several groups at once, lane by lane, and what one of them makes and another needs in the same lane stays in registers.
 A group may join a loop of its own number of lanes if everything else it needs has been made in earlier loops.
 
-Memory is one array of elements, an element being one double or one for each trajectory. In it stand one after the other
-
-    x, y, theta of all links; their rates; t; a number to waste; accelerations in the same order; the guard; solutions; results
-
-and each of these arrays has room behind it up to a multiple of eight, so that whole vectors can be stored.
+Memory is one array of elements, an element being one double or one for each trajectory. In it stand one after the other what
+functions take, what they return, and places to work in (`Layout`). Each part has room behind it up to a multiple of eight, so that
+whole vectors can be stored.
 """
 
 from bisect import bisect_right
@@ -23,27 +21,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from gauss_bench.compiler.elimination.rounds import RoundsProgram
-from gauss_bench.compiler.machine.graph import Graph, Pair, apply, leaves, live, order, rewrite
+from gauss_bench.compiler.elimination.rounds import RoundsFunction, RoundsProgram
+from gauss_bench.compiler.machine.graph import Graph, Over, Pair, Places, apply, leaves, live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
-
-__all__ = [
-    "WIDEST",
-    "Block",
-    "LaneGroup",
-    "LaneGroups",
-    "Loop",
-    "LoopedProgram",
-    "Memory",
-    "RoundsProgram",
-    "looped",
-    "needed_outside",
-]
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
 COMMUTATIVE = ("ADD", "MUL")
-INPUTS = ("t", "q", "v")  # arguments of the acceleration
+WORK = "work"  # the array in which everything stands
 
 
 class Operand(NamedTuple):
@@ -99,11 +84,11 @@ Member = tuple[int, tuple[Operand, ...]]  # a value, and what it is made of
 class _Grouping:
     """Groups in the making; kinds and lanes tell where a value stands."""
 
-    def __init__(self, program: RoundsProgram):
-        self.program, self.instructions = program, program.acceleration.instructions
+    def __init__(self, program: RoundsFunction):
+        self.program, self.instructions = program, program.function.instructions
         every = list(enumerate(self.instructions))
         self.numbers = {k: x.number for k, x in every if x.operation == "CONST"}
-        self.inputs = {k: (INPUTS[x.operands[0]], x.operands[1]) for k, x in every if x.operation == "INPUT"}
+        self.inputs = {k: (program.inputs[x.operands[0]], x.operands[1]) for k, x in every if x.operation == "INPUT"}
         self.groups: list[LaneGroup] = []
         self.kind: dict[int, Kind] = dict.fromkeys(self.numbers, ("number",))
         self.lane: dict[int, int] = dict.fromkeys(self.numbers, 0)
@@ -120,7 +105,7 @@ class _Grouping:
     def made(self) -> LaneGroups:
         for level in self._levels():
             self._level(level)
-        a, (sound,) = self.program.acceleration.outputs
+        a, (sound,) = self.program.function.outputs
         alike: dict[Kind, list[tuple[int, Operand]]] = {}
         for j, t in enumerate(map(self._term, a)):
             alike.setdefault((j % 3, self.kind[t.value], t.negative), []).append((j, t))
@@ -222,8 +207,8 @@ def _group(operation: str, members: list[Member]) -> LaneGroup:
     return LaneGroup(operation, tuple(value for value, _ in members), operands, tuple(column[0].negative for column in columns))
 
 
-def grouped(program: RoundsProgram) -> LaneGroups:
-    """The groups that compute accelerations and their guard."""
+def grouped(program: RoundsFunction) -> LaneGroups:
+    """The groups that compute a function and its guard."""
     return _Grouping(program).made()
 
 
@@ -244,54 +229,71 @@ class Loop:
     groups: list[LaneGroup] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Layout:
+    """What stands in memory and where, before the places to work in: arrays of coordinates by coordinate, links side by side.
+
+    Arrays, by name: "q", "v" what functions are evaluated at; "out" what they return, with the number of guards that hold; "q_new"
+    what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages.
+    """
+
+    links: int
+    parameters: int
+
+    @property
+    def stride(self) -> int:
+        """From one coordinate of all links to the next."""
+        return padded(self.links)
+
+    @property
+    def starts(self) -> dict[str, int]:
+        """First element of each array."""
+        names = ("q", "v", "q_new", "q_begin", "v_begin", "q_sum", "v_sum", "out")
+        starts = {name: 3 * self.stride * k for k, name in enumerate(names)}
+        t = starts["out"] + 3 * self.stride + WIDEST
+        return starts | {"t": t, "t_new": t + 1, "p": t + WIDEST}
+
+    @property
+    def top(self) -> int:
+        """First element to work in."""
+        return self.starts["p"] + padded(self.parameters)
+
+    def coordinate(self, j: int) -> int:
+        """Place of coordinate j of the mechanism in an array of coordinates; that of the guard behind the last."""
+        return 3 * self.stride if j == 3 * self.links else j % 3 * self.stride + j // 3
+
+    def place(self, name: str, k: int) -> int:
+        """Place of one number."""
+        return self.starts[name] + (self.coordinate(k) if name not in ("t", "t_new", "p") else k)
+
+    def places(self, name: str) -> Places:
+        """All coordinates in the order of the mechanism."""
+        return Places(WORK, tuple(self.place(name, j) for j in range(3 * self.links)))
+
+    def whole(self, name: str) -> Places:
+        """An array of coordinates as it stands."""
+        return Places(WORK, tuple(range(self.starts[name], self.starts[name] + 3 * self.stride)), room=True)
+
+
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Where values stand.
+    """Where the values of one function stand.
 
     Attributes:
         place: value -> element, of inputs and of all that is stored.
         ends: last elements of arrays: behind them is room.
-        stride: from one coordinate of all links to the next.
         size: elements.
     """
 
+    layout: Layout
     place: dict[int, int]
     ends: set[int]
-    links: int
-    stride: int
     size: int
-
-    @property
-    def state(self) -> int:
-        """Elements of q and v, from the first."""
-        return 6 * self.stride
-
-    @property
-    def t(self) -> int:
-        return self.state
-
-    @property
-    def spare(self) -> int:
-        return self.state + 1
-
-    @property
-    def a(self) -> int:
-        """First acceleration; the guard follows the last."""
-        return self.state + WIDEST
-
-    @property
-    def out(self) -> int:
-        """Elements of accelerations and guard."""
-        return 3 * self.stride + WIDEST
-
-    def coordinate(self, j: int) -> int:
-        """Place of coordinate j of the mechanism among those of all links; that of the guard behind the last."""
-        return 3 * self.stride if j == 3 * self.links else j % 3 * self.stride + j // 3
 
     def stored(self, group: "LaneGroup") -> list[int]:
         """Places of a group's results."""
         if group.operation == "OUT":
-            return [self.a + self.coordinate(j) for j in group.results]
+            return [self.layout.place("out", j) for j in group.results]
         return [self.place[v] for v in group.results]
 
     def room(self, places: list[int]) -> bool:
@@ -342,15 +344,11 @@ def needed_outside(program: Iterable[Loop]) -> set[int]:
     return needed
 
 
-def memory(program: RoundsProgram, groups: LaneGroups, order: list[Loop]) -> Memory:
+def memory(layout: Layout, program: RoundsFunction, groups: LaneGroups, order: list[Loop]) -> Memory:
     """Places of everything that is stored."""
-    links = len(program.acceleration.outputs[0]) // 3
-    shape = Memory({}, set(), links, padded(links), 0)
-    place, ends = shape.place, shape.ends
-    starts = {"q": 0, "v": 3 * shape.stride}
-    place |= {x: shape.t if name == "t" else starts[name] + shape.coordinate(k) for x, (name, k) in groups.inputs.items()}
-    ends |= {shape.a + k * shape.stride + links - 1 for k in range(3)}
-    top = shape.a + shape.out
+    place = {x: layout.place(name, k) for x, (name, k) in groups.inputs.items()}
+    ends = {layout.place("out", 3 * layout.links - 3 + k) for k in range(3)}
+    shape, top = Memory(layout, place, ends, 0), layout.top
     homes: dict[str, dict[int, int]] = {}
     for x, (name, lane) in program.homes.items():
         homes.setdefault(name, {})[x] = lane
@@ -358,7 +356,7 @@ def memory(program: RoundsProgram, groups: LaneGroups, order: list[Loop]) -> Mem
         _put(shape, top, array)
         top += padded(max(array.values()) + 1)
     top = _results(shape, order, top)
-    return Memory(place, ends, links, shape.stride, padded(top) + WIDEST)
+    return Memory(layout, place, ends, padded(top) + WIDEST)
 
 
 def _put(where: Memory, start: int, array: dict[int, int]) -> None:
@@ -417,7 +415,7 @@ class Block:
     """
 
     def __init__(self, loop: Loop, groups: LaneGroups, needed: set[int], library: bool = False):
-        self.groups, self.library, self.graph = groups, library, Graph()
+        self.groups, self.library, self.graph, self.lanes = groups, library, Graph(), loop.lanes
         self._made: dict[tuple[int, ...], int] = {}
         self._leaves: dict[tuple[int, ...], str] = {}
         kept: list[tuple[LaneGroup, int]] = []
@@ -456,27 +454,78 @@ class Block:
             x = g.leaf(self._leaves.setdefault(values, f"leaf{len(self._leaves)}"))
         return g.neg(x) if negative else x
 
+    def over(self, m: Memory) -> Over:
+        """The loop as a statement."""
+
+        def places(values: tuple[int, ...]) -> Places | tuple[float, ...]:
+            numbers = self.groups.numbers
+            if values[0] in numbers:
+                return tuple(numbers[v] for v in values)
+            return Places(WORK, tuple(m.place[v] for v in values), room=True)
+
+        stores, sums = [], []
+        for group, x in self.kept:
+            if group.operation == "SUM":
+                sums.append((x, Places(WORK, (m.place.get(group.results[0], m.size - 1),))))
+            else:
+                at = m.stored(group)
+                stores.append((x, Places(WORK, tuple(at), room=m.room(at))))
+        loads = {x: places(values) for x, values in self.loads.items()}
+        return Over(self.lanes, self.graph, self.order, loads, {}, stores, sums)
+
 
 @dataclass(frozen=True, eq=False)
-class LoopedProgram:
-    """Loops that compute accelerations, and where they keep their numbers; `guards` of them hold where the program serves."""
+class LoopedFunction:
+    """Loops that compute a function of memory; `guards` of them hold where they serve."""
 
-    source: RoundsProgram
+    guards: int
     groups: LaneGroups
     loops: list[Loop]
     memory: Memory
 
     @property
-    def guards(self) -> int:
-        return self.source.guards
-
-    @property
     def operations(self) -> int:
         return self.groups.operations
 
+    def statements(self, library: bool) -> list[Over]:
+        """With `library`, sines are left to the target's own functions, and the rest to its compiler."""
+        needed = needed_outside(self.loops)
+        return [Block(loop, self.groups, needed, library).over(self.memory) for loop in self.loops]
 
-def looped(program: RoundsProgram) -> LoopedProgram:
-    """The loops of a program."""
+
+def looped(program: RoundsFunction, layout: Layout) -> LoopedFunction:
+    """The loops of a function."""
     groups = grouped(program)
     order = loops(groups)
-    return LoopedProgram(program, groups, order, memory(program, groups, order))
+    return LoopedFunction(program.guards, groups, order, memory(layout, program, groups, order))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopedProgram:
+    """The functions of one program as loops that share their memory; `acceleration` is what is stepped, with Baumgarte's terms."""
+
+    source: RoundsProgram
+    layout: Layout
+    plain: LoopedFunction
+    acceleration: LoopedFunction
+    position: LoopedFunction | None
+    velocity: LoopedFunction | None
+
+    @property
+    def n(self) -> int:
+        return 3 * self.layout.links
+
+    @property
+    def size(self) -> int:
+        """Elements of memory."""
+        made = (self.plain, self.acceleration, self.position, self.velocity)
+        return max(f.memory.size for f in made if f is not None)
+
+
+def looped_program(source: RoundsProgram) -> LoopedProgram:
+    """The loops of a program."""
+    layout = Layout(len(source.acceleration.function.outputs[0]) // 3, len(source.parameters))
+    plain = looped(source.acceleration, layout)
+    more = (source.stabilized, source.position, source.velocity)
+    stabilized, position, velocity = (None if f is None else looped(f, layout) for f in more)
+    return LoopedProgram(source, layout, plain, stabilized or plain, position, velocity)

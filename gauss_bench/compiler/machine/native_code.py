@@ -21,17 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine import object_cache
+from gauss_bench.compiler.machine.graph import Routine
+from gauss_bench.compiler.machine.llvm import Listing, listing
+from gauss_bench.compiler.machine.source import in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
 
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
-SIGNATURES = {
-    "rollout": ("ppddiippii"),
-    "accelerate": ("ppppi"),
-    "follow": ("pppppppdiii"),
-}
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
 
@@ -81,9 +79,9 @@ def best_lanes() -> int:
     return 8 if "+avx512f" in features else 4 if "+avx2" in features else 2
 
 
-def compile_text(text: str, name: str, operations: int, cached: bool = True) -> NativeCode:
-    """The function `name` of a module given as text."""
-    start = time.perf_counter()
+def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
+    """The function of a module given as text."""
+    start, text, operations = time.perf_counter(), listing.text, listing.operations
     machine = _target_machine(3 if operations <= LARGE else 1)
     key = _key(text, operations)
     code = object_cache.load(key) if cached else None
@@ -94,7 +92,7 @@ def compile_text(text: str, name: str, operations: int, cached: bool = True) -> 
         code = bytes(machine.emit_object(module))
         if cached:
             object_cache.store(key, code)
-    call, owner = _loaded(code, name, machine)
+    call, owner = _loaded(code, listing, machine)
     return NativeCode(call, time.perf_counter() - start, cached_already, owner)
 
 
@@ -111,13 +109,13 @@ def _target_machine(level: int) -> Any:
     return target.create_target_machine(cpu=cpu, features=features, opt=level, reloc="pic", codemodel="small")
 
 
-def _loaded(code: bytes, name: str, machine: Any) -> tuple[Any, Any]:
+def _loaded(code: bytes, listing: Listing, machine: Any) -> tuple[Any, Any]:
     llvm = _binding()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in SIGNATURES[name]))
-    return prototype(engine.get_function_address(name)), engine
+    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in listing.signature))
+    return prototype(engine.get_function_address(listing.name)), engine
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
@@ -147,12 +145,64 @@ def address(x: Array) -> int:
     return int(x.__array_interface__["data"][0])
 
 
+def aligned(size: int) -> Array:
+    """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
+    room = np.zeros(size + 8)
+    start = -(address(room) // room.itemsize) % 8
+    return room[start : start + size]
+
+
 class Buffers(threading.local):
     """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
 
     call: Any
 
     def put(self, call: Any, *sizes: int) -> None:
-        self.arrays = [np.empty(size) for size in sizes]
+        self.arrays = [aligned(size) for size in sizes]
         self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
         self.call = call
+
+
+CHUNK = 4096  # trajectories at a time on arrays: they share what a call of numpy costs, and a step has hundreds
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where code is to run: backend "llvm" or "numpy", trajectories in one vector, whether object code is kept on disk."""
+
+    backend: str
+    lanes: int
+    cache: bool
+
+
+class Loaded:
+    """A routine as it runs on a target: one lane for a single trajectory, `lanes` of them for many.
+
+    Attributes:
+        codes: the machine code that has been compiled or loaded so far, by lanes.
+    """
+
+    def __init__(self, make: Callable[[bool], Routine], target: Target):
+        self.make, self.target = make, target
+        self.codes: dict[int, NativeCode] = {}
+        self.own = Buffers()
+        self._lock = threading.Lock()
+        self._plain = in_python(make(True)) if target.backend == "numpy" else None
+
+    def lanes(self, count: int) -> int:
+        """Trajectories in one group, of so many."""
+        return min(count, CHUNK) if self._plain else 1 if count == 1 else self.target.lanes
+
+    def call(self, lanes: int) -> Any:
+        """Takes arrays, numbers and counts of the routine, and groups."""
+        if self._plain:
+            return self._plain
+        with self._lock:
+            if lanes not in self.codes:
+                made = listing(self.make(lanes > 1), lanes, best_lanes())
+                self.codes[lanes] = compile_listing(made, self.target.cache)
+            return self.codes[lanes].call
+
+    def given(self, arrays: list[Array]) -> list[Any]:
+        """Arrays as `call` takes them."""
+        return list(arrays) if self._plain else [address(x) for x in arrays]

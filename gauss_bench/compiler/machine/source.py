@@ -1,168 +1,305 @@
-"""Programs as source text: Python, on floats or arrays, for hosts without a compiler, and plain C for any other machine.
+"""Routines as source text: Python on arrays, for hosts without a compiler, and plain C for any other machine.
 
-Sines are left to the target's own functions. Functions in C return 0, or 1 where a guard fails and nothing was written:
+Sines are left to the target's own functions. A routine in C does one trajectory and returns 0, or 1 where it is not sound:
 
-    int accelerate(double t, const double *q, const double *v, const double *p, double *a)
+    int NAME(arrays, numbers, counts)
 
-both from straight-line code and from loops over lanes, whose memory stands on the stack.
+In Python it is that of the native code, with as many trajectories in a group as arrays have columns.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.machine.graph import Graph, inline, live
-from gauss_bench.compiler.machine.graph import leaves as graph_leaves
-from gauss_bench.compiler.machine.loops import Block, LoopedProgram, Memory, needed_outside
+from gauss_bench.compiler.machine.graph import (
+    COUNTS,
+    MASKS,
+    TRUTHS,
+    Emitter,
+    Graph,
+    If,
+    Load,
+    Loop,
+    Over,
+    Places,
+    Routine,
+    Scatter,
+    Statement,
+    Store,
+    inline,
+)
+from gauss_bench.compiler.machine.graph import Array as Argument
 from gauss_bench.terms import Array
 
-SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "both": "&"}
-CALLS = {
-    "neg": "-{0}",
-    "abs": "abs({0})",
-    "sqrt": "sqrt({0})",
-    "sin": "sin({0})",
-    "cos": "cos({0})",
-    "select": "where({0}, {1}, {2})",
-}
+C_HEADER = "#include <math.h>\n\n"
 
 
-def expression(g: Graph, x: int, names: Mapping[int, str]) -> str:
-    """One value as an expression of Python."""
-    a = [names[k] for k in g.operands[x]]
-    operation = g.operation[x]
-    return f"{a[0]} {SYMBOLS[operation]} {a[1]}" if operation in SYMBOLS else CALLS[operation].format(*a)
+@dataclass(frozen=True)
+class Language:
+    """How a language writes what a routine consists of: `{0}`, `{1}` ... are operands, `{p}` a payload."""
+
+    calls: Mapping[str, str]
+    assign: str
+    forever: str
+    leave: str
+    branch: str
+    over: str
+    close: str
+    element: str
 
 
-def source(g: Graph, roots: list[int], arguments: Sequence[str], inputs: Mapping[str, str]) -> str:
-    """`evaluate(arguments)`; `inputs` tells how a leaf is read from them. A temporary is freed after its last use."""
-    values = live(g, roots)
-    last = {k: x for x in values for k in g.operands[x]} | dict.fromkeys(roots, -1)
-    names: dict[int, str] = {}
-    lines, free, used = [], list[str](), 0
-    for x in values:
-        number = g.number(x)
+SAME_IN_BOTH = {
+    "add": "{0} + {1}", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}", "lt": "{0} < {1}", "le": "{0} <= {1}",
+    "neg": "-{0}", "sqrt": "sqrt({0})", "sin": "sin({0})", "cos": "cos({0})", "whole": "{p}", "sum": "{0} + {1}",
+    "times": "{0} * {p}", "below": "{0} < {1}", "same": "{0} == {1}", "everywhere": "{0}",
+}  # fmt: skip
+PYTHON = Language(
+    SAME_IN_BOTH
+    | {
+        "abs": "abs({0})", "sqrt": "np.sqrt({0})", "sin": "np.sin({0})", "cos": "np.cos({0})", "select": "np.where({0}, {1}, {2})",
+        "both": "{0} & {1}", "not": "np.logical_not({0})", "any": "np.any({0})", "also": "{0} and {1}", "number": "float({0})",
+        "least": "min({0}, {1})",
+    },
+    assign="{0} = {1}",
+    forever="while True:",
+    leave="if not {0}: break",
+    branch="if {0}:",
+    over="for k in range({0}):",
+    close="",
+    element="{0}[{1}]",
+)  # fmt: skip
+C = Language(
+    SAME_IN_BOTH
+    | {
+        "abs": "fabs({0})", "select": "{0} ? {1} : {2}", "both": "{0} && {1}", "not": "!{0}", "any": "{0}", "also": "{0} && {1}",
+        "number": "(double){0}", "least": "{0} < {1} ? {0} : {1}", "fma": "fma({0}, {1}, {2})",
+    },
+    assign="{0} = {1};",
+    forever="for (;;) {{",
+    leave="if (!{0}) break;",
+    branch="if ({0}) {{",
+    over="for (long k = 0; k < {0}; ++k) {{",
+    close="}",
+    element="{0}[{1}]",
+)  # fmt: skip
+
+
+class Source(Emitter):
+    """Lines of one function.
+
+    Attributes:
+        variables: name -> its type in C. constants: tables of places and numbers.
+    """
+
+    def __init__(self, routine: Routine, language: Language):
+        super().__init__(routine)
+        self.routine, self.language = routine, language
+        self.lines: list[str] = []
+        self.variables: dict[str, str] = {}
+        self.constants: list[str] = []
+        self.depth, self.scope = 1, ""
+        for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
+            if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
+                self.names[x] = str(payload)[1:]
+
+    def line(self, text: str) -> None:
+        self.lines.append("    " * self.depth + text)
+
+    @contextmanager
+    def block(self, head: str, *given: str) -> Iterator[None]:
+        self.line(head.format(*given))
+        self.depth += 1
+        with self.within():
+            yield
+        self.depth -= 1
+        if self.language.close:
+            self.line(self.language.close)
+
+    def let(self, x: int, text: str, letter: str = "r") -> str:
+        """Assign to the variable of a value."""
+        name, operation = f"{letter}{self.scope}{x}", self.graph.operation[x]
+        self.variables[name] = "long" if operation in COUNTS else "int" if operation in (*MASKS, *TRUTHS) else "double"
+        self.line(self.language.assign.format(name, text))
+        return name
+
+    def value(self, x: int) -> str:
+        operation, payload, number = self.graph.operation[x], self.graph.payload[x], self.graph.number(x)
+        c = self.language is C
         if number is not None:
-            names[x] = repr(number) if number >= 0 else f"({number!r})"
-        elif g.operation[x] == "leaf":
-            names[x] = inputs[str(g.payload[x])]
-        else:
-            text = expression(g, x, names)
-            free += {names[k] for k in g.operands[x] if last[k] == x and names[k].startswith("r")}
-            used += not free
-            names[x] = free.pop() if free else f"r{used}"
-            lines.append(f"    {names[x]} = {text}")
-    return "\n".join((f"def evaluate({', '.join(arguments)}):", *lines, f"    return [{', '.join(names[x] for x in roots)}]"))
+            text = number.hex() if c else repr(number)
+            return text if number >= 0 else f"({text})"
+        if operation == "all":
+            return str(int(bool(payload))) if c else str(payload)
+        operands = [self.names[k] for k in self.graph.operands[x]]
+        return self.let(x, self.language.calls[operation].format(*operands, p=payload))
+
+    def moved(self, values: Mapping[int, str], letter: str) -> None:
+        """Assign to leaves, all at once."""
+        held = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
+        for x, name in held.items():
+            self.names[x] = self.let(x, name, letter)
+
+    def statement(self, s: Statement) -> None:
+        element = self.language.element
+        match s:
+            case Load():
+                for x, row in self.rows(s).items():
+                    self.names[x] = self.let(x, element.format(s.array, self._row(s.start, row)))
+            case Store():
+                held = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
+                for row, name in enumerate(held):
+                    self.line(self.language.assign.format(element.format(s.array, self._row(s.start, row)), name))
+            case Scatter():
+                values, start = self.compute(s.values), self.need(s.start)
+                for row, name in enumerate(values):
+                    place = element.format(s.array, f"{s.places}[0] + {start} + {row}")
+                    self.line(self.language.assign.format(place, name))
+            case Loop():
+                carried = self.carried(s)
+                self.compute([a for a, _ in carried.values()])
+                self.moved({x: self.names[a] for x, (a, _) in carried.items()}, "v")
+                self.line(self.language.forever.format())
+                self.depth += 1
+                self.statements(s.body)
+                self.line(self.language.leave.format(self.need(s.again)))
+                with self.within():
+                    self.statements(s.after)
+                    self.compute([b for _, b in carried.values()])
+                    self.moved({x: self.names[b] for x, (_, b) in carried.items()}, "v")
+                self.depth -= 1
+                if self.language.close:
+                    self.line(self.language.close)
+            case If():
+                old = self.compute([b for _, b in s.merged.values()])
+                self.moved(dict(zip(s.merged, old, strict=True)), "v")
+                names = {x: self.names[x] for x in s.merged}
+                with self.block(self.language.branch, self.need(s.condition)):
+                    self.statements(s.body)
+                    self.compute([a for a, _ in s.merged.values()])
+                    self.moved({x: self.names[a] for x, (a, _) in s.merged.items()}, "v")
+                self.names |= names
+            case Over():
+                self._over(s)
+
+    def _row(self, start: int | None, row: int) -> str:
+        return str(row) if start is None else f"{self.need(start)} + {row}"
+
+    def _over(self, s: Over) -> None:
+        """A loop over lanes; operands that do not stand side by side are found through tables."""
+        given = {x: self.need(y) for x, y in s.given.items()}
+        places = {p: self._places(p) for p in [*s.loads.values(), *(p for _, p in s.stores)]}
+        outer, names, scope = self.graph, self.names, self.scope
+        self.scope = f"{len(self.constants)}_{len(self.lines)}_"
+        sums = [self._declared(f"s{self.scope}{k}") for k, _ in enumerate(s.sums)]
+        self.graph, self.names = s.graph, given
+        with self.block(self.language.over, str(s.lanes)):
+            for x, p in s.loads.items():
+                self.names[x] = self.let(x, places[p])
+            self.compute(s.order)
+            for name, (x, _) in zip(sums, s.sums, strict=True):
+                self.line(self.language.assign.format(name, f"{name} + {self.need(x)}"))
+            for x, p in s.stores:
+                self.line(self.language.assign.format(places[p], self.need(x)))
+        self.graph, self.names, self.scope = outer, names, scope
+        for name, (_, p) in zip(sums, s.sums, strict=True):
+            self.line(self.language.assign.format(f"{p.array}[{p.by_lane[0]}]", name))
+
+    def _declared(self, name: str) -> str:
+        self.variables[name] = "double"
+        self.line(self.language.assign.format(name, "0.0"))
+        return name
+
+    def _places(self, p: Places | tuple[float, ...]) -> str:
+        """What a lane reads or writes, by its number k."""
+        if not isinstance(p, Places):
+            return self._table("double", [x.hex() for x in p]) + "[k]"
+        start = "" if p.start is None else f"{self.need(p.start)} + "
+        first = p.by_lane[0]
+        if len(set(p.by_lane)) == 1:
+            return f"{p.array}[{start}{first}]"
+        if p.by_lane == tuple(range(first, first + len(p.by_lane))):
+            return f"{p.array}[{start}{first} + k]"
+        return f"{p.array}[{start}{self._table('int', [str(x) for x in p.by_lane])}[k]]"
+
+    def _table(self, kind: str, values: Sequence[str]) -> str:
+        self.constants.append(f"static const {kind} table{len(self.constants)}[] = {{{', '.join(values)}}};")
+        return f"table{len(self.constants) - 1}"
 
 
-def function(g: Graph, roots: list[int], arguments: Sequence[str], inputs: Mapping[str, str]) -> Callable[..., list[Any]]:
-    """The compiled source, on floats or arrays."""
-    space: dict[str, Any] = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "abs": np.abs, "where": np.where}
-    exec(source(g, roots, arguments, inputs), space)
-    evaluate: Callable[..., list[Any]] = space["evaluate"]
-    return evaluate
+def in_c(routine: Routine) -> str:
+    """A routine as a function in C, for one trajectory."""
+    s = Source(routine, C)
+    s.statements(routine.body)
+    s.line(f"return !{s.need(routine.sound)};")
+    given = [f"{'long' if x.whole else 'double'} *{name}" for name, x in routine.arrays.items() if not x.scratch]
+    given += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
+    kinds: dict[str, list[str]] = {}
+    for name, kind in s.variables.items():
+        kinds.setdefault(kind, []).append(name)
+    declared = [f"{kind} {', '.join(names)};" for kind, names in kinds.items()]
+    declared += [f"double {name}[{x.rows}] = {{0}};" for name, x in routine.arrays.items() if x.scratch]
+    body = [f"    {x}" for x in [*s.constants, *declared]] + s.lines
+    return "\n".join([f"int {routine.name}({', '.join(given)})\n{{", *body, "}\n"])
+
+
+def in_python(routine: Routine) -> Callable[..., None]:
+    """A routine on arrays (groups, rows, trajectories), flat where they are scattered into."""
+    s = Source(routine, PYTHON)
+    s.statements(routine.body)
+    given = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
+    space: dict[str, Any] = {"np": np}
+    exec("\n".join([f"def {routine.name}({given}):", *freed(s.lines), "    return"]), space)
+    one: Callable[..., None] = space[routine.name]
+
+    def call(*arguments: Any) -> None:
+        arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]
+        with np.errstate(all="ignore"):
+            for k in range(arguments[-1]):
+                one(*(x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)), *numbers)
+
+    return call
+
+
+def freed(lines: list[str]) -> list[str]:
+    """Lines of Python in which a value that is used between two branches alone is freed after it, for the cache's sake."""
+    run, where = 0, dict[str, list[tuple[int, int]]]()
+    for k, line in enumerate(lines):
+        straight = re.match(r" *[a-z]\w* = ", line)
+        run += not straight or (k > 0 and _depth(line) != _depth(lines[k - 1]))
+        for name in re.findall(r"\br\d+\b", line):
+            where.setdefault(name, []).append((run, k))
+        run += not straight
+    last: dict[int, list[str]] = {}
+    for name, uses in where.items():
+        if len({r for r, _ in uses}) == 1:
+            last.setdefault(uses[-1][1], []).append(name)
+    return [f"{line}; del {', '.join(last[k])}" if k in last else line for k, line in enumerate(lines)]
+
+
+def _depth(line: str) -> int:
+    return len(line) - len(line.lstrip())
 
 
 def on_arrays(given: Function) -> Callable[..., list[Array]]:
     """A function as one of arrays (k, size), one for each argument; its results are arrays (k, size)."""
     g = Graph()
-    leaves = [[g.leaf(f"%{a}_{i}") for i in range(size)] for a, size in enumerate(given.sizes)]
+    leaves = [[g.leaf(f"%x{a}_{i}") for i in range(size)] for a, size in enumerate(given.sizes)]
     results = inline(g, given, leaves, lambda x: (g.make("sin", x), g.make("cos", x)))
-    inputs = {f"%{a}_{i}": f"x{a}[{i}]" for a, size in enumerate(given.sizes) for i in range(size)}
-    arguments = [f"x{a}" for a in range(len(given.sizes))]
-    evaluate = function(g, [x for result in results for x in result], arguments, inputs)
+    ends = [x for result in results for x in result]
+    arrays = {f"x{a}": Argument(size) for a, size in enumerate(given.sizes)} | {"out": Argument(len(ends))}
+    body = [Load(f"x{a}", {x: i for i, x in enumerate(rows)}) for a, rows in enumerate(leaves)]
+    evaluate = in_python(Routine("evaluate", g, arrays, (), (), [*body, Store("out", ends)], g.all(True), 0))
+    cuts = [0, *accumulate(map(len, results))]
 
-    def call(*arrays: Array) -> list[Array]:
-        with np.errstate(all="ignore"):
-            values = evaluate(*(x.T for x in arrays))
-        shape = arrays[0].shape[:1]
-        columns = [np.broadcast_to(x, shape) for x in values]
-        cuts = np.cumsum([0, *(len(result) for result in results)]).tolist()
-        return [np.array(columns[a:b]).reshape(b - a, *shape).T for a, b in pairwise(cuts)]
+    def call(*arguments: Array) -> list[Array]:
+        out = np.empty((1, len(ends), *arguments[0].shape[:1]))
+        evaluate(*(x.T[None] for x in arguments), out, 1)
+        return [out[0, a:b].T for a, b in pairwise(cuts)]
 
     return call
-
-
-C_CALLS = {
-    "add": "{0} + {1}", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}", "lt": "{0} < {1}", "le": "{0} <= {1}",
-    "both": "{0} && {1}", "neg": "-{0}", "abs": "fabs({0})", "sqrt": "sqrt({0})", "sin": "sin({0})", "cos": "cos({0})",
-    "fma": "fma({0}, {1}, {2})", "select": "{0} ? {1} : {2}",
-}  # fmt: skip
-MASKS = ("lt", "le", "both")
-C_HEADER = "#include <math.h>\n\n"
-
-
-def c_lines(g: Graph, values: Sequence[int], leaves: Mapping[int, str]) -> tuple[list[str], dict[int, str]]:
-    """Declarations of values in C, and what each is called; `leaves` are called already."""
-    names, lines = dict(leaves), list[str]()
-    for x in values:
-        number = g.number(x)
-        if number is not None:
-            names[x] = number.hex() if number >= 0 else f"({number.hex()})"
-        elif x not in names:
-            kind = "int" if g.operation[x] in MASKS else "double"
-            names[x] = f"r{x}"
-            lines.append(f"const {kind} r{x} = {C_CALLS[g.operation[x]].format(*(names[k] for k in g.operands[x]))};")
-    return lines, names
-
-
-def c_function(head: str, g: Graph, results: Mapping[str, int], guard: int | None, inputs: Mapping[str, str]) -> str:
-    """A function in C that sets `results`, by what is assigned to, where `guard` holds; `inputs` tells how a leaf is read."""
-    values = live(g, [*results.values(), *([] if guard is None else [guard])])
-    lines, names = c_lines(g, values, {x: inputs[name] for name, x in graph_leaves(g, values).items()})
-    refused = [] if guard is None else [f"if (!({names[guard]})) return 1;"]
-    stored = [f"const double s{k} = {names[x]};" for k, x in enumerate(results.values())]  # before anything is overwritten
-    stored += [f"{place} = s{k};" for k, place in enumerate(results)]
-    return "\n    ".join([f"int {head}\n{{", *lines, *refused, *stored, "return 0;"]) + "\n}\n"
-
-
-def c_loops(program: LoopedProgram) -> str:
-    """The accelerations of a looped program in C."""
-    m, body = program.memory, list[str]()
-    needed = needed_outside(program.loops)
-    for loop in program.loops:
-        body += _c_block(Block(loop, program.groups, needed, library=True), loop.lanes, m)
-    place = f"(j % 3) * {m.stride} + j / 3"
-    n, guard = 3 * m.links, m.a + m.coordinate(3 * m.links)
-    lines = [
-        "int accelerate(double t, const double *q, const double *v, const double *p, double *a)\n{",
-        f"double m[{m.size}] = {{0}};",
-        "(void)p;",
-        f"for (int j = 0; j < {n}; ++j) {{ m[{place}] = q[j]; m[{3 * m.stride} + {place}] = v[j]; }}",
-        f"m[{m.t}] = t;",
-        *body,
-        f"if (m[{guard}] != {float(program.guards)!r}) return 1;",
-        f"for (int j = 0; j < {n}; ++j) a[j] = m[{m.a} + {place}];",
-        "return 0;",
-    ]
-    return C_HEADER + "\n    ".join(lines) + "\n}\n"
-
-
-def _c_block(block: Block, lanes: int, m: Memory) -> list[str]:
-    """A loop over lanes; operands that do not stand side by side are found through tables."""
-    tables, numbers = list[str](), block.groups.numbers
-
-    def element(places: list[int]) -> str:
-        if len(set(places)) == 1:
-            return f"m[{places[0]}]"
-        if places == list(range(places[0], places[0] + lanes)):
-            return f"m[{places[0]} + k]"
-        tables.append(f"static const int places{len(tables)}[] = {{{', '.join(map(str, places))}}};")
-        return f"m[places{len(tables) - 1}[k]]"
-
-    def leaf(values: tuple[int, ...]) -> str:
-        if values[0] not in numbers:
-            return element([m.place[v] for v in values])
-        tables.append(f"static const double numbers{len(tables)}[] = {{{', '.join(numbers[v].hex() for v in values)}}};")
-        return f"numbers{len(tables) - 1}[k]"
-
-    lines, names = c_lines(block.graph, block.order, {x: leaf(values) for x, values in block.loads.items()})
-    sums = {g.results[0]: x for g, x in block.kept if g.operation == "SUM"}
-    lines += [f"sum{value} += {names[x]};" for value, x in sums.items()]
-    lines += [f"{element(m.stored(g))} = {names[x]};" for g, x in block.kept if g.operation != "SUM"]
-    before = [f"double sum{value} = 0.0;" for value in sums]
-    after = [f"m[{m.place[value]}] = sum{value};" for value in sums if value in m.place]
-    return ["{", *tables, *before, f"for (int k = 0; k < {lanes}; ++k) {{", *("    " + x for x in lines), "}", *after, "}"]

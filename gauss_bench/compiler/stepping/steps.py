@@ -33,8 +33,7 @@ from math import inf, isfinite
 
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, Pair, inline
-from gauss_bench.compiler.machine.source import C_HEADER, c_function
+from gauss_bench.compiler.machine.graph import Graph, Pair, inline, rewrite
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
@@ -76,33 +75,47 @@ class Step:
     Attributes:
         carried: leaf -> the value it has at the next step.
         out: q, v (2n) to be stored, at the beginning of the step.
-        regular: mask where all pivots are, or None for everywhere; regular_out: those that `out` needs.
+        regular: mask where all pivots are; regular_out: those that `out` needs.
         within: mask where the reach holds and all is finite.
     """
 
     graph: Graph
     carried: dict[str, int]
     out: list[int]
-    regular: int | None
-    regular_out: int | None
+    regular: int
+    regular_out: int
     within: int
 
     def roots(self) -> list[int]:
         """Everything that must be computed."""
-        masks = [m for m in (self.regular, self.regular_out, self.within) if m is not None]
-        return [*self.carried.values(), *self.out, *masks]
+        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within]
+
+    def rewritten(self) -> "Step":
+        """The step with its arithmetic regrouped."""
+        graph, roots = rewrite(self.graph, self.roots())
+        moved = dict(zip(self.roots(), roots, strict=True))
+        carried = {name: moved[x] for name, x in self.carried.items()}
+        masks = (moved[m] for m in (self.regular, self.regular_out, self.within))
+        return Step(graph, carried, [moved[x] for x in self.out], *masks)
 
 
 class Builder:
     """Writes the stages of a step into a graph, and gathers their guards."""
 
-    def __init__(self, code: Code, reach: Reach, q: str = "q", v: str = "v", library: bool = False):
-        self.g = g = Graph()
+    def __init__(
+        self,
+        code: Code,
+        reach: Reach,
+        names: tuple[str, str, str] = ("q", "v", "t"),
+        library: bool = False,
+        graph: Graph | None = None,
+    ):
+        self.g = g = graph or Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
-        self.q, self.v = self.vector(q), self.vector(v)
+        self.q, self.v = self.vector(names[0]), self.vector(names[1])
         self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
-        self.t, self.h = g.leaf("%t"), g.leaf("%h")
+        self.t, self.h = g.leaf(f"%{names[2]}"), g.leaf("%h")
         self.known: dict[int, Pair] = {}
         self.pivots: list[int] = []
         self.score: list[int] = []
@@ -195,9 +208,7 @@ class Builder:
         """Mask where everything limited stays in its bounds and v is finite."""
         g = self.g
         score = g.make("le", g.total(self.score), g.const(1.0))
-        mask = g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
-        assert mask is not None
-        return mask
+        return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
         """The step whose results are q, v and sines."""
@@ -205,7 +216,7 @@ class Builder:
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
-        regular_out = g.both(out_pivots) if self.code.projected else None
+        regular_out = g.both(out_pivots if self.code.projected else [])
         return Step(g, carried, [*self.q, *out_v], g.both(self.pivots), regular_out, self.within(v))
 
 
@@ -258,83 +269,55 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
-def c_source(code: Code, integrator: str) -> str:
-    """A program in plain C: accelerations, a step of an integrator, and with projection velocities onto the constraints.
-
-        int accelerate(double t, const double *q, const double *v, const double *p, double *a)
-        int step(double t, double h, double *q, double *v, const double *p)
-        int settle(double t, double *q, double *v, const double *p)
-
-    A step projects positions; velocities are projected at the beginning of the next, or by `settle`. All return 0, or 1 where a
-    guard fails; then nothing has been written.
-    """
-    n = code.program.n
-    inputs = {f"%{a}{i}": f"{a}[{i}]" for a in "qv" for i in range(n)} | {"%t": "t", "%h": "h"}
-    inputs |= {f"%p{i}": f"p[{i}]" for i in range(code.program.n_parameters)}
-
-    def function(head: str, g: Graph, masks: list[int], results: dict[str, int]) -> str:
-        return c_function(head, g, results, g.both(masks), inputs)
-
-    b = Builder(code, EXACT, library=True)
-    a = b.acceleration(b.t, b.q, b.v)
-    head = "accelerate(double t, const double *q, const double *v, const double *p, double *a)"
-    parts = [function(head, b.g, [*b.pivots, b.within(a)], {f"a[{i}]": x for i, x in enumerate(a)})]
-    step = STEPS[integrator](code, REACHES[integrator][-1], library=True)
-    places = {f"{name}[{i}]": step.carried[f"%{name}{i}"] for name in "qv" for i in range(n)}
-    masks = [m for m in (step.regular, step.within) if m is not None]
-    parts.append(function("step(double t, double h, double *q, double *v, const double *p)", step.graph, masks, places))
-    if code.projected:
-        b = Builder(code, EXACT, library=True)
-        v = b.corrected_velocity()
-        b.acceleration(b.t, b.q, b.v)
-        places = {f"v[{i}]": x for i, x in enumerate(v)}
-        parts.append(function("settle(double t, double *q, double *v, const double *p)", b.g, [*b.pivots, b.within(v)], places))
-    return C_HEADER + "\n".join(parts)
-
-
 STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """The values of a part of a step: leaf -> its next value, and the masks of Step."""
+class StagedStep:
+    """A step as four turns of a loop over its stages, and what comes after them.
+
+    Attributes:
+        carried: leaf -> its value before the first stage, and at the next stage.
+        step: what comes after the stages; its masks are those of that part alone.
+        regular, within: masks of one stage, as in Step.
+    """
 
     graph: Graph
-    carried: dict[str, int]
-    regular: int | None
+    carried: dict[str, tuple[int, int]]
+    regular: int
     within: int
+    step: Step
 
     def roots(self) -> list[int]:
         """Everything that must be computed."""
-        return [*self.carried.values(), *(m for m in (self.regular, self.within) if m is not None)]
+        return [*(x for pair in self.carried.values() for x in pair), self.regular, self.within, *self.step.roots()]
 
 
-def rk4_stage(code: Code, reach: Reach) -> Stage:
-    """One stage."""
-    b = Builder(code, reach, "x", "u")
-    g, x, u = b.g, b.q, b.v
-    q, v, way, weight = b.vector("q"), b.vector("v"), g.leaf("%way"), g.leaf("%weight")
+def rk4_staged(code: Code, reach: Reach) -> StagedStep:
+    """One step of the classical Runge-Kutta method; leaves "%way" and "%weight" belong to a stage, "%time" is its time."""
+    b = Builder(code, reach, ("x", "u", "time"))
+    e = Builder(code, reach, graph=b.g)
+    g, x, u, q, v = b.g, b.q, b.v, e.q, e.v
+    way, weight = g.leaf("%way"), g.leaf("%weight")
     if reach.rotates:
         moved = [g.sub(a, c) for a, c in zip(x, q, strict=True)]
-        b.turn(b.given(), moved, reach.step, x)
+        b.turn(e.fresh(), moved, reach.step, x)
         b.limit(b.of_angles(moved), reach.step)
-        b.limit(b.of_angles(q), trigonometry.LARGEST)
     a = b.acceleration(b.t, x, u)
-    following = {"x": b.along(q, way, u), "u": b.along(v, way, a)}
-    following |= {"X": b.along(b.vector("X"), weight, u), "U": b.along(b.vector("U"), weight, a)}
-    carried = {f"%{letter}{i}": k for letter, values in following.items() for i, k in enumerate(values)}
-    return Stage(g, carried, g.both(b.pivots), b.within(a))
-
-
-def rk4_end(code: Code, reach: Reach) -> Stage:
-    """The step's results from the sums."""
-    b = Builder(code, reach)
-    g, sixth, end = b.g, b.times_h(1 / 6), b.g.add(b.t, b.h)
-    q, v = b.along(b.q, sixth, b.vector("X")), b.along(b.v, sixth, b.vector("U"))
+    X, U = b.vector("X"), b.vector("U")
+    zero = [g.const(0.0)] * b.n
+    stages = (
+        ("x", q, b.along(q, way, u)),
+        ("u", v, b.along(v, way, a)),
+        ("X", zero, b.along(X, weight, u)),
+        ("U", zero, b.along(U, weight, a)),
+    )
+    carried = {f"%{k}{i}": pair for k, first, after in stages for i, pair in enumerate(zip(first, after, strict=True))}
+    carried["%time"] = (e.t, g.add(e.t, way))
+    sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)
+    q, v = e.along(q, sixth, X), e.along(v, sixth, U)
     if code.projected:
-        pairs = [b.sincos(x) for x in b.of_angles(q)]
-        q, _ = b.corrected_position(end, q, pairs, q)
-        (dv,) = inline(g, code.velocity, ([end], q, v, b.p), b.sincos)
+        q, _ = e.corrected_position(end, q, [e.sincos(x) for x in e.of_angles(q)], q)
+        (dv,) = inline(g, code.velocity, ([end], q, v, e.p), e.sincos)
         v = [g.add(x, d) for x, d in zip(v, dv, strict=True)]
-    carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
-    return Stage(g, carried, g.both(b.pivots), b.within(v))
+    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q, v, [], e.v, []))

@@ -13,8 +13,8 @@ constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, AC
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,21 +22,14 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.casadi.functions import unfit
 from gauss_bench.engines.shared import finite, finite_acceleration
-from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-COMMON: Mapping[str, object] = {
-    "idas.suppress_algebraic": True,
-    "idas.linear_solver": "csparse",
-    "baumgarte_alpha_beta_per_s": BAUMGARTE_RATE,
-}
-SETTINGS: Mapping[str, Mapping[str, object]] = {
-    "default": {"reltol": 1e-6, "abstol": 1e-8, **COMMON},  # CasADi's own tolerances
-    "tight": {"reltol": 1e-10, "abstol": 1e-12, **COMMON},  # those that the suite gives to DOP853
-}
+VARIANTS = read_variants(Path(__file__).parent)
 # Absolute tolerance by which algebraic variables are as good as left out of Newton's convergence test: in index 2 they converge
 # like 1/h only, and where IDAS is to find them at a state that was just projected, they are exact already and its search fails.
 LOOSE = 1e9
@@ -58,7 +51,8 @@ class Casadi:
     name = "casadi"
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
     stabilizations = STABILIZATIONS
-    settings = SETTINGS
+    settings = VARIANTS.settings
+    variants = VARIANTS.space
     adaptive = integrators  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
@@ -86,7 +80,7 @@ class CasadiModel:
         from gauss_bench.engines.casadi.equations import equations, solution
 
         self.ca: Any = casadi
-        self.mechanism, self.choice = mechanism, choice
+        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
         self.evaluator = Evaluator(mechanism)
         e = equations(mechanism)
         self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])
@@ -97,7 +91,8 @@ class CasadiModel:
         ca, n = self.ca, self.mechanism.n
         if self.choice.stabilization == "baumgarte":
             held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
-            e = replace(e, gamma=e.gamma - 2 * BAUMGARTE_RATE * e.c - BAUMGARTE_RATE**2 * held)
+            rate = self.options["baumgarte_alpha_beta_per_s"]
+            e = replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
         if self.choice.integrator.startswith("cvodes"):
             system = {"ode": ca.vertcat(e.v, solution(e)[0])}
         else:
@@ -127,11 +122,11 @@ class CasadiModel:
         self.integrators = {x: self._integrator(grid) for x, grid in grids.items()} if len(times) > 1 else {}
 
     def _integrator(self, grid: list[float]) -> Any:
-        chosen = SETTINGS[self.choice.settings]
-        options: dict[str, Any] = {k: chosen[k] for k in ("reltol", "abstol")}
+        relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
+        options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
         kind, _, method = self.choice.integrator.partition("_")
         if kind == "idas":
-            options |= {k.removeprefix("idas."): x for k, x in chosen.items() if k.startswith("idas.")}
+            options |= {k.removeprefix("idas."): x for k, x in self.options.items() if k.startswith("idas.")}
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
         if method == "ggl":  # what IDAS offers to make a start consistent is for index 1, and this one is consistent

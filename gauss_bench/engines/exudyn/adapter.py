@@ -10,12 +10,13 @@ of generalized-alpha, within its order. Adaptive steps are off everywhere: they 
 compares at equal steps.
 
 Exudyn's initial accelerations ignore the second rate of a motion law, and what they lack stays in the accelerations of the
-trapezoidal rule for the whole run. Driven linkages therefore start from accelerations that are computed as under "tuned", whatever
-the settings, and where the law's rate varies there is no answer of Exudyn's own to report as an acceleration at a given state.
+trapezoidal rule for the whole run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings, and
+where the law's rate varies there is no answer of Exudyn's own to report as an acceleration at a given state.
 """
 
+import contextlib
 import os
-from collections.abc import Mapping
+import sys
 from pathlib import Path
 from tempfile import mkstemp
 from typing import Any
@@ -26,43 +27,25 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
 from gauss_bench.engines.shared import finite, finite_acceleration, refused
+from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "default": {  # as shipped, except for the adaptive steps
-        "newton": "modified",
-        "jacobian_every_step": False,
-        "relative_tolerance": 1e-8,
-        "absolute_tolerance": 1e-10,
-        "spectral_radius": 0.9,
-        "adaptive_step": False,
-        "linear_solver_up_to_unknowns": {"EXUdense": None},
-        "linear_solver_where_redundant": "EigenDense, singular Jacobian ignored",
-        "acceleration": "Exudyn's initial accelerations, relative epsilon 1e-7",
-    },
-    "tuned": {
-        "newton": "modified",
-        "jacobian_every_step": True,  # the cheapest mode of all, and as exact
-        "relative_tolerance": 1e-10,
-        "absolute_tolerance": 1e-12,
-        "spectral_radius": 0.8,
-        "adaptive_step": False,
-        "linear_solver_up_to_unknowns": {"EXUdense": 20, "EigenDense": 50, "EigenSparse": None},
-        "linear_solver_where_redundant": "EigenDense, singular Jacobian ignored",
-        "acceleration": "KKT system in numpy from Exudyn's M, f, C_q; fourth-order differences of C_q along v",
-    },
-}
+VARIANTS = read_variants(Path(__file__).parent)
+KKT = "KKT system"  # of the knob `acceleration`
 SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "TrapezoidalIndex2"}
 FAR = 0.1  # of the linkage's size (or rad): no truncation error is that large while the motion still means anything
 
 
 def library() -> tuple[Any, Any]:
-    """Exudyn and its items, silent on the console."""
-    import exudyn
+    """Exudyn and its items, silent on the console; the module without range checks, where nothing has imported another before."""
+    if not hasattr(sys, "exudynFast"):
+        setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
+    with contextlib.redirect_stdout(None):
+        import exudyn
     from exudyn import itemInterface
 
     exudyn.config.printToConsole = False
@@ -75,7 +58,8 @@ class Exudyn:
     name = "exudyn"
     integrators: tuple[str, ...] = tuple(SOLVERS)
     stabilizations: tuple[str, ...] = ("none",)
-    settings = SETTINGS
+    settings = VARIANTS.settings
+    variants = VARIANTS.space
     native_loop = True
     python_loop = False
 
@@ -97,13 +81,12 @@ class Exudyn:
 def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
     """Exudyn's settings for a choice; times and numbers of steps are filled in by the run."""
     exu, _ = library()
-    options = SETTINGS[choice.settings]
+    options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    unknowns, limits = mechanism.n + rows(mechanism), options["linear_solver_up_to_unknowns"]
-    name = next(name for name, most in limits.items() if most is None or unknowns <= most)
+    name = linear_solver(options["linear_solver"], mechanism.n + rows(mechanism))
     if mechanism.redundant:
-        name = "EigenDense"
+        name = options["linear_solver_where_redundant"]
         settings.linearSolver.ignoreSingularJacobian = True
     settings.linearSolver.solverType = getattr(exu.LinearSolverType, name)
     run = settings.timeIntegration
@@ -116,6 +99,12 @@ def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
     run.newton.relativeTolerance = options["relative_tolerance"]
     run.newton.absoluteTolerance = options["absolute_tolerance"]
     return settings
+
+
+def linear_solver(said: str, unknowns: int) -> str:
+    """The first of "NAME to MOST, NAME to MOST, NAME" that takes so many unknowns."""
+    pairs = (part.partition(" to ") for part in said.split(", "))
+    return next(name for name, _, most in pairs if not most or unknowns <= int(most))
 
 
 def rows(mechanism: Mechanism) -> int:
@@ -167,7 +156,7 @@ class ExudynModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
-            if self.choice.settings == "tuned":
+            if VARIANTS.options(self.choice.settings)["acceleration"] == KKT:
                 a = self._kkt(t, q, v)
             else:
                 self._require_even_laws(t)

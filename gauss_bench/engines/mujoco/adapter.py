@@ -12,7 +12,7 @@ the torque A law''(t), moves so up to the share of the linkage's load in that to
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,71 +27,58 @@ from gauss_bench.engines.shared import (
     driven_links,
     finite,
     finite_acceleration,
+    joint_tree,
     require_agreement,
     tree_states,
     with_accelerations,
 )
+from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
 AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or factor about 1
-ARMATURE = 1e9  # of a driven hinge, in inertias of the tree at rest; at 6e10 the shipped tolerance, relative to it, ends too early
 
 
-@dataclass(frozen=True)
-class Softness:
-    """What decides how rigid the loop closures are; the names are MuJoCo's.
-
-    Attributes:
-        solref: time constant, in units of `solref_unit` ("s" or "step"), and damping ratio of the constraint.
-        solimp: impedance d0, d_width, width, midpoint, power; MuJoCo clamps impedances to 0.9999.
-        tolerance, iterations: of the constraint solver.
-        body_invweight0_factor: on the compiled inverse weights, to which the softness is proportional.
-        remark: what the reader of a table must know.
-    """
-
-    solref: tuple[float, float]
-    solref_unit: str
-    solimp: tuple[float, float, float, float, float]
-    tolerance: float
-    iterations: int
-    body_invweight0_factor: float
-    remark: str
-
-    def apply(self, model: Any, step: float) -> None:
-        """Apply to a compiled model that takes steps of `step` [s]."""
-        unit = step if self.solref_unit == "step" else 1.0
-        model.eq_solref[:] = [self.solref[0] * unit, self.solref[1]]
-        model.eq_solimp[:] = self.solimp
-        model.opt.tolerance, model.opt.iterations = self.tolerance, self.iterations
-        model.body_invweight0[:] *= self.body_invweight0_factor  # compiling again would undo it
-
-
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-EDITED = "edits a compiled constant, which is no documented option"
-SOFTNESS = {
-    "default": Softness((0.02, 1.0), "s", (0.9, 0.95, 0.001, 0.5, 2.0), 1e-8, 100, 1.0, "as shipped"),
-    "tuned": Softness((2.0, 1.0), "step", STIFF, 1e-15, 100, 1.0, "documented options only"),
-    "rigid": Softness((0.02, 1.0), "s", STIFF, 0.0, 3, 1e-6, EDITED),
+VARIANTS = read_variants(Path(__file__).parent)
+FLAGS: Mapping[str, Callable[[Any], bool]] = {  # a feature that can be disabled -> whether a compiled model uses it
+    "mjDSBL_ISLAND": lambda model: False,  # one loop or one solution for all loops: finding islands only costs
+    "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
+    "mjDSBL_MIDPHASE": lambda model: bool(model.ngeom),
+    "mjDSBL_SENSOR": lambda model: bool(model.nsensor),
+    "mjDSBL_LIMIT": lambda model: bool(model.jnt_limited.any() or model.tendon_limited.any()),
+    "mjDSBL_FRICTIONLOSS": lambda model: bool(model.dof_frictionloss.any() or model.tendon_frictionloss.any()),
+    "mjDSBL_CLAMPCTRL": lambda model: bool(model.actuator_ctrllimited.any()),
 }
 
 
+def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
+    """Give a compiled model that takes steps of `step` [s] its options, once: inverse weights are scaled."""
+    unit = step if options["solref_unit"] == "step" else 1.0
+    model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
+    model.eq_solimp[:] = options["solimp"]
+    model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
+    model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
+    model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
+    model.body_invweight0[:] *= options["body_invweight0_factor"]  # compiling again would undo it
+    if options["unused_features"] == "off":
+        unused = (flag for flag, uses in FLAGS.items() if not uses(model))
+        model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
+
+
 class Mujoco:
-    """MuJoCo under three settings of how rigid its closures are."""
+    """MuJoCo under settings of how rigid its closures are."""
 
     name = "mujoco"
     integrators = tuple(INTEGRATORS)
     stabilizations = ("none",)
-    settings: Mapping[str, Mapping[str, object]] = {
-        label: asdict(x) | {"armature_of_a_driven_hinge_over_inertia": ARMATURE} for label, x in SOFTNESS.items()
-    }
+    settings = VARIANTS.settings
+    variants = VARIANTS.space
     native_loop = True
     python_loop = True
 
@@ -104,7 +91,7 @@ class Mujoco:
         reason = beyond_a_tree(mechanism, "MuJoCo")
         if reason:
             return reason
-        tree = spanning_tree(mechanism)
+        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if None in driven_hinges(mechanism, tree):
             return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
         try:
@@ -130,8 +117,8 @@ class MujocoModel:
         import mujoco
 
         self.mujoco: Any = mujoco
-        self.mechanism, self.choice = mechanism, choice
-        self.tree = spanning_tree(mechanism)
+        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
+        self.tree = joint_tree(mechanism, self.options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         try:
             draft = Draft(mujoco, mechanism, self.tree)
@@ -139,7 +126,7 @@ class MujocoModel:
         except ValueError as error:
             raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
         self.torque = draft.torque
-        SOFTNESS[choice.settings].apply(self.model, choice.step)
+        configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would pass for a motion
@@ -159,12 +146,13 @@ class MujocoModel:
         at = [k for k in driven_hinges(self.mechanism, self.tree) if k is not None]
         if not laws:
             return
-        self.drives = [(k, ARMATURE * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
+        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
+        self.drives = [(k, share * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
         for model in (self.model, self.still):
             for k, armature, _ in self.drives:
                 model.dof_armature[k] = armature
             self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
-            SOFTNESS[self.choice.settings].apply(model, self.choice.step)  # scales the inverse weights just computed anew
+            configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
 
     def _push(self, data: Any, t: float) -> None:
         """The driving torques at time t [s]."""

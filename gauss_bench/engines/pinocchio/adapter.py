@@ -14,6 +14,7 @@ iterations then do not settle, and the run is given up rather than followed. Pro
 """
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,26 +22,17 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
-from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, with_accelerations
+from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
+from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
-from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS
+from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-COMMON = {
-    "baumgarte_Kp_per_s2": BAUMGARTE_RATE**2,
-    "baumgarte_Kd_per_s": 2 * BAUMGARTE_RATE,
-    "dop853_rtol": 1e-10,
-    "dop853_atol": 1e-12,
-}
-SETTINGS: Mapping[str, Mapping[str, float]] = {
-    "default": {"absolute_accuracy": 1e-14, "relative_accuracy": 1e-14, "mu": 1e-8, "max_iter": 20, **COMMON},
-    "one_iteration": {"absolute_accuracy": 1e-14, "relative_accuracy": 1e-14, "mu": 1e-14, "max_iter": 1, **COMMON},
-}
+VARIANTS = read_variants(Path(__file__).parent)
 SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
 
 
@@ -48,9 +40,10 @@ class Pinocchio:
     """The engine."""
 
     name = "pinocchio"
-    integrators = ("rk4", "semi_implicit_euler", "dop853")
+    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
-    settings = SETTINGS
+    settings = VARIANTS.settings
+    variants = VARIANTS.space
     native_loop = False
     python_loop = True
 
@@ -74,18 +67,21 @@ class Pinocchio:
 class ConstrainedDynamics:
     """Tree accelerations (n,) of a tree state, as the integrators of the suite call them; `evaluations` counts the calls."""
 
-    def __init__(self, body: Multibody, forces: TreeForces, settings: Mapping[str, float], gains: tuple[float, float]):
+    def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         pin = body.pin
-        self.model, self.forces, self.solve = body.model, forces, pin.constraintDynamics
+        self.model, self.forces, self.solve = body.model, forces, getattr(pin, options["algorithm"])
         self.data: Any = body.model.createData()
         self.rows: Any = body.constraints(gains)
         self.row_data: Any = pin.StdVec_RigidConstraintData()
         for row in self.rows:
             self.row_data.append(row.createData())
-        pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
-        accuracies = settings["absolute_accuracy"], settings["relative_accuracy"]
-        self.prox: Any = pin.ProximalSettings(*accuracies, settings["mu"], int(settings["max_iter"]))
-        self.limit = SOLVED / settings["mu"]
+        if options["algorithm"] == "lcaba":
+            pin.computeJointMinimalOrdering(self.model, self.data, self.rows)
+        else:
+            pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
+        accuracies = options["absolute_accuracy"], options["relative_accuracy"]
+        self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
+        self.limit = SOLVED / options["mu"]
         self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
@@ -132,13 +128,14 @@ class PinocchioModel:
 
         self.pin: Any = pinocchio
         self.mechanism, self.choice = mechanism, choice
-        self.tree, self.evaluator = spanning_tree(mechanism), Evaluator(mechanism)
+        self.options = VARIANTS.options(choice.settings)
+        self.tree, self.evaluator = joint_tree(mechanism, self.options), Evaluator(mechanism)
         body = Multibody(pinocchio, mechanism, self.tree)
         verify(body, mechanism, self.tree)
-        self.forces, settings = TreeForces(mechanism, self.tree, body), SETTINGS[choice.settings]
-        gains = (BAUMGARTE_RATE**2, 2 * BAUMGARTE_RATE) if choice.stabilization == "baumgarte" else (0.0, 0.0)
-        self.plain = ConstrainedDynamics(body, self.forces, settings, (0.0, 0.0))  # what is reported has no Baumgarte terms
-        self.stabilized = ConstrainedDynamics(body, self.forces, settings, gains)
+        self.forces, corrector = TreeForces(mechanism, self.tree, body), ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
+        proportional, rate = (float(self.options[x]) if choice.stabilization == "baumgarte" else 0.0 for x in corrector)
+        self.plain = ConstrainedDynamics(body, self.forces, self.options, (0.0, 0.0))  # what is reported has no Baumgarte terms
+        self.stabilized = ConstrainedDynamics(body, self.forces, self.options, (proportional, rate))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -167,9 +164,9 @@ class PinocchioModel:
     def _adaptive(self) -> None:
         if self.times[-1] == self.times[0]:
             return
-        options = SETTINGS[self.choice.settings]
+        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         try:
-            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, options["dop853_rtol"], options["dop853_atol"])
+            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 

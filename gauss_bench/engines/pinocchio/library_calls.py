@@ -1,11 +1,10 @@
-"""One right-hand side by Pinocchio alone: its two algorithms for constrained trees.
+"""One right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
 
-constraintDynamics runs at the settings "default". lcaba is of Sathya and Carpentier, Constrained articulated body dynamics
-algorithms (2024); its penalty and accuracy are the best trade found: tighter ones cost more and gain nothing.
+lcaba is of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024); its penalty and accuracy are the best
+trade found: tighter ones cost more and gain nothing.
 """
 
-from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -15,31 +14,16 @@ from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-LCABA = {"mu": 1e-4, "accuracy": 1e-10, "iterations": 20}
 
-
-def constraint_dynamics(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    model = PinocchioModel(mechanism, Choice())
+def solved(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+    """The algorithm of a variant."""
+    model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
-    return _asked(model, y, dy, model.plain.bare(y, dy))
-
-
-def lcaba(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """With data of its own: those that constraintDynamics has used lead it astray."""
-    model = PinocchioModel(mechanism, Choice())
-    y, dy = model.tree.relative(q, v)
-    pin, tree, rows = model.pin, model.plain.model, model.plain.rows
-    data, row_data = tree.createData(), pin.StdVec_RigidConstraintData()
-    for row in rows:
-        row_data.append(row.createData())
-    pin.computeJointMinimalOrdering(tree, data, rows)
-    prox = pin.ProximalSettings(LCABA["accuracy"], LCABA["accuracy"], LCABA["mu"], int(LCABA["iterations"]))
-    tau = np.ascontiguousarray(model.forces(y, dy))
-    return _asked(model, y, dy, lambda: pin.lcaba(tree, data, y, dy, tau, rows, row_data, prox))
-
-
-def _asked(model: PinocchioModel, y: Array, dy: Array, call: Callable[[], Any]) -> LibraryCall:
+    call = model.plain.bare(y, dy)
     return LibraryCall(call, model.tree.absolute(y, dy, np.array(call()))[2])
 
 
-CALLS = {"constraintDynamics": constraint_dynamics, "lcaba": lcaba}
+CALLS = {
+    "constraintDynamics": partial(solved, "one/rk4/least depth"),
+    "lcaba": partial(solved, "articulated/rk4/least depth"),
+}

@@ -76,10 +76,13 @@ class Multibody:
         return joint, centre * self.planar(point.local)
 
     def constraints(self, gains: tuple[float, float]) -> Any:
-        """One point constraint per open pin, with Baumgarte gains Kp, Kd; its rows are world axes, as those of the suite."""
+        """One point constraint per open pin, with Baumgarte gains Kp, Kd; its rows are world axes, as those of the suite.
+
+        The ground is the second joint of its constraint: lcaba takes no other.
+        """
         pin = self.pin
         rows = pin.StdVec_RigidConstraintModel()
-        for a, b in self.pins:
+        for a, b in ((b, a) if a.link == GROUND else (a, b) for a, b in self.pins):
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.placed(a), *self.placed(b), frame)
             row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains

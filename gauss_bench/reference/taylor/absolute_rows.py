@@ -117,23 +117,23 @@ def joint_forces(mechanism: Mechanism, q: Long, force: Long, redundant: int, eps
     """
     rows = AbsoluteRows(mechanism, q)
     m = len(rows.rows)
-    found = np.zeros((len(q), m), dtype=q.dtype)
+    multipliers = np.zeros((len(q), m), dtype=q.dtype)
     scale = max(float(np.abs(force).astype(float).max(initial=0.0)), 1e-300)
     if m == 0:
-        return found, float(np.abs(force).astype(float).max(initial=0.0)) / scale
+        return multipliers, float(np.abs(force).astype(float).max(initial=0.0)) / scale
     J = rows.dense()
     kept = _independent(J[0], m - redundant)
     solve = [_least_squares(sample[kept]) for sample in J]
     before = np.inf
     for _ in range(SWEEPS):
-        left = force - rows.transposed(found)
+        left = force - rows.transposed(multipliers)
         off = float(np.abs(left).astype(float).max(initial=0.0)) / scale
         if off <= eps or off >= before / 2:
-            return found, min(off, before)
+            return multipliers, min(off, before)
         step = np.array([one(x) for one, x in zip(solve, left.astype(float), strict=True)])
-        found[:, kept] = found[:, kept] + step
+        multipliers[:, kept] = multipliers[:, kept] + step
         before = off
-    return found, before
+    return multipliers, before
 
 
 def _least_squares(J: Array) -> Callable[[Array], Array]:

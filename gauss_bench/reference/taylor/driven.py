@@ -109,12 +109,12 @@ def followed(closures: Closures, times: Array, x: Array) -> Iterator[Array]:
             try:
                 v, a = closures.rates(t, x)
                 h = reached - t
-                found = closures.close(reached, x + h * (v + h / 2 * a))
-                crossed = closures.crosses(x, found)
+                closed = closures.close(reached, x + h * (v + h / 2 * a))
+                crossed = closures.crosses(x, closed)
             except (Unsolved, np.linalg.LinAlgError):
                 crossed = True
             if not crossed:
-                t, x, step = float(reached), found, 2 * step
+                t, x, step = float(reached), closed, 2 * step
             elif step < SHORTEST * whole:
                 raise Unsolved(f"the driven linkage is singular, or at a limit of its motion, at t = {t:.6g} s")
             else:

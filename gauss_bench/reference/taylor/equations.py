@@ -90,16 +90,16 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     if not chart.free:
         return Rates(velocity, a0, [])
     T, r = _reduced(rows, at, velocity, N, a0)
-    found = solve_positive(T, r)
-    return Rates(velocity, _combined(a0, N, dict(zip(chart.free, found, strict=True))), found)
+    free = solve_positive(T, r)
+    return Rates(velocity, _combined(a0, N, dict(zip(chart.free, free, strict=True))), free)
 
 
 def _combined(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, Value]) -> dict[int, Value]:
-    found = dict(x0)
+    combined = dict(x0)
     for j, column in N.items():
         for k, value in column.items():
-            found[k] = add(found.get(k, 0), mul(value, u[j]))
-    return found
+            combined[k] = add(combined.get(k, 0), mul(value, u[j]))
+    return combined
 
 
 def _reduced(

@@ -182,8 +182,8 @@ class March:
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
         at = Instant(columns(y[:, :n]), NUMBERS)
         laws = [driver.law(t) for driver in self.rows.coordinates.mechanism.drivers]
-        found = rates(self.rows, chart, at, columns(y[:, n:]), laws)
-        v, a = (stacked([x.get(j, 0) for j in range(n)], t - t) for x in (found.velocity, found.acceleration))
+        motion = rates(self.rows, chart, at, columns(y[:, n:]), laws)
+        v, a = (stacked([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
         return LoopStates(t, y[:, :n], v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:

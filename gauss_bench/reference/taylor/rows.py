@@ -70,14 +70,14 @@ class LoopRows:
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
         """What the rows with a position level leave open: closures, then drivers [m, rad; a length times its error]."""
-        found = [x for closure in self.closures for x in at.combined(closure, at)]
+        residuals = [x for closure in self.closures for x in at.combined(closure, at)]
         for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
             if given.gap:
                 d = at.combined(given.gap, at)
-                found.append((dot(d, d) - value * value) / 2)
+                residuals.append((dot(d, d) - value * value) / 2)
             else:
-                found.append(add(given.turn, 0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
-        return found
+                residuals.append(add(given.turn, 0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
+        return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
         """Right-hand side of A x' = rate."""
@@ -87,18 +87,18 @@ class LoopRows:
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
         """Right-hand side of A x'' = gamma, for rates v of the coordinates."""
         rate, bias = at.variation(v), at.bias(v)
-        found = [neg(x) for closure in self.closures for x in at.combined(closure, bias)]
+        biases = [neg(x) for closure in self.closures for x in at.combined(closure, bias)]
         for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if given.gap:
                 d, u, b = (at.combined(given.gap, of) for of in (at, rate, bias))
-                found.append(sub(add(mul(first, first), mul(value, second)), add(dot(u, u), dot(d, b))))
+                biases.append(sub(add(mul(first, first), mul(value, second)), add(dot(u, u), dot(d, b))))
             else:
-                found.append(second)
+                biases.append(second)
         for angle, point, normal in self.edges:
             n = at.combined(normal, at)
             u, b = (at.combined(point, of) for of in (rate, bias))
-            found.append(neg(add(dot(n, b), mul(v.get(angle, 0), cross(n, u)))))
-        return found
+            biases.append(neg(add(dot(n, b), mul(v.get(angle, 0), cross(n, u)))))
+        return biases
 
 
 def loop_rows(coordinates: LoopCoordinates) -> LoopRows:

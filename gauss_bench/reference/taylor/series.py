@@ -145,8 +145,8 @@ class CompiledSeries:
     def pivots(self, state: Long) -> Array:
         if self.watch is None:
             return np.full(1, np.inf)
-        found = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
-        return np.asarray(found / self.chart.scale[[c for _, c in self.chart.order]])
+        watched = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
+        return np.asarray(watched / self.chart.scale[[c for _, c in self.chart.order]])
 
 
 def compiled(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
@@ -158,8 +158,8 @@ def compiled(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> Comp
     state = [heyoka.make_vars(name) for name in names]
     none = heyoka.expression(0.0)
     constants, watched = Constants(), Constants()
-    found = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
-    right = [found.velocity.get(j, 0) for j in range(n)] + found.free
+    motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
+    right = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
     system = [(name, none + value) for name, value in zip(state, right, strict=True)]
     taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
     taylor.pars[:] = constants.values(number)[: len(taylor.pars)]

@@ -47,18 +47,18 @@ def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]
     coordinates, start = rows.coordinates, scenario.get("start", {})
     mechanism = coordinates.mechanism
     index = {link.name: i for i, link in enumerate(mechanism.links)}
-    found = []
+    holds = []
     for link, (target, rate) in _held_angles(mechanism, start, index, number).items():
-        found.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
+        holds.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
     for name, target in start.get("slides", {}).items():
         rate = exact(number, start.get("slide_speeds", {}).get(name, 0))
-        found.append(Held(coordinates.slides[name], number("0"), (), (exact(number, target),), (rate,)))
+        holds.append(Held(coordinates.slides[name], number("0"), (), (exact(number, target),), (rate,)))
     for reference, target in start.get("points", {}).items():
         owner, name = reference.split(".")
         point = coordinates.point(mechanism.point(index[owner], name))
         rate = start.get("point_velocities", {}).get(reference, (0, 0))
-        found.append(Held(NONE, 0, point, tuple(pair(number, target)), tuple(pair(number, rate))))
-    return found
+        holds.append(Held(NONE, 0, point, tuple(pair(number, target)), tuple(pair(number, rate))))
+    return holds
 
 
 def _held_angles(mechanism: Mechanism, start: dict[str, Any], index: dict[str, int], number: Number) -> dict[int, tuple[Any, Any]]:
@@ -93,8 +93,8 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
 
     def residual(holds: Sequence[Held], x: Long) -> Long:
         at = Instant(columns(x), NUMBERS)
-        found = [*rows.residuals(at, laws), *(0 for _ in rows.edges), *(y for hold in holds for y in hold.residual(at))]
-        return stacked(found, like)
+        residuals = [*rows.residuals(at, laws), *(0 for _ in rows.edges), *(y for hold in holds for y in hold.residual(at))]
+        return stacked(residuals, like)
 
     for group in (holds, []):  # what is held may contradict the loops in its last digits; the loops must close to the last
         P = pseudo_inverse(dense(entries(x, group), 1, n))

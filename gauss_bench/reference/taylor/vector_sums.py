@@ -47,12 +47,12 @@ Sum = tuple[VectorTerm, ...]
 
 def merged(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
     """One term per key, without those that cancel; `less` is taken away."""
-    found: dict[Key, tuple[Any, Any]] = {}
+    sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
         for term in part:
-            x, y = found.get(term.key, (term.x - term.x, term.y - term.y))
-            found[term.key] = (x + sign * term.x, y + sign * term.y)
-    return tuple(VectorTerm(x, y, *key) for key, (x, y) in found.items() if x != 0 or y != 0)
+            x, y = sums.get(term.key, (term.x - term.x, term.y - term.y))
+            sums[term.key] = (x + sign * term.x, y + sign * term.y)
+    return tuple(VectorTerm(x, y, *key) for key, (x, y) in sums.items() if x != 0 or y != 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,20 +144,20 @@ def _ground_guides(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[
 
 def moving(mechanism: Mechanism, film: Film, canvas: Canvas) -> list[str]:
     """Guides, links with the guides and blocks they carry, pins, and points with their names."""
-    found = [part for line in _ground_guides(mechanism, film.states, canvas) for part in guide_shape(line, grounded=True)]
+    shapes = [part for line in _ground_guides(mechanism, film.states, canvas) for part in guide_shape(line, grounded=True)]
     blocks = {joint.block.link for joint in slides(mechanism)}
     for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
-        found += carried(
+        shapes += carried(
             mechanism.links[i], i, film, canvas, [*_slide_parts(mechanism, i, film, canvas), *_bars(mechanism, i, canvas)]
         )
     pins = {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}
     pin_ways = [canvas.at(position(film.states, p)) for p in pins.values()]
-    found += [part for way in pin_ways for part in followed(way, film, [pin_shape(0, 0)])]
+    shapes += [part for way in pin_ways for part in followed(way, film, [pin_shape(0, 0)])]
     for point in mechanism.observed_points:
         way = canvas.at(position(film.states, point))
         on_pin = any(np.abs(way - other).max() < SAME for other in pin_ways)
-        found += followed(way, film, [dot_shape(0, 0, on_pin), *_name(point)])
-    return found
+        shapes += followed(way, film, [dot_shape(0, 0, on_pin), *_name(point)])
+    return shapes
 
 
 def _bars(mechanism: Mechanism, i: int, canvas: Canvas) -> list[str]:
@@ -167,14 +167,14 @@ def _bars(mechanism: Mechanism, i: int, canvas: Canvas) -> list[str]:
 
 def _slide_parts(mechanism: Mechanism, i: int, film: Film, canvas: Canvas) -> list[str]:
     """Guides and blocks fixed in link i, in its frame."""
-    found = []
+    shapes = []
     for joint in slides(mechanism):
         if joint.guide.link == i:
             ends = rail(joint, film.states, BEYOND / canvas.scale)
-            found += guide_shape(canvas.offset(np.array([end.local for end in ends])), grounded=False)
+            shapes += guide_shape(canvas.offset(np.array([end.local for end in ends])), grounded=False)
         if joint.block.link == i:
-            found.append(block_shape(canvas.offset(joint.block.local), joint.angle - joint.turn))
-    return found
+            shapes.append(block_shape(canvas.offset(joint.block.local), joint.angle - joint.turn))
+    return shapes
 
 
 def _name(point: Point) -> list[str]:

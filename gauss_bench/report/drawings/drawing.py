@@ -119,27 +119,27 @@ def bar_ends(link: Link) -> list[tuple[str, str]]:
 
 def links(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[str]:
     """Every link at state q (n,)."""
-    found = []
+    shapes = []
     for i, link in enumerate(mechanism.links):
         where = {name: canvas.at(position(q, mechanism.point(i, name))) for name in link.points}
-        found += link_shape(link, where, i == mechanism.crank)
-    return found
+        shapes += link_shape(link, where, i == mechanism.crank)
+    return shapes
 
 
 def link_shape(link: Link, where: Mapping[str, Array], crank: bool) -> list[str]:
     """A link whose points are at the given pixels: their faint hull, then the bars with round ends."""
     fill, edge = (CRANK, CRANK_EDGE) if crank else (BODY, BODY_EDGE)
     bars = [_path(np.array([where[a], where[b]])) for a, b in bar_ends(link)]
-    found = []
+    shapes = []
     outline = hull(np.array(list(where.values())))
     if len(outline) > 2:
         shape = f'd="{_path(outline, closed=True)}" stroke-linejoin="round"'
-        found.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
+        shapes.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
     for width, colour in ((BAR, edge), (BAR - 3, fill)):
         if bars:
             style = f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round"'
-            found.append(f'<path d="{"".join(bars)}" {style}/>')
-    return found
+            shapes.append(f'<path d="{"".join(bars)}" {style}/>')
+    return shapes
 
 
 def slides(mechanism: Mechanism) -> list[Prismatic]:
@@ -163,12 +163,12 @@ def guide_line(joint: Prismatic, q: Array, trace: Array | None, canvas: Canvas) 
 
 def guides(mechanism: Mechanism, q: Array, trace: Array | None, canvas: Canvas) -> list[str]:
     """Each slide: its guide and the block on it."""
-    found = []
+    shapes = []
     for joint in slides(mechanism):
         theta = joint.angle + (0.0 if joint.guide.link == GROUND else float(q[3 * joint.guide.link + 2]))
-        found += guide_shape(guide_line(joint, q, trace, canvas), joint.guide.link == GROUND)
-        found.append(block_shape(canvas.at(position(q, joint.block)), theta))
-    return found
+        shapes += guide_shape(guide_line(joint, q, trace, canvas), joint.guide.link == GROUND)
+        shapes.append(block_shape(canvas.at(position(q, joint.block)), theta))
+    return shapes
 
 
 def guide_shape(ends: Array, grounded: bool) -> list[str]:
@@ -198,13 +198,13 @@ def hatched(a: Array, b: Array) -> list[str]:
 
 def pivots(mechanism: Mechanism, canvas: Canvas) -> list[str]:
     """A foot under every pin on the ground."""
-    found = []
+    shapes = []
     for where in dict.fromkeys((float(p.local[0]), float(p.local[1])) for p in _pins(mechanism) if p.link == GROUND):
         x, y = canvas.at(np.array(where))
         foot = _path(np.array([[x, y], [x - 12, y + 22], [x + 12, y + 22]]), closed=True)
-        found.append(f'<path d="{foot}" fill="{PAPER}" stroke="{INK}" stroke-width="1.5" stroke-linejoin="round"/>')
-        found += hatched(np.array([x - 20, y + 22]), np.array([x + 20, y + 22]))
-    return found
+        shapes.append(f'<path d="{foot}" fill="{PAPER}" stroke="{INK}" stroke-width="1.5" stroke-linejoin="round"/>')
+        shapes += hatched(np.array([x - 20, y + 22]), np.array([x + 20, y + 22]))
+    return shapes
 
 
 def _pins(mechanism: Mechanism) -> list[Point]:
@@ -215,8 +215,8 @@ def joints(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[str]:
     """Pins as open circles, observed points that are no pins as filled ones."""
     pins = {tuple(np.round(canvas.at(position(q, p)), 1)) for p in _pins(mechanism)}
     seen = {tuple(np.round(canvas.at(position(q, p)), 1)) for p in mechanism.observed_points}
-    found = [pin_shape(x, y) for x, y in sorted(pins)]
-    return found + [dot_shape(x, y, (x, y) in pins) for x, y in sorted(seen)]
+    shapes = [pin_shape(x, y) for x, y in sorted(pins)]
+    return shapes + [dot_shape(x, y, (x, y) in pins) for x, y in sorted(seen)]
 
 
 def pin_shape(x: float, y: float) -> str:

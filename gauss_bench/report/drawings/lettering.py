@@ -21,16 +21,16 @@ Pixels = Callable[[Array], Array]
 def lettering(mechanism: Mechanism, q: Array, at: Pixels, size: tuple[float, float], segments: Array) -> list[str]:
     """SVG texts of all names; `at` turns world positions into pixels, `segments` (k, 2, 2) are the lines to keep away from."""
     taken: list[Array] = []
-    found = []
+    texts = []
     for name, where in _points(mechanism, q, at):
         turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
         places = [where + r * np.array([np.cos(a), -np.sin(a)]) for r in (16.0, 21.0) for a in turns]
         place = _best(places, name, segments, taken, size)
-        found.append(_text(name, place, INK, 'font-style="italic"'))
+        texts.append(_text(name, place, INK, 'font-style="italic"'))
     for name, middles in _links(mechanism, q, at):
         place = _best(middles, name, segments, taken, size)
-        found.append(_text(name, place, MUTED, ""))
-    return found
+        texts.append(_text(name, place, MUTED, ""))
+    return texts
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
@@ -72,7 +72,7 @@ def _points(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, Array
 
 def _links(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, list[Array]]]:
     """Names of links and the pixels they could stand at: beside the middle of a bar, or around a block."""
-    found = []
+    lettered = []
     for i, link in enumerate(mechanism.links):
         where = {name: at(position(q, mechanism.point(i, name))) for name in link.points}
         names = list(where)
@@ -89,8 +89,8 @@ def _links(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, list[A
             places.append(centre)
         if not places:
             places = [centre + np.array([dx, dy]) for dy in (-26, 30) for dx in (0, 24, -24, 44, -44)]
-        found.append((link.name, places))
-    return found
+        lettered.append((link.name, places))
+    return lettered
 
 
 def _best(places: Sequence[Array], name: str, segments: Array, taken: list[Array], size: tuple[float, float]) -> Array:

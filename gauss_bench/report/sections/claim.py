@@ -80,7 +80,7 @@ def claimed(row: Row) -> tuple[Cell, ...]:
     kinds = ("operations", "divisions", "critical")
     costs = counts(row, *(f"{kind}_{x}" for kind in kinds for x in ("gauss", "lagrange")))
     ratios = (cell for name in ("ratio", "batch_ratio", "numpy_ratio") for cell in ratio_cells(row, name))
-    found = str(row.get("verdict", "")) or remark(row).text
+    outcome = str(row.get("verdict", "")) or remark(row).text
     return (
         *texts(row, "mechanism"),
         *counts(row, "n", "rows", "unknowns_gauss", "unknowns_lagrange"),
@@ -88,7 +88,7 @@ def claimed(row: Row) -> tuple[Cell, ...]:
         time_of(row),
         time_of(row, "rival_seconds"),
         *ratios,
-        text_cell(found, VERDICTS.get(found, "bad")),
+        text_cell(outcome, VERDICTS.get(outcome, "bad")),
     )
 
 
@@ -97,15 +97,15 @@ def findings(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.table("kernel_claim") if known(row.get("ratio"))]
     if not rows:
         return
-    found = grouped(sorted(rows, key=lambda r: number(r, "unknowns_gauss")), lambda r: str(r["verdict"]))
+    verdicts = grouped(sorted(rows, key=lambda r: number(r, "unknowns_gauss")), lambda r: str(r["verdict"]))
     said = {"holds": "faster on", "open": "level on", "reversed": "slower on"}
-    parts = [f"{words} {listed(map(_ratio, found[key]))}" for key, words in said.items() if key in found]
+    parts = [f"{words} {listed(map(_ratio, verdicts[key]))}" for key, words in said.items() if key in verdicts]
     text = (
         f"Compiled by the same eliminator, n - m unknowns are {'; '.join(parts)} (times that n + m unknowns take, with its spread)."
     )
-    whole = set(found) == {"holds"}
+    whole = set(verdicts) == {"holds"}
     yield Finding(
-        "The paper's claim", f"{'Yes' if whole else 'In part' if 'holds' in found else 'No'}. {text}", "" if whole else "warn"
+        "The paper's claim", f"{'Yes' if whole else 'In part' if 'holds' in verdicts else 'No'}. {text}", "" if whole else "warn"
     )
 
 

@@ -65,8 +65,8 @@ def findings(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
     if rows:
         groups = grouped(rows, lambda r: (r["engine"], r["status"])).items()
-        found = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)
-        text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {found}."
+        why = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)
+        text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {why}."
         yield Finding("Failed cases", text, "bad")
 
 

@@ -121,10 +121,10 @@ def same_model(run: Run) -> Iterator[Finding]:
     worst = {name: max(number(r, "acceleration_error_median") for r in group) for name, group in grouped(rows, _settings).items()}
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
-        found = listed(f"{name} ({error(x)})" for x, name in same)
+        exact = listed(f"{name} ({error(x)})" for x, name in same)
         yield Finding(
             "Same state, same acceleration",
-            f"Given the same states, {found} return the reference's acceleration; in brackets the largest median relative error of "
+            f"Given the same states, {exact} return the reference's acceleration; in brackets the largest median relative error of "
             f"{count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
         )
@@ -154,12 +154,12 @@ def _step_does_not_help(run: Run, off: list[Row]) -> str:
     """Evidence from trajectories, as the end of a sentence: the flattest error over at least a 4-fold range of steps."""
     wanted = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and known(end_error(r))]
-    found = []
+    falls = []
     for group in grouped(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
         stepped = sorted((r for r in group if not own_steps(r)), key=lambda r: -number(r, "step"))
         if len(stepped) > 1 and stepped[0]["step"] >= 4 * stepped[-1]["step"] and end_error(stepped[-1]) > 0:
-            found.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
-    flat = [(ratio, steps) for ratio, steps in found if ratio < SHRINKS]
+            falls.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
+    flat = [(ratio, steps) for ratio, steps in falls if ratio < SHRINKS]
     if not flat:
         return "."
     _, steps = min(flat, key=lambda x: x[0])

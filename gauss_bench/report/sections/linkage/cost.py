@@ -110,19 +110,19 @@ def findings(run: Run) -> Iterator[Finding]:
     """The suite's own formulation against Lagrange multipliers: the cost of a step and of an acceleration."""
     rows = costs(run.results)
     for quantity, what in (("step", "A step"), ("acceleration", "One acceleration")):
-        found: dict[str, list[float]] = {}
+        spreads: dict[str, list[float]] = {}
         for row in (r for r in rows if r["engine"] == OWN):
             rival = next((r for r in rows if r["engine"] == RIVAL and _alike(r, row)), None)
             ratio = _ratio(run, row, rival, quantity) if rival is not None else []
             if ratio:  # an acceleration has no integrator: one per linkage
-                found.setdefault(f"{row['mechanism']}{' ' + row['integrator'] if quantity == 'step' else ''}", ratio)
-        if found:
-            slower = sum(x[0] > 1 for x in found.values())
-            multiples = listed(f"{name} {_with_spread(x)}" for name, x in found.items())
+                spreads.setdefault(f"{row['mechanism']}{' ' + row['integrator'] if quantity == 'step' else ''}", ratio)
+        if spreads:
+            slower = sum(x[0] > 1 for x in spreads.values())
+            told = listed(f"{name} {_with_spread(x)}" for name, x in spreads.items())
             yield Finding(
                 f"Cost of {OWN} against {RIVAL}",
-                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {multiples}; slower in {slower} of {len(found)}.",
-                "warn" if slower > len(found) / 2 else "good",
+                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {told}; slower in {slower} of {len(spreads)}.",
+                "warn" if slower > len(spreads) / 2 else "good",
             )
 
 

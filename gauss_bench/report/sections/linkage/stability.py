@@ -69,11 +69,11 @@ def _histories(series: Sequence[Row], cases: Sequence[Row]) -> tuple[list[list[R
     """The histories at the common step, or at the engine's own, of cases that ended ok; with the flag of controls."""
     fine = {_case(row): row for row in cases if row["status"] in ("ok", "invalid")}
     step = common_step(list(fine.values()))
-    found: list[list[Row]] = []
+    curves: list[list[Row]] = []
     for key, rows in grouped(series, _case).items():
         if key in fine and (own_steps(fine[key]) or number(rows[0], "step") == step):
-            found.append([{**row, "control": fine[key]["control"]} for row in rows])
-    return found, step
+            curves.append([{**row, "control": fine[key]["control"]} for row in rows])
+    return curves, step
 
 
 def _case(row: Row) -> tuple[Any, ...]:

@@ -150,8 +150,8 @@ def best(title: str, rows: list[Row]) -> Table:
         below = below_reference(row)
         return not below, 0.0 if below else end_error(row), -row["step"] if known(row["step"]) else 0.0
 
-    found = [row for row in rows if ranked(row) and known(end_error(row))]
-    lines = [line(min(group, key=rank)) for group in grouped(found, lambda r: method(r)[:2]).values()]
+    usable = [row for row in rows if ranked(row) and known(end_error(row))]
+    lines = [line(min(group, key=rank)) for group in grouped(usable, lambda r: method(r)[:2]).values()]
     head, numeric = columns(heading(rows), 4, last_text=1)
     return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
 
@@ -265,10 +265,10 @@ def not_valid(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if ok(row) and not row["valid"] and not row["control"]]
     if rows:
         engines = grouped(rows, lambda r: str(r["engine"])).items()
-        found = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
+        reasons = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",
-            f"{count(len(rows), 'case')} ended and may not be used: {found}. They stay in the tables, marked, "
+            f"{count(len(rows), 'case')} ended and may not be used: {reasons}. They stay in the tables, marked, "
             "and are in no figure of error against cost and in no ranking.",
             "warn",
         )

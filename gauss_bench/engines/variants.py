@@ -1,0 +1,169 @@
+"""An engine's knobs, settings and variants as data: `variants.toml` in its room, read in one place.
+
+    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source
+    [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
+    [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
+
+A variant is one line. What it leaves out is as in its settings (the first ones where it names none), and "none" for the
+stabilisation. A list in the place of a value stands for each of its entries: the line is then every combination, and each is named
+by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` to their readers, which is no knob.
+
+A knob without an address of documentation, example or tracker, and without a word on why it is our own search, is refused, and so
+is a value of an unknown knob: what nobody can look up is not raced.
+"""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+FILE = "variants.toml"
+LEAST_WORDS = 20  # characters of a reason: shorter ones give none
+CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its settings
+REMARK = "remark"
+OWN_SEARCH = "own search: "
+
+
+class VariantError(ValueError):
+    """A file of variants that cannot be used; the message names file, table and field."""
+
+
+@dataclass(frozen=True)
+class Knob:
+    """Something about an engine that can be chosen.
+
+    Attributes:
+        source: address of where it is documented, or OWN_SEARCH and why it is tried.
+    """
+
+    name: str
+    meaning: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of the searched space: everything that is chosen but the step or tolerance.
+
+    Attributes:
+        options: knob -> value, all of them but `integrator` and `stabilization`.
+    """
+
+    name: str
+    integrator: str
+    stabilization: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Variants:
+    """What an engine's file says.
+
+    Attributes:
+        settings: label -> knob -> value.
+        space: the points of the searched space by name, in the file's order.
+    """
+
+    knobs: Mapping[str, Knob]
+    settings: Mapping[str, Mapping[str, Any]]
+    space: Mapping[str, Variant]
+
+    def options(self, name: str) -> Mapping[str, Any]:
+        """The options of settings or of a variant.
+
+        Raises:
+            KeyError: there is neither of that name.
+        """
+        if name in self.settings:
+            return self.settings[name]
+        if name in self.space:
+            return self.space[name].options
+        raise KeyError(f"neither settings nor a variant: {name!r}; there are {', '.join([*self.settings, *self.space])}")
+
+
+def read_variants(room: Path) -> Variants:
+    """The knobs, settings and variants of the engine in a folder.
+
+    Raises:
+        VariantError: a table or field that is faulty, a knob without provenance, a value of an unknown knob.
+    """
+    path = room / FILE
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise VariantError(f"{path}: TOML syntax: {error}") from error
+    for name in ("knobs", "settings", "variants"):
+        if not all(isinstance(x, dict) for x in document.get(name, {"": None}).values()):
+            raise VariantError(f"{path}: {name}: a table of inline tables is wanted")
+    if strange := document.keys() - {"knobs", "settings", "variants"}:
+        raise VariantError(f"{path}: unknown table {min(strange)}")
+    knobs = {name: _knob(f"{path}: knobs.{name}", name, table) for name, table in document["knobs"].items()}
+    settings = _settings(str(path), knobs, document["settings"])
+    space: dict[str, Variant] = {}
+    for line, table in document["variants"].items():
+        for variant in _points(f"{path}: variants.{line}", line, table, knobs, settings):
+            if variant.name in space or variant.name in settings:
+                raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
+            space[variant.name] = variant
+    return Variants(knobs, settings, space)
+
+
+def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
+    if strange := table.keys() - {"meaning", "source", "own_search"}:
+        raise VariantError(f"{place}: unknown field {min(strange)}")
+    if not str(table.get("meaning", "")).strip():
+        raise VariantError(f"{place}: does not say what it means")
+    source, reason = str(table.get("source", "")), str(table.get("own_search", ""))
+    if bool(source) == bool(reason):
+        raise VariantError(f"{place}: needs `source`, the address where it is documented, or `own_search`, why we try it")
+    if source and not source.startswith("https://"):
+        raise VariantError(f"{place}: `source` is no address: {source}")
+    if reason and len(reason) < LEAST_WORDS:
+        raise VariantError(f"{place}: `own_search` gives no reason: {reason}")
+    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason)
+
+
+def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Every label with all its options."""
+    wanted = [name for name in knobs if name not in CHOSEN]
+    found: dict[str, dict[str, Any]] = {}
+    for label, table in tables.items():
+        place = f"{path}: settings.{label}"
+        options = {**next(iter(found.values()), {}), **table}
+        for name in table:
+            if name not in (*wanted, REMARK):
+                raise VariantError(f"{place}: {name} is no knob of settings")
+        if lacking := [name for name in wanted if name not in options]:
+            raise VariantError(f"{place}: {lacking[0]} has no value")
+        found[label] = {name: options[name] for name in wanted} | ({REMARK: table[REMARK]} if REMARK in table else {})
+    if not found:
+        raise VariantError(f"{path}: settings: there are none")
+    return found
+
+
+def _points(
+    place: str, line: str, table: Mapping[str, Any], knobs: Mapping[str, Knob], settings: Mapping[str, Mapping[str, Any]]
+) -> Iterator[Variant]:
+    """Every combination of a line."""
+    label = table.get("settings", next(iter(settings)))
+    if label not in settings:
+        raise VariantError(f"{place}: there are no settings {label!r}")
+    values = {"stabilization": "none", **{k: x for k, x in table.items() if k != "settings"}}
+    for name in values:
+        if name not in knobs:
+            raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
+    if "integrator" not in values:
+        raise VariantError(f"{place}: integrator is missing")
+    lists = {name: x for name, x in values.items() if _several(x, settings[label].get(name))}
+    for choice in product(*lists.values()):
+        chosen = {**values, **dict(zip(lists, choice, strict=True))}
+        name = "/".join([line, *map(str, choice)])
+        options = {**settings[label], **{k: x for k, x in chosen.items() if k not in CHOSEN}}
+        yield Variant(name, str(chosen["integrator"]), str(chosen["stabilization"]), options)
+
+
+def _several(value: Any, usual: Any) -> bool:
+    """Whether a value is a list of values: of a knob whose usual value is a list itself, only a list of lists is."""
+    return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -1,0 +1,119 @@
+"""What can be turned in an engine is data: every knob says where it is documented, every variant is a line, and each builds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench.offers import offer
+from gauss_bench.engines import FOREIGN, get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.variants import OWN_SEARCH, VariantError, Variants, read_variants
+from gauss_bench.mechanism.load import load
+from tests.conftest import needs
+
+GOOD = """
+[knobs]
+integrator = { meaning = "method", source = "https://example.org/integrators" }
+stabilization = { meaning = "cure of drift", source = "https://example.org/drift" }
+mu = { meaning = "damping", source = "https://example.org/mu" }
+rounds = { meaning = "iterations", own_search = "nobody says how many are enough" }
+pair = { meaning = "two numbers", source = "https://example.org/pair" }
+[settings]
+default = { mu = 1e-8, rounds = 20, pair = [1.0, 2.0] }
+quick = { rounds = 1, remark = "for those in a hurry" }
+[variants]
+plain = { integrator = "rk4" }
+many = { settings = "quick", integrator = ["rk4", "euler"], mu = [1e-4, 1e-6], stabilization = "projection" }
+pairs = { integrator = "rk4", pair = [[1.0, 1.0], [2.0, 2.0]] }
+"""
+
+
+def made(folder: Path, text: str) -> Variants:
+    (folder / "variants.toml").write_text(text)
+    return read_variants(folder)
+
+
+def test_a_line_is_a_variant_and_a_list_is_every_entry(tmp_path: Path) -> None:
+    found = made(tmp_path, GOOD)
+    assert found.settings["quick"] == {"mu": 1e-8, "rounds": 1, "pair": [1.0, 2.0], "remark": "for those in a hurry"}
+    assert [*found.space] == [
+        "plain",
+        *("many/rk4/0.0001", "many/rk4/1e-06", "many/euler/0.0001", "many/euler/1e-06"),
+        *("pairs/[1.0, 1.0]", "pairs/[2.0, 2.0]"),
+    ]
+    many = found.space["many/euler/1e-06"]
+    assert (many.integrator, many.stabilization) == ("euler", "projection")
+    assert (many.options["mu"], many.options["rounds"]) == (1e-6, 1)
+    assert found.space["plain"].stabilization == "none"
+    assert found.options("pairs/[2.0, 2.0]")["pair"] == [2.0, 2.0]
+    assert found.options("default")["rounds"] == 20
+    assert found.knobs["rounds"].source.startswith(OWN_SEARCH)
+    with pytest.raises(KeyError, match="neither settings nor a variant"):
+        found.options("many")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (', source = "https://example.org/mu"', "", r"knobs\.mu: needs `source`"),
+        ("https://example.org/mu", "a friend told me", r"knobs\.mu: `source` is no address"),
+        (
+            ', own_search = "nobody says how many are enough"',
+            ', own_search = "why not"',
+            r"knobs\.rounds: `own_search` gives no reason",
+        ),
+        ('meaning = "damping"', 'meaning = " "', r"knobs\.mu: does not say what it means"),
+        ('meaning = "damping"', 'meaning = "damping", unit = "1"', r"knobs\.mu: unknown field unit"),
+        ("rounds = 1,", "turns = 1,", r"settings\.quick: turns is no knob"),
+        ("mu = 1e-8, ", "", r"settings\.default: mu has no value"),
+        ('integrator = "rk4" }\nmany', 'integrator = "rk4", speed = 3 }\nmany', r"variants\.plain: speed is no knob"),
+        ('plain = { integrator = "rk4" }', "plain = { mu = 1e-4 }", r"variants\.plain: integrator is missing"),
+        ('settings = "quick"', 'settings = "slow"', r"variants\.many: there are no settings 'slow'"),
+        ("plain = {", "quick = {", r"variants\.quick: quick is there already"),
+        ("[variants]", "[variant]", "variants: a table of inline tables"),
+        ('plain = { integrator = "rk4" }', "plain = 3", "variants: a table of inline tables"),
+        ("[knobs]", "[[knobs]", "TOML syntax"),
+    ],
+)
+def test_a_faulty_file_is_told_by_table_and_field(old: str, new: str, said: str, tmp_path: Path) -> None:
+    assert old in GOOD
+    with pytest.raises(VariantError, match=said) as error:
+        made(tmp_path, GOOD.replace(old, new, 1))
+    assert "variants.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_the_spaces_of_engines_name_what_they_offer_and_can_be_asked_for(name: str) -> None:
+    offered = offer(name)
+    assert offered.usable
+    assert offered.variants
+    for variant in offered.variants.values():
+        assert variant.integrator in offered.integrators
+        assert variant.stabilization in offered.stabilizations
+        choice = offered.choose(variant.name, None, None, 1e-3)
+        assert (choice.settings, choice.integrator, choice.stabilization) == (
+            variant.name,
+            variant.integrator,
+            variant.stabilization,
+        )
+
+
+def lines(name: str) -> list[tuple[str, str]]:
+    """The last variant of each line of an engine's file."""
+    return [(name, x) for x in {variant.partition("/")[0]: variant for variant in offer(name).variants}.values()]
+
+
+@pytest.mark.parametrize(("engine", "variant"), [x for name in FOREIGN for x in lines(name)])
+def test_a_variant_moves_the_linkage_as_all_do(engine: str, variant: str) -> None:
+    needs({"pinocchio": "pinocchio", "mujoco": "mujoco", "exudyn": "exudyn", "casadi": "casadi"}[engine])
+    mechanism, chosen = load("four_bar", "torque"), offer(engine).variants[variant]
+    choice = Choice(variant, chosen.integrator, chosen.stabilization, 1e-4, 1e-9)
+    assert get(engine).skip(mechanism, choice) is None
+    ends = []
+    for name, how in ((engine, choice), ("gauss", Choice("default", "dop853"))):
+        model = get(name).build(mechanism, how)
+        model.prepare(np.array([0.0, 0.05]))
+        model.run()
+        ends.append(model.read().q[-1])
+    assert np.abs(ends[0] - ends[1]).max() < 1e-3  # the softest and least exact of them; a wrong option moves nothing, or far

@@ -1,0 +1,59 @@
+"""What is published comes from a committed tree; `make` is asked, with everything that it would start replaced by a word."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+GIT = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A committed tree with the project's Makefile, in which `gauss-bench` writes down how it was called."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / ".gitignore").write_text(".venv/\nreports/local/\n")
+    (tmp_path / "reports").mkdir()
+    for name in ("source.py", "constraints.txt", "pyproject.toml", "reports/page.md"):
+        (tmp_path / name).write_text("a\n")
+    said = tmp_path / ".venv" / "bin" / "gauss-bench"
+    said.parent.mkdir(parents=True)
+    said.write_text('#!/bin/sh\necho "$@" >> .venv/called\n')
+    said.chmod(0o755)
+    (tmp_path / ".venv" / ".ready").touch()
+    for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "all"]):
+        subprocess.run([*GIT, *command], cwd=tmp_path, check=True)
+    return tmp_path
+
+
+def make(tree: Path, goal: str) -> tuple[int, str, str]:
+    """Exit code, what was called, and what was said."""
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("GIT_", "MAKE"))}
+    done = subprocess.run(["make", goal], cwd=tree, capture_output=True, text=True, env=clean)
+    called = tree / ".venv" / "called"
+    return done.returncode, called.read_text() if called.exists() else "", done.stderr
+
+
+def test_a_clean_tree_is_published(tree: Path) -> None:
+    code, called, _ = make(tree, "publish")
+    assert code == 0
+    assert "--suite full" in called
+    assert called.split()[-2:] == ["--out", "reports"]
+
+
+@pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])
+def test_a_tree_that_is_not_committed_is_not(tree: Path, name: str, published: bool) -> None:
+    (tree / name).write_text("b\n")
+    code, called, said = make(tree, "publish")
+    assert (code == 0) is published
+    assert bool(called) is published
+    assert published or name in said
+
+
+def test_a_users_run_leaves_what_is_published_alone(tree: Path) -> None:
+    _, called, _ = make(tree, "bench")
+    assert "--out" not in called  # its default is tested where the command line is
+    assert "--against reports" in called
