@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -172,7 +173,7 @@ class Errors:
         return np.maximum(self.length, self.angle)
 
 
-def common_times(t: Array, true: Array) -> tuple[Array, Array]:
+def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Places in t (k,) of the times that `true` (j,) has too, and which of those they are, as a mask (j,); times increase."""
     near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
     both = np.abs(t[near] - true) < 1e-9
