@@ -198,6 +198,22 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
     )
 
 
+def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
+    """Largest |error| of a component of any joint's force (k,) [N], at every time of the reference that the trajectory has sampled.
+
+    NaN where redundant rows leave the forces open. Both forces follow from the accelerations by Newton's laws: `joint_forces`.
+    """
+    mine, both = common_times(trajectory.t, reference.t)
+    if evaluator.mechanism.redundant:
+        return np.full(len(mine), np.nan)
+    own, true = (
+        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
+        for x, at in ((trajectory, mine), (reference, both))
+    )
+    gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
+    return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
+
+
 def relative_acceleration_error(a: Array, true: Array) -> Array:
     """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n)."""
     scale = np.abs(true).max(axis=-1)

@@ -52,7 +52,7 @@ class Casadi:
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     adaptive = integrators  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False

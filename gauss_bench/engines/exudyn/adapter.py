@@ -59,7 +59,7 @@ class Exudyn:
     integrators: tuple[str, ...] = tuple(SOLVERS)
     stabilizations: tuple[str, ...] = ("none",)
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     native_loop = True
     python_loop = False
 

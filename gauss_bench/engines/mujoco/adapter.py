@@ -78,7 +78,7 @@ class Mujoco:
     integrators = tuple(INTEGRATORS)
     stabilizations = ("none",)
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     native_loop = True
     python_loop = True
 
