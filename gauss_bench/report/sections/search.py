@@ -30,9 +30,9 @@ PLACE = 15
 TABLES = ("search_winners", "search_space", "search_knobs")
 SEARCH = (
     "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
-    "flags) the cheapest whose error stays within the requirement at every beat of the whole run. Errors depend on no clock; of the "
-    "variants that pass, those near the cheapest race in one process, and of those that tie the first of the engine's file wins. "
-    "Generation and compilation are not timed. A ratio is an engine's time over that of the suite's own cheapest way, marked "
+    "flags) the cheapest whose error stays within the requirement at every beat of the whole run. Errors depend on no clock; of "
+    "the variants that pass, those near the cheapest race in one process, and of those that tie the first of the engine's file "
+    "wins. Generation and compilation are not timed. A ratio is an engine's time over that of the suite's own cheapest way, marked "
     "**own**: above 1 the engine is slower."
 )
 HEAD = (
