@@ -24,7 +24,7 @@ from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.bench.one_run import Sampling, one_run
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.tasks import Rows, Tables, Task
-from gauss_bench.engines import OWN, get, names
+from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -63,7 +63,7 @@ def requirements(part: Search) -> list[Requirement]:
 
 def searched(part: Search) -> list[Offer]:
     """The engines of a part that can be asked."""
-    return [offer(x) for x in part.engines or (x for x in names() if x not in OWN)]
+    return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
 
 
 def space(engine: Offer) -> list[Variant]:
