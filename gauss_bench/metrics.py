@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -141,6 +140,8 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def _work(t: Array, power: Array, at: Array) -> Array:
+    from scipy.interpolate import make_interp_spline  # which takes as long to import as everything else together
+
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
     primitive: Callable[[Array], Array] = spline.antiderivative()
     return np.asarray(primitive(at) - primitive(t[:1]))
@@ -172,9 +173,16 @@ class Errors:
         return np.maximum(self.length, self.angle)
 
 
+def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Places in t (k,) of the times that `true` (j,) has too, and which of those they are, as a mask (j,); times increase."""
+    near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
+    both = np.abs(t[near] - true) < 1e-9
+    return near[both], both
+
+
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Errors at every time of the reference that the trajectory has sampled."""
-    mine, both = _shared(trajectory, reference)
+    mine, both = common_times(trajectory.t, reference.t)
     shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
@@ -195,7 +203,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
     NaN where redundant rows leave the forces open. Both forces follow from the accelerations by Newton's laws: `joint_forces`.
     """
-    mine, both = _shared(trajectory, reference)
+    mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
         return np.full(len(mine), np.nan)
     own, true = (
@@ -204,14 +212,6 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     )
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
     return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
-
-
-def _shared(trajectory: Trajectory, reference: Reference) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Indices of the trajectory, and which of the reference, at times that both have."""
-    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
-    near = np.minimum(near, len(trajectory.t) - 1)
-    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
-    return near[both], both
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
