@@ -15,7 +15,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.by_hand.loops import Loop, Underived, loop_of
 from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, compiler
-from gauss_bench.engines.shared import finite_acceleration, require_agreement, require_finite, size
+from gauss_bench.engines.shared import finite, finite_acceleration, require_agreement, size
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -137,7 +137,8 @@ class ByHandModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the compiled loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
-        self.th, self.w = (np.tile(x, (len(times), 1)) for x in self.start)
+        self.th, self.w = np.full((2, len(times), 1), np.nan)
+        self.th[0], self.w[0] = self.start
 
     def run(self) -> None:
         for k, (count, h) in enumerate(self.plan):
@@ -145,9 +146,9 @@ class ByHandModel:
             self.code.step(self.choice.integrator, self.th[k + 1], self.w[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
-        require_finite(self.times, self.th, self.w)
-        q, v, a = self._absolute(self.th[:, 0], self.w[:, 0])
-        require_finite(self.times, q, v, a)
+        reached = slice(finite(self.th, self.w))
+        q, v, a = np.full((3, len(self.times), self.mechanism.n), np.nan)
+        q[reached], v[reached], a[reached] = self._absolute(self.th[reached, 0], self.w[reached, 0])
         steps = sum(count for count, _ in self.plan)
         return Trajectory(
             self.times, q, v, a, steps, STAGES[self.choice.integrator] * steps, "one coordinate, derived by hand, in C"

@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, Code, compiler
-from gauss_bench.engines.shared import finite_acceleration, require_finite
+from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.integrate.fixed_step import ROWS, WEIGHTS, step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -102,8 +102,8 @@ static void acceleration(double t, const double *q, const double *v, double *a)
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the compiled or mapped loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
-        self.q = np.tile(self.mechanism.q0, (len(times), 1))
-        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
+        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
     def run(self) -> None:
         for k, (count, h) in enumerate(self.plan):
@@ -111,8 +111,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
             self.advance(self.q[k + 1], self.v[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
-        require_finite(self.times, self.q, self.v)
-        a = np.array(self.plain.map(len(self.times))(self.times, self.q.T, self.v.T)).T
-        require_finite(self.times, a)
+        reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
+        a[reached] = np.array(self.plain.map(reached.stop)(self.times[reached], self.q[reached].T, self.v[reached].T)).T
         steps = sum(count for count, _ in self.plan)
         return Trajectory(self.times, self.q, self.v, a, steps, STAGES[self.choice.integrator] * steps, self.note)
