@@ -256,7 +256,7 @@ def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pa
             return g.total(x)
         case "IS" | "OUT":
             return x[0]
-    raise ValueError(f"no machine arithmetic for {operation}")
+    raise ValueError(f"no machine arithmetic for the operation {operation}")
 
 
 LATENCY = {
