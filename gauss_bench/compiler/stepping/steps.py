@@ -33,7 +33,7 @@ from math import inf, isfinite
 
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, Pair, inline, rewrite
+from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
@@ -90,9 +90,9 @@ class Step:
         """Everything that must be computed."""
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within]
 
-    def rewritten(self) -> "Step":
-        """The step with its arithmetic regrouped."""
-        graph, roots = rewrite(self.graph, self.roots())
+    def rewritten(self, into: Timed | None = None) -> "Step":
+        """The step with its arithmetic regrouped, in a graph that may have other steps already."""
+        graph, roots = rewrite(self.graph, self.roots(), into)
         moved = dict(zip(self.roots(), roots, strict=True))
         carried = {name: moved[x] for name, x in self.carried.items()}
         masks = (moved[m] for m in (self.regular, self.regular_out, self.within))
