@@ -2,7 +2,9 @@
 
 import os
 import shutil
+import tempfile
 import tomllib
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,45 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.compiler.elimination import program
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
+FULL, FEW = program.ATTEMPTS, 12  # of the search for a program
+CACHE = pytest.StashKey[str]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Object code of this run is kept in one folder for all its processes, and the user's own cache is left alone."""
+    if not hasattr(config, "workerinput"):
+        config.stash[CACHE] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="gauss-bench-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if CACHE in config.stash:
+        shutil.rmtree(config.stash[CACHE], ignore_errors=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def short_search() -> Iterator[None]:
+    """Programs in this process are the best of few attempts: what holds for one holds for any, but for its costs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(program, "ATTEMPTS", FEW)
+        yield
+
+
+def briefly(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments) with a short search, in a worker: to be called there in its place."""
+    program.ATTEMPTS = FEW
+    return function(*arguments)
+
+
+@pytest.fixture
+def full_search(short_search: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search that users get, for tests of what it finds."""
+    monkeypatch.setattr(program, "ATTEMPTS", FULL)
+    program.known_program.cache_clear()
 
 
 def needs(*tools: str) -> Any:

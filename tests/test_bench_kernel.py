@@ -54,12 +54,17 @@ PROMISED = {
 def small() -> Suite:
     """The kernel suite on the four-bar alone, with less of everything."""
     suite = restricted(SUITE, {"four_bar": "torque"})
+    engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
+    ways = SUITE.equal_accuracy[0].methods
+    methods = tuple(
+        next(x for x in ways if x.engine == name) for name in ("gauss-native", "mujoco", "pinocchio", "casadi", "exudyn")
+    )
     less: dict[str, dict[str, Any]] = {
-        "cost": {"rounds": 3, "engines": ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")},
-        "agreement": {"states": 50},
-        "equal_accuracy": {"cap": 0.05, "rounds": 3, "lead": 0.005},
-        "long_runs": {"duration": 2.0},
-        "turns": {"rounds": 3},
+        "cost": {"rounds": 2, "integrators": 1, "engines": engines},
+        "agreement": {"states": 20},
+        "equal_accuracy": {"methods": methods, "cap": 0.02, "rounds": 2, "lead": 0.005},
+        "long_runs": {"duration": 0.5},
+        "turns": {"rounds": 2, "samples": 360},
     }
     parts = {name: tuple(x.model_copy(update=y) for x in getattr(suite, name)) for name, y in less.items()}
     return suite.model_copy(update=parts)

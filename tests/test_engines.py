@@ -1,11 +1,14 @@
 """What every engine must do, by one loop over all of them: right accelerations, a typed answer, and no word taken on trust."""
 
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gauss_bench.bench import apart
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.worker import Worker
@@ -14,7 +17,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
-from tests.conftest import everything
+from tests.conftest import briefly, everything
 
 DATA = Path(__file__).parent / "data"
 SCENARIOS = read_suite("gate").accuracy[0].linkages
@@ -41,7 +44,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    found: dict[str, Any] = worker.call(measure, (case, store), 120.0)["row"]
+    found: dict[str, Any] = worker.call(briefly, (measure, case, store), 120.0)["row"]
     return found
 
 
@@ -87,10 +90,13 @@ def test_what_an_engine_cannot_model_it_skips_with_a_reason_or_runs(engine: str,
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
-def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(engine: str, store: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    monkeypatch.setitem(sys.modules, engine, None)  # an import of it fails from here on
+def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
+    engine: str, store: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
+    (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))  # of the engine's process
+    monkeypatch.setattr(apart, "_kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
     found = measure(case, store)["row"]
@@ -107,7 +113,10 @@ def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, 
     adapter = get(engine)
     settings = list(adapter.settings)[-1]
     case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
-    sound, faulty = row(worker, store, case), worker.call(measure, (case, store, partial(scaled_inertia, 1.01)), 60.0)["row"]
+    sound, faulty = (
+        row(worker, store, case),
+        worker.call(briefly, (measure, case, store, partial(scaled_inertia, 1.01)), 60.0)["row"],
+    )
     assert faulty["acceleration_error_median"] > 1e-4
     assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]
 

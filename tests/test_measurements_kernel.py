@@ -31,7 +31,7 @@ from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolle
 Rows = list[dict[str, Any]]
 SUITE = read_suite("kernel")
 BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
-TURNS = SUITE.turns[0].model_copy(update={"rounds": 3})
+TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360})
 LONG = SUITE.long_runs[0]
 OWN = Method(engine="gauss-native")
 RIVAL = Method(engine="mujoco", settings="tuned")
@@ -89,7 +89,9 @@ def costs() -> dict[str, Rows]:
         replace_engine(patched, "lagrange", clock, Costs(acceleration=40e-6))
         engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
         both = ("gauss-native", "lagrange-native")
-        part = Cost(linkages={}, engines=engines, step=1e-4, rounds=3, batch=both, bare=("pinocchio",), processor=True)
+        part = Cost(
+            linkages={}, engines=engines, integrators=1, step=1e-4, rounds=2, batch=both, bare=("pinocchio",), processor=True
+        )
         found: dict[str, Rows] = race("four_bar", "torque", part)
         found |= claim.counted("four_bar", "torque") | limits.counted("four_bar", "torque")
     completed(SUITE, found)
@@ -132,6 +134,24 @@ def test_the_claim_compares_formulations_and_nothing_else(costs: dict[str, Rows]
     assert row["batch_ratio"] == pytest.approx(1.0)
     assert row["numpy_ratio"] == pytest.approx(0.8)  # dense numpy: Lagrange's 40 us against Gauss's 50
     assert (row["unknowns_gauss"], row["unknowns_lagrange"]) == (1, 17)  # 9 coordinates, 8 rows
+
+
+def test_every_ratio_of_the_claim_is_of_its_own_pair() -> None:
+    seconds = {
+        Key("native_step", "gauss-native"): 2e-6,
+        Key("native_step", "lagrange-native"): 3e-6,
+        Key("native_step", "gauss-native", stabilization="projection"): 4e-6,
+        Key("native_step", "lagrange-native", stabilization="projection"): 5e-6,
+        Key("batch step", "gauss-native"): 1e-6,
+        Key("batch step", "lagrange-native"): 1e-7,
+        Key("acceleration", "gauss"): 5e-5,
+        Key("acceleration", "lagrange"): 1e-5,
+    }
+    measured = Measured({key: np.full(5, x) for key, x in seconds.items()}, {})
+    row = claim.claim_row({"mechanism": "four_bar", "scenario": "torque"}, SUITE.claim[0], measured)
+    ratios = [row[f"{x}ratio"] for x in ("", "projected_", "batch_", "numpy_")]
+    assert ratios == pytest.approx([1.5, 1.25, 0.1, 0.2])
+    assert row["verdict"] == "holds"
 
 
 def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Rows]) -> None:

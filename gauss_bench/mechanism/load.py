@@ -18,8 +18,11 @@ from gauss_bench.mechanism.references import items, reference_faults, table
 from gauss_bench.mechanism.schema import schema_faults
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
+KEPT = 64  # mechanisms that are remembered
 FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
+
+_known: dict[tuple[str, str, str | None], Mechanism] = {}  # by path, digest of the content, scenario; the last asked for comes last
 
 
 def built_in_folder() -> Path | None:
@@ -41,11 +44,18 @@ def find(name_or_path: str | Path) -> Path:
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """A linkage, assembled in one scenario; without a name, the first scenario that has a start.
 
+    The same content is the same object, so that what others have worked out for a mechanism serves again.
+
     Raises:
         LinkageError: naming file, table and field of every independent fault.
     """
     document, digest, path = document_of(name_or_path)
-    return load_document(document, scenario, str(path), digest, path.stem)
+    key = str(path), digest, scenario
+    known = _known.pop(key, None) or load_document(document, scenario, str(path), digest, path.stem)
+    if len(_known) >= KEPT:
+        del _known[next(iter(_known))]
+    _known[key] = known
+    return known
 
 
 def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:

@@ -205,8 +205,8 @@ class ExpressionGraph:
             key = ("MUL", number.index, base.index)
             known = self.known.get(key)
             if known is None:
-                a, b, c = base.generic
-                known = self._keep(Node(self, "MUL", (number, base), (size * a, size * b, size * c), None, base.ready + STEP), key)
+                g = product_of(number.generic, base.generic)
+                known = self._keep(Node(self, "MUL", (number, base), g, None, base.ready + STEP), key)
             product = known
         return product if factor > 0 else self.neg(product)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.terms import Array
 
-INTEGRATORS = ("rk4", "semi_implicit_euler")
+INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed")
 
 
 @dataclass(frozen=True, eq=False)
