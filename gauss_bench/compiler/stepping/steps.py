@@ -50,7 +50,8 @@ class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
     Attributes:
-        c: (s,) nodes. A: (s, s) weights of velocities at the stages; twice: those of positions, A A. b, end: of the step, b and b A.
+        c: (s,) nodes. A: (s, s) weights of velocities at the stages; twice: those of positions, A A.
+        b, end: of velocities and positions after the step, b and b A.
     """
 
     c: Coefficients
