@@ -5,7 +5,9 @@ the verbs, so that help answers at once.
 """
 
 import argparse
+import contextlib
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +19,15 @@ if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics
 
 BAD_INPUT = 2
+
+
+def command() -> int:
+    """`gauss-bench`: stdout is for results alone, and what libraries print there themselves goes to stderr."""
+    with contextlib.suppress(OSError, ValueError):  # whoever calls may have closed one of them
+        results = os.dup(sys.stdout.fileno())
+        os.dup2(2, 1)
+        sys.stdout = os.fdopen(results, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ motion of this linkage?"; how good a valid run is, its error says, and by its er
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from gauss_bench import metrics
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Trajectory
+from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 
 OFF_TIME = 1e-9  # [s] a sample this far from its time is another sample: a million times rounding, a thousandth of any step
 OFF_DRIFT = 1e-2  # of the linkage's size, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
@@ -94,25 +95,55 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     if not isinstance(trajectory, Trajectory):
         return refused(Subject.COMPLETENESS, 0, len(times), f"the engine returned {type(trajectory).__name__}, not a trajectory")
     try:
-        t = np.asarray(trajectory.t, dtype=float)
-        shapes = [np.asarray(x, dtype=float).shape for x in (trajectory.q, trajectory.v, trajectory.a)]
+        t, *levels = (np.asarray(x, dtype=float) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     except (TypeError, ValueError) as error:
-        return refused(Subject.COMPLETENESS, 0, len(times), f"the samples are not numbers: {error}")
+        return refused(Subject.COMPLETENESS, 0, len(times), f"the samples are not numbers: {in_a_sentence(error)}")
     if t.shape != times.shape:
         text = f"{t.size} of {len(times)} samples that were asked for"
         return refused(Subject.COMPLETENESS, t.size, len(times), text)
     if not np.isfinite(t).all() or (off := float(np.abs(t - times).max(initial=0.0))) > OFF_TIME:
         off = float("nan") if not np.isfinite(t).all() else off
         return refused(Subject.COMPLETENESS, off, OFF_TIME, f"samples up to {off:.2g} s away from the times that were asked for")
-    wrong = [shape for shape in shapes if shape != (len(times), n)]
+    wrong = [x.shape for x in levels if x.shape != (len(times), n)]
     if wrong:
         text = f"samples of shape {wrong[0]} where ({len(times)}, {n}) was asked for"
         return refused(Subject.COMPLETENESS, wrong[0][-1] if wrong[0] else 0, n, text)
-    lost = ~np.all([(np.abs(np.asarray(x)) < HUGE).all(axis=1) for x in (trajectory.q, trajectory.v, trajectory.a)], axis=0)
+    lost = ~np.all([(np.abs(x) < HUGE).all(axis=1) for x in levels], axis=0)
     if lost.any():
         first = float(times[int(np.flatnonzero(lost)[0])])
         return refused(Subject.NUMBERS, first, float(times[-1]), f"not finite at t = {first:.6g} s; a smaller step may help")
     return Judgement()
+
+
+def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
+    """The samples of n coordinates before the first that is missing, at another time or not finite; None where there is not one.
+
+    What an engine may have returned is taken for nothing but numbers: of anything else there is no sample.
+    """
+    if not isinstance(trajectory, Trajectory):
+        return None
+    try:
+        t, q, v, a = (np.asarray(x, dtype=float) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+        steps = _count(trajectory.steps)
+        evaluations = None if trajectory.evaluations is None else _count(trajectory.evaluations)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if t.ndim != 1 or any(x.ndim != 2 or x.shape[1] != n for x in (q, v, a)):
+        return None
+    k = min(len(x) for x in (times, t, q, v, a))
+    sound = np.abs(t[:k] - times[:k]) <= OFF_TIME
+    for x in (q, v, a):
+        sound &= (np.abs(x[:k]) < HUGE).all(axis=1)
+    k = k if sound.all() else int(sound.argmin())
+    return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
+
+
+def _count(x: Any) -> int:
+    """A count as it is told; more than a double can count is none."""
+    found = int(x)
+    if not 0 <= found <= 1 << 53:
+        raise ValueError(f"{x} is no count")
+    return found
 
 
 def examine(

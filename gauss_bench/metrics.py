@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from numpy.typing import NDArray
 
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -140,6 +140,8 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def _work(t: Array, power: Array, at: Array) -> Array:
+    from scipy.interpolate import make_interp_spline  # which takes as long to import as everything else together
+
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
     primitive: Callable[[Array], Array] = spline.antiderivative()
     return np.asarray(primitive(at) - primitive(t[:1]))
@@ -171,12 +173,16 @@ class Errors:
         return np.maximum(self.length, self.angle)
 
 
+def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Places in t (k,) of the times that `true` (j,) has too, and which of those they are, as a mask (j,); times increase."""
+    near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
+    both = np.abs(t[near] - true) < 1e-9
+    return near[both], both
+
+
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Errors at every time of the reference that the trajectory has sampled."""
-    near = np.searchsorted(trajectory.t, reference.t - 1e-9)
-    near = np.minimum(near, len(trajectory.t) - 1)
-    both = np.abs(trajectory.t[near] - reference.t) < 1e-9
-    mine = near[both]
+    mine, both = common_times(trajectory.t, reference.t)
     shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
@@ -190,6 +196,22 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
         np.fmax(reference.error_q, reference.floor_q)[both],
         np.fmax(reference.error_v, reference.floor_v)[both],
     )
+
+
+def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
+    """Largest |error| of a component of any joint's force (k,) [N], at every time of the reference that the trajectory has sampled.
+
+    NaN where redundant rows leave the forces open. Both forces follow from the accelerations by Newton's laws: `joint_forces`.
+    """
+    mine, both = common_times(trajectory.t, reference.t)
+    if evaluator.mechanism.redundant:
+        return np.full(len(mine), np.nan)
+    own, true = (
+        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
+        for x, at in ((trajectory, mine), (reference, both))
+    )
+    gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
+    return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:

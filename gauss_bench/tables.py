@@ -103,6 +103,11 @@ AIM = (number("target", "what was aimed at"), flag("met", "whether it is reached
 CHECKPOINTS = {"t05": 0.5, "t1": 1.0, "t2": 2.0}  # [s]
 
 
+SIZE = (
+    number("step", "of the integration", "s"),
+    number("tolerance", "relative, where the integrator chooses its own steps"),
+)
+REQUIRED = (("position", "centre of mass", "m"), ("angle", "link's angle", "rad"), ("force", "component of a joint's force", "N"))
 MEASURED = (
     text("measured", "the coordinate whose error is told apart: an angle, a slide or a place"),
     text("measured_unit", "its unit: rad or m"),
@@ -413,6 +418,7 @@ TABLES: dict[str, Table] = {
             *SECONDS,
             *RIVALS,
             text("verdict", "holds, open or reversed"),
+            *spread("projected_ratio", "the same of steps that end on the constraints"),
             *spread("batch_ratio", "the same of many trajectories in lanes"),
             *spread("numpy_ratio", "the same of one acceleration of the textbook's form"),
         ),
@@ -451,6 +457,66 @@ TABLES: dict[str, Table] = {
             *spread("ratio", "seconds / those of the compiled formulation's fastest way"),
         ),
         7,
+    ),
+    "search_knobs": Table(
+        "something about an engine that searches may turn",
+        (
+            text("engine", "as the command line calls it"),
+            text("knob", "its name"),
+            text("meaning", "in words"),
+            text("source", "address where it is documented, or why it is our own search"),
+        ),
+        2,
+    ),
+    "search_space": Table(
+        "a variant of an engine that was searched",
+        (*METHOD, text("size", "what its ladder walks over: step or tolerance"), text("options", "JSON: every other knob")),
+        4,
+    ),
+    "search_ladder": Table(
+        "one evaluation: a variant at one size, with its errors over the whole run",
+        (
+            *WHERE,
+            *METHOD,
+            *SIZE,
+            number("until", "end of the run", "s"),
+            number("steps", "steps taken"),
+            *(number(f"{kind}_error", f"largest of any {words} over the run", unit) for kind, words, unit in REQUIRED),
+            *OUTCOME,
+            text("ended", "why this variant was tried no further, at its last evaluation"),
+        ),
+        8,
+    ),
+    "search_times": Table(
+        "a variant at one size in the race of a linkage",
+        (*WHERE, *METHOD, *SIZE, *OUTCOME, *SECONDS),
+        8,
+    ),
+    "search_winners": Table(
+        "the cheapest way of an engine that is as exact as required",
+        (
+            *WHERE,
+            text("required", "what must be exact over the whole run: position, angle or force"),
+            number("accuracy", "the largest error that is required", "unit"),
+            text("unit", "of accuracy and error: m, rad or N"),
+            *METHOD,
+            *SIZE,
+            number("steps", "steps taken"),
+            number("error", "of the winner; where nothing passed, the least that was seen", "unit"),
+            *OUTCOME,
+            *SECONDS,
+            *spread("ratio", "seconds / those of the cheapest own way"),
+            flag("own", "whether it is that way"),
+            text("options", "JSON: the winner's knobs"),
+            number("variants", "in the engine's space"),
+            number("evaluations", "of all of them together"),
+            number("budget", "evaluations that each might take"),
+            number("most_steps", "of a run"),
+            number("passing", "variants that pass at some size"),
+            number("raced", "of those, near enough to the cheapest to be raced"),
+            text("tied", "those that cannot be told from the fastest, first of the file first"),
+        ),
+        5,
     ),
     "kernel_batch": Table(
         "many trajectories from different states on one core, against another engine's",

@@ -11,7 +11,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """How a case ended; everything but OK carries a sentence that says why. Only OK and INVALID have a trajectory."""
+    """How a case ended; everything but OK carries a sentence that says why. Only OK and INVALID have a complete trajectory."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, and the judge objects to what it found
@@ -36,14 +36,6 @@ def in_a_sentence(text: object) -> str:
     return said if len(said) <= LONGEST else f"{said[:LONGEST]} ..."
 
 
-class RunFailure(RuntimeError):
-    """A run that ended without a usable trajectory, with its status and a sentence."""
-
-    def __init__(self, status: Status, message: str):
-        self.status = status
-        super().__init__(message)
-
-
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """States in the absolute coordinates of the mechanism, sampled at given times.
@@ -63,6 +55,14 @@ class Trajectory:
     steps: int
     evaluations: int | None = None
     note: str = ""
+
+
+class RunFailure(RuntimeError):
+    """A run that ended without a usable trajectory, with its status, a sentence, and the samples that it had reached, if any."""
+
+    def __init__(self, status: Status, message: str, reached: Trajectory | None = None):
+        self.status, self.reached = status, reached
+        super().__init__(message)
 
 
 @dataclass(frozen=True, eq=False)

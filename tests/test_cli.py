@@ -102,7 +102,9 @@ def test_a_run_that_fails_is_told_and_ends_with_1(capsys: pytest.CaptureFixture[
     found = said(capsys, "simulate", "crank_slider", "--engine", "yuan_ge_eq16", "--dt", "0.01", "--at", "1", "--json", code=1)
     assert found["status"] == "nan"
     assert "smaller step" in found["message"]
-    assert found["t"] == []
+    assert found["t"] == [pytest.approx(found["metrics"]["until"])]  # as far as it came
+    assert 0.0 < found["t"][0] < 1.0
+    assert found["metrics"]["position_drift"] > 1e-2
 
 
 @pytest.mark.parametrize(

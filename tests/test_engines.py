@@ -1,11 +1,14 @@
 """What every engine must do, by one loop over all of them: right accelerations, a typed answer, and no word taken on trust."""
 
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gauss_bench.bench import apart
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.worker import Worker
@@ -87,10 +90,13 @@ def test_what_an_engine_cannot_model_it_skips_with_a_reason_or_runs(engine: str,
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
-def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(engine: str, store: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    monkeypatch.setitem(sys.modules, engine, None)  # an import of it fails from here on
+def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
+    engine: str, store: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
+    (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))  # of the engine's process
+    monkeypatch.setattr(apart, "_kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
     found = measure(case, store)["row"]

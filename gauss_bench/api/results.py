@@ -36,11 +36,12 @@ class Simulation(Result):
         message: why, or a remark on the run.
         engine, mechanism, scenario, settings, integrator, stabilization: what was run.
         step: integration step [s].
-        t: (k,) [s]; empty, as all that follows, where there is no trajectory.
+        t: (k,) [s]; where the run failed, those that it reached and the last that it reached; empty, as all that follows, where it
+            reached none.
         links: per link x, y [m] of its centre of mass, theta [rad], vx, vy, omega, ax, ay, alpha, each (k,).
         points: per observed point x, y [m], vx, vy, ax, ay.
         joints: per joint the constraint force fx, fy [N] on its second link and the moment [N m].
-        metrics: figures of the whole run that need no truth, and its costs.
+        metrics: figures that need no truth, of the run until `until` [s], and its costs.
         valid: whether the judge has no objection.
         objections: the judge's, each with its subject, value, limit and sentence.
         observed: {"points": names, "links": names} that the file asks to look at.

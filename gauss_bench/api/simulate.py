@@ -6,10 +6,10 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.api.results import Simulation
-from gauss_bench.bench.offers import ChoiceError, isolated, offer
-from gauss_bench.bench.one_run import Run, acceleration_error, one_run, sampling_through
-from gauss_bench.bench.worker import Worker, WorkerFailure
-from gauss_bench.engines import get
+from gauss_bench.bench.apart import Request, run_of
+from gauss_bench.bench.offers import ChoiceError, offer
+from gauss_bench.bench.one_run import Run, acceleration_error, sampling_through
+from gauss_bench.bench.worker import Worker
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, examine, judge
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
@@ -36,7 +36,7 @@ def simulate(
     """The motion of a linkage (a built-in name or a file) in one engine, judged.
 
     Own formulations run in this process, every other engine in a worker: one that crashes, hangs or cannot be imported is a result
-    with a status and a sentence.
+    with a status and a sentence. What it computed is judged in this process. A run that fails on its way is told up to there.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -62,30 +62,36 @@ def simulate(
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
     if not offered.usable:
         return described(mechanism, engine, choice, offered.status, offered.reason)
-    if not isolated(engine):
-        return simulate_here(linkage, engine, scenario, choice, at)
+    wanted = sampling_through(choice.step, at)
     with Worker() as worker:
-        try:
-            result = worker.call(simulate_here, (linkage, engine, scenario, choice, at), limit)
-        except WorkerFailure as failure:
-            return described(mechanism, engine, choice, failure.status, str(failure))
-    if not isinstance(result, Simulation):
-        return described(mechanism, engine, choice, Status.ERROR, "the worker returned no result")
-    return result
+        run = run_of(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, limit, worker)
+    return judged(mechanism, engine, choice, run, at)
 
 
-def simulate_here(linkage: str, engine: str, scenario: str | None, choice: Choice, at: list[float]) -> Simulation:
-    """As `simulate`, in this process, with every choice made."""
-    mechanism = load(linkage, scenario)
-    run = one_run(get(engine), mechanism, choice, sampling_through(choice.step, at))
-    if run.trajectory is None:
+def judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
+    """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached."""
+    with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
+        return _judged(mechanism, engine, choice, run, at)
+
+
+def _judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
+    found = run.trajectory or run.reached
+    if found is None:
         return described(mechanism, engine, choice, run.status, run.message)
-    evidence = examine(Evaluator(mechanism), run.trajectory, None, acceleration_error(mechanism, run.trajectory))
-    verdict = judge(evidence)
-    status = Status.OK if verdict.valid else Status.INVALID
-    message = "; ".join(filter(None, (verdict.sentence, run.message)))
-    figures = measured(evidence, run)
-    return described(mechanism, engine, choice, status, message, at_times(run.trajectory, at), verdict, figures)
+    try:
+        evidence = examine(Evaluator(mechanism), found, None, acceleration_error(mechanism, found))
+        figures = measured(evidence, found, run)
+        if run.trajectory is None:
+            last = float(found.t[-1])
+            reached = at_times(found, [*(x for x in at if x < last), last])
+            return described(mechanism, engine, choice, run.status, run.message, reached, None, figures)
+        verdict = judge(evidence)
+        status = Status.OK if verdict.valid else Status.INVALID
+        message = "; ".join(filter(None, (verdict.sentence, run.message)))
+        return described(mechanism, engine, choice, status, message, at_times(found, at), verdict, figures)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
+        return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said)
 
 
 def described(
@@ -130,10 +136,10 @@ def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None
     return {"points": [p.name for p in chosen], "links": [mechanism.link_name(k) for k in mechanism.observed_links]}
 
 
-def measured(evidence: Evidence, run: Run) -> dict[str, Any]:
-    """The figures that need no truth, and the costs."""
-    assert run.trajectory is not None
+def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
+    """The figures that need no truth, of what was computed, and the costs."""
     return {
+        "until": float(found.t[-1]),
         "position_drift": float(evidence.drift.position.max()),
         "velocity_drift": float(evidence.drift.velocity.max()),
         "acceleration_residual": float(evidence.drift.acceleration.max()),
@@ -141,9 +147,9 @@ def measured(evidence: Evidence, run: Run) -> dict[str, Any]:
         "energy_error": float(np.abs(evidence.energy).max()),
         "energy_error_bar": evidence.energy_bar,
         "energy_scale": evidence.energy_scale,
-        "steps": run.trajectory.steps,
+        "steps": found.steps,
         "shortened_steps": run.sampling.shortened,
-        "evaluations": run.trajectory.evaluations,
+        "evaluations": found.evaluations,
         "build_time": run.build_time,
         "step_time": run.step_time,
     }

@@ -53,8 +53,11 @@ class Context:
         seen: str = "",
         **names: Any,
     ) -> Task:
-        """A task that fills a table; `names` begin the row that tells of its failure, `seen` is what else it depends on."""
-        told = [repr(x) for x in arguments if x != self.store and x is not self.alter]
+        """A task that fills a table; `names` begin the row that tells of its failure, `seen` is what else it depends on.
+
+        What every task is given besides, the store, the alteration and the limit, does not name it.
+        """
+        told = [repr(x) for x in arguments if not any(x is y for y in (self.store, self.alter, self.limit))]
         digest = hashlib.sha256("\n".join([*told, seen]).encode()).hexdigest()[:16]
         start: dict[str, Any] = dict(names)
         stamp = self.stamp

@@ -1,18 +1,19 @@
-"""One case becomes one row: run by the one recipe, and judged by metrics alone."""
+"""One case becomes one row: run by the one recipe, in a process of its own where the engine is of others, and judged here."""
 
 import json
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import Alteration, unaltered
-from gauss_bench.bench.offers import Offer, describe
-from gauss_bench.bench.one_run import acceleration_error, one_run, sampling
-from gauss_bench.engines import get
+from gauss_bench.bench.context import CASE_LIMIT, Alteration, unaltered
+from gauss_bench.bench.offers import offer
+from gauss_bench.bench.one_run import acceleration_error, sampling
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, examine, judge
@@ -22,6 +23,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import States, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 SERIES = 100  # points per curve in the report
@@ -31,12 +33,6 @@ NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkag
 @lru_cache(maxsize=8)
 def mechanism_of(linkage: str, scenario: str) -> Mechanism:
     return load(linkage, scenario or None)
-
-
-@lru_cache(maxsize=8)
-def described(engine: str) -> Offer:
-    """What an engine offers, asked in this process: a worker."""
-    return describe(engine)
 
 
 @lru_cache(maxsize=4)
@@ -62,31 +58,35 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
         return str(error)
 
 
-def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, Any]:
-    """The row of a case and the curves of its report, {"row": ..., "series": [...]}.
+def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float = CASE_LIMIT) -> dict[str, Any]:
+    """The row of a case and the curves of its report, {"row": ..., "series": [...]}; judged in this process, wherever it is run.
 
-    `alter` is applied to the mechanism the engine is given, never to the one it is judged by: a planted fault.
+    `alter` is applied to the mechanism the engine is given, never to the one it is judged by: a planted fault. An engine that has a
+    process of its own is stopped after `limit` seconds.
     """
     mechanism = mechanism_of(case.linkage, case.scenario)
     row: dict[str, Any] = {"status": str(Status.OK), "message": "", "control": case.engine in CONTROLS}
-    states = states_of(case.linkage, case.scenario)
-
-    def inspect(model: Model) -> None:
-        if states is not None:
-            row.update(acceleration_errors(model, states))
-
-    offered = described(case.engine)
+    offered = offer(case.engine)
     if not offered.usable:
         return {"row": row | {"status": str(offered.status), "message": offered.reason}, "series": []}
+    states = states_of(case.linkage, case.scenario)
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
-    run = one_run(get(case.engine), alter(mechanism), case.choice, wanted, inspect)
+    request = Request(case.linkage, case.scenario, case.engine, case.choice, wanted, alter=alter)
+    if states is not None:
+        request = replace(request, ask=partial(accelerations, states.t, states.q, states.v), answers=states.a.size)
+    run = run_of(request, mechanism, limit)
+    if states is not None and run.answer is not None:
+        row |= acceleration_errors(run.answer, states)
     if run.trajectory is None:
         return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
     reference = None if isinstance(truth, str) else truth
     off = row.get("acceleration_error_median")
-    evaluator = Evaluator(mechanism)
-    evidence = examine(evaluator, run.trajectory, reference, acceleration_error(mechanism, run.trajectory) if off is None else off)
+    try:
+        own = acceleration_error(mechanism, run.trajectory) if off is None else off
+        evidence = examine(Evaluator(mechanism), run.trajectory, reference, own)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}, "series": []}
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
     row |= figures(mechanism, run.trajectory, evidence)
@@ -97,10 +97,20 @@ def measure(case: Case, store: str, alter: Alteration = unaltered) -> dict[str, 
     return {"row": row, "series": curves(run.trajectory, evidence)}
 
 
-def acceleration_errors(model: Model, states: States) -> dict[str, float]:
-    """Relative error at the same states: median and worst."""
-    found = np.array([model.acceleration(*s) for s in zip(states.t, states.q, states.v, strict=True)])
-    error = metrics.relative_acceleration_error(found, states.a)
+def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
+    """What a model makes of states t (k,), q, v (k, n): (k, n)."""
+    return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
+
+
+def acceleration_errors(found: object, states: States) -> dict[str, float]:
+    """Relative error at the same states: median and worst; NaN where what was found are no accelerations of them."""
+    try:
+        a = np.asarray(found, dtype=float)
+    except (TypeError, ValueError):
+        a = np.zeros(0)
+    if a.shape != states.a.shape:
+        return dict.fromkeys(("acceleration_error_median", "acceleration_error_max"), float("nan"))
+    error = metrics.relative_acceleration_error(a, states.a)
     return {"acceleration_error_median": float(np.median(error)), "acceleration_error_max": float(error.max())}
 
 

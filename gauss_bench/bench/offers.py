@@ -5,10 +5,11 @@ An engine that aborts, hangs, does not import or lacks a member is an offer with
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
@@ -128,10 +129,27 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _asked(worker: Worker, name: str) -> Offer:
     try:
-        found = worker.call(describe, (name,), LIMIT)
+        return _told(name, worker.call(_described, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
-    return found if isinstance(found, Offer) else Offer(name, status=Status.ERROR, reason="it does not describe itself")
+
+
+def _described(name: str) -> dict[str, Any]:
+    """`describe` as plain data, for the way out of a worker."""
+    return asdict(describe(name))
+
+
+def _told(name: str, answer: object) -> Offer:
+    """The offer that a worker's answer is, taken for names and sentences alone."""
+    try:
+        found = TypeAdapter(Offer).validate_python(answer)
+    except ValidationError:
+        return _broken(name, TypeError("it does not describe itself"))
+    words = (found.version, found.reason, *found.settings, *found.integrators, *found.stabilizations, *found.adaptive)
+    whole = all(word.isprintable() for word in words) and (
+        found.status is not Status.OK or bool(found.settings and found.integrators and found.stabilizations)
+    )
+    return replace(found, name=name) if whole else _broken(name, TypeError("it does not describe itself"))
 
 
 def describe(name: str) -> Offer:

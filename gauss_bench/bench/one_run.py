@@ -1,5 +1,7 @@
 """The one recipe of a run: sample times -> build -> prepare -> run -> read -> complete or not. Every verb runs engines through it.
 
+What happens where the engine is (`performed`) is apart from what is made of it (`received`), because they may be in two processes.
+
 A step is the step that is really taken. Samples lie where unbroken steps arrive; a time that they miss, such as the end of a run
 that is no multiple of its step, is met by one shorter step and the run says so.
 """
@@ -7,12 +9,13 @@ that is no multiple of its step, is met by one shorter step and the run says so.
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gauss_bench import judge
+from gauss_bench.bench.clock import timed
 from gauss_bench.engines.base import Choice, Engine, Model
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.interpreted import Interpreted
@@ -72,6 +75,11 @@ def sampling_through(step: float, at: Sequence[float]) -> Sampling:
     return _sampled(step, grid, [*rests, *at])
 
 
+def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
+    """Samples at these times and no other; the first is the start, and each is met, by shorter steps where whole ones miss it."""
+    return _sampled(step, np.asarray(times, dtype=float), [])
+
+
 def _on(t: float, step: float) -> bool:
     return abs(t - round(t / step) * step) <= max(1e-9 * step, 1e-15 * t)
 
@@ -90,6 +98,32 @@ def _sampled(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     return Sampling(found, step, sum(count for count, _ in counts), short)
 
 
+Asked = Callable[[Model], object]
+
+
+def nothing(model: Model) -> None:
+    """Ask a model nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an engine made of a run, before anybody has looked at it.
+
+    Attributes:
+        status, message: OK, or what went wrong and a sentence.
+        returned: what the engine read, or had reached where it failed; not looked at yet, so that it may be anything.
+        answer: what the model said when it was asked, before it ran.
+        build_time, seconds: processor time of building and of running [s]; NaN where it did not come so far.
+    """
+
+    status: Status
+    message: str
+    returned: object = None
+    answer: object = None
+    build_time: float = float("nan")
+    seconds: float = float("nan")
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """How one run ended.
@@ -97,64 +131,103 @@ class Run:
     Attributes:
         status, message: OK and a remark, or what went wrong and a sentence.
         trajectory: complete and finite where the status is OK, else None.
+        reached: where the status is not OK, the samples up to where it failed, or None where there is not one.
         sampling: what was asked for.
-        build_time: [s]; step_time: per step [s], samples included; NaN where it did not come so far.
+        answer, build_time, seconds: as in Outcome.
     """
 
     status: Status
     message: str
     trajectory: Trajectory | None
+    reached: Trajectory | None
     sampling: Sampling
+    answer: object = None
     build_time: float = float("nan")
-    step_time: float = float("nan")
+    seconds: float = float("nan")
+
+    @property
+    def step_time(self) -> float:
+        """Processor time per step [s], samples included."""
+        return self.seconds / max(1, self.sampling.count)
 
 
 def one_run(
-    engine: Engine,
-    mechanism: Mechanism,
-    choice: Choice,
-    wanted: Sampling,
-    inspect: Callable[[Model], object] = lambda _: None,
+    engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Run:
     """Build the mechanism in an engine and run it over the samples; what an engine cannot or does not do is a status.
 
-    `inspect` is given the model before it runs, to ask it about single states.
+    Args:
+        ask: is given the model before it runs; what it returns is the run's `answer`.
+        shortest: [s] a run that takes less is repeated and timed anew: the first one finds the processor's caches full of others.
     """
-    built = stepped = float("nan")
+    return received(performed(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
+
+
+def performed(
+    engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
+) -> Outcome:
+    """The part of `one_run` that happens where the engine is: nothing that it says is believed yet."""
+    built = seconds = float("nan")
+    answer: object = None
+    running: Model | None = None
     try:
         reason = engine.skip(mechanism, choice)
         if reason:
-            return Run(Status.SKIP, in_a_sentence(reason), None, wanted)
-        started = time.perf_counter()
+            return Outcome(Status.SKIP, in_a_sentence(reason))
+        started = time.process_time()
         model = engine.build(mechanism, choice)
-        built = time.perf_counter() - started
-        inspect(model)
+        built = time.process_time() - started
+        answer = ask(model)
         model.prepare(wanted.times)
-        ready = time.perf_counter()
-        model.run()
-        stepped = (time.perf_counter() - ready) / max(1, wanted.count)
-        trajectory = model.read()
+        running = model
+        seconds = timed(model.run)
+        if seconds < shortest:
+            model.prepare(wanted.times)
+            seconds = timed(model.run)
+        running = None
+        return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
-        return Run(failure.status, in_a_sentence(failure), None, wanted, built, stepped)
+        status, message, reached = _failing(failure.status), in_a_sentence(failure), failure.reached
     except ImportError as error:
-        return Run(Status.SKIP, f"{engine.name} is {not_installed(error)}", None, wanted, built, stepped)
+        return Outcome(Status.SKIP, f"{engine.name} is {not_installed(error)}", None, answer, built, seconds)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{type(error).__name__}: {in_a_sentence(error)} ({Path(where.filename).name}:{where.lineno})"
-        return Run(Status.ERROR, text, None, wanted, built, stepped)
-    verdict = judge.completeness(trajectory, wanted.times, mechanism.n)
-    if not verdict.valid:
-        lost = verdict.objections[0].subject is judge.Subject.NUMBERS
-        return Run(Status.NAN if lost else Status.INCOMPLETE, verdict.sentence, None, wanted, built, stepped)
+        status, reached = Status.ERROR, None
+        message = f"{type(error).__name__}: {in_a_sentence(error)} ({Path(where.filename).name}:{where.lineno})"
+    return Outcome(status, message, reached or _read(running), answer, built, seconds)
+
+
+def _failing(status: object) -> Status:
+    """The status of a failure; one that says all is well is an error."""
+    return next((x for x in Status if x == status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
+
+
+def _read(model: Model | None) -> object:
+    """What a model whose run was broken off has reached, if it can tell."""
     try:
-        steps = int(trajectory.steps)
-        evaluations = None if trajectory.evaluations is None else int(trajectory.evaluations)
-    except (TypeError, ValueError) as error:
-        return Run(Status.INCOMPLETE, f"the engine does not count its steps: {error}", None, wanted, built, stepped)
-    notes = [in_a_sentence(trajectory.note or ""), wanted.note if steps == wanted.count else ""]
-    q, v, a = (np.asarray(x, dtype=float) for x in (trajectory.q, trajectory.v, trajectory.a))
-    plain = Trajectory(wanted.times, q, v, a, steps, evaluations, "; ".join(filter(None, notes)))
-    return Run(Status.OK, plain.note, plain, wanted, built, stepped)
+        return model and model.read()
+    except RunFailure as failure:
+        return failure.reached
+    except Exception:
+        return None
+
+
+def received(outcome: Outcome, wanted: Sampling, n: int) -> Run:
+    """What is taken of an outcome: of a run that ended well every sample of n coordinates, of another those that it reached."""
+    costs = (outcome.answer, outcome.build_time, outcome.seconds)
+    reached = judge.leading(outcome.returned, wanted.times, n)
+    if outcome.status is not Status.OK:
+        return Run(outcome.status, outcome.message, None, reached, wanted, *costs)
+    verdict = judge.completeness(outcome.returned, wanted.times, n)
+    if not verdict.valid:
+        status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
+        told = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
+        return Run(status, told, None, reached, wanted, *costs)
+    if reached is None:
+        return Run(Status.INCOMPLETE, "the engine does not count its steps", None, None, wanted, *costs)
+    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
+    whole = replace(reached, note="; ".join(filter(None, notes)))
+    return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
@@ -166,7 +239,9 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
     part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
     try:
         model = Interpreted("gauss").build(mechanism, Choice("default", "rk4"))
-        true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
+        with np.errstate(all="ignore"):
+            true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):
         return None
-    return float(np.median(relative_acceleration_error(part[3], true)))
+    with np.errstate(all="ignore"):
+        return float(np.median(relative_acceleration_error(part[3], true)))

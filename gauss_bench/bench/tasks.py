@@ -15,8 +15,10 @@ from tqdm import tqdm
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.tables import TABLES
+from gauss_bench.trajectory import Status
 
 LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
+LOST = (Status.CRASHED, Status.TIMEOUT)
 PAUSE = 15.0  # [s] between lines of progress
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
@@ -53,6 +55,11 @@ class Task(NamedTuple):
     def stamp_if_lost(self) -> str:
         """What its loss depends on: with more time it might be answered."""
         return f"{self.stamp}.{self.limit:g}"
+
+    def stamp_of(self, answer: Tables) -> str:
+        """The stamp of an answer, in which a row may tell that the process of an engine was lost."""
+        lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
+        return self.stamp_if_lost if lost else self.stamp
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
@@ -109,7 +116,8 @@ def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[A
         with Worker() as worker:
             while task := todo.get():
                 try:
-                    answers.put((task.key, task.stamp, worker.call(task.function, task.arguments, task.limit)))
+                    answer = worker.call(task.function, task.arguments, task.limit)
+                    answers.put((task.key, task.stamp_of(answer), answer))
                 except WorkerFailure as failure:
                     answers.put((task.key, task.stamp_if_lost, task.lost(failure)))
     except BaseException as error:

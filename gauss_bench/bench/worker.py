@@ -1,10 +1,11 @@
 """A process of its own for what may crash or hang: functions go in, results come out, and its death is an answer too.
 
-Tasks and answers are pickled over a pair of pipes. The worker's standard output is given to its error stream first, so that a
-library that prints cannot spoil the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies
-where no library finds it by counting, and every answer carries the token of its task: what else arrives there is refused. A task
-that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library can block. Whatever a
-task has started ends with its worker, and none may take more memory than the machine has.
+Tasks are pickled on their way to the worker; what comes back is plain data (`answers.py`) and never unpickled, because a task may
+run the code of others. The worker's standard output is given to its error stream first, so that a library that prints cannot spoil
+the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library finds it by
+counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger than the
+caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library
+can block. Whatever a task has started ends with its worker, and none may take more memory than the machine has.
 """
 
 import contextlib
@@ -23,11 +24,12 @@ import traceback
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
+from gauss_bench.bench.answers import NoAnswer, packed, unpacked
 from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
 ANSWERS = 200  # the descriptor that answers leave by, if it is free: far above those that libraries open
-LARGEST = 1 << 32  # bytes of an answer
+LARGEST = 1 << 26  # bytes of an answer, where the caller says nothing else: tables of rows
 POLL = 0.5  # [s] between looks at whether the process still lives: a child of it may hold the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
@@ -82,8 +84,8 @@ class Worker:
                         pipe.close()
             self.process = None
 
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float) -> Any:
-        """function(*arguments), run in the worker.
+    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float, largest: int = LARGEST) -> Any:
+        """function(*arguments), run in the worker: plain data of `largest` bytes at most, tuples as lists.
 
         Raises:
             WorkerFailure: the worker crashed, exceeded `limit` seconds, or the function raised.
@@ -96,7 +98,7 @@ class Worker:
         self.log.truncate()  # what is quoted below is of this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
-            kind, answer = _receive_within(process, token, limit)
+            answer = _receive_within(process, token, limit, largest)
         except TimeoutError as error:
             said = self._last_words()
             self.stop()
@@ -110,9 +112,12 @@ class Worker:
             self.stop()
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise WorkerFailure(Status.CRASHED, f"the process died with {how}{said}") from error
-        if kind == "raised":
-            raise WorkerFailure(Status.ERROR, answer)
-        return answer
+        match answer:
+            case ["ok", found]:
+                return found
+            case ["raised", str(text)]:
+                raise WorkerFailure(Status.ERROR, in_a_sentence(text))
+        raise WorkerFailure(Status.ERROR, "the worker gave no answer")
 
     @staticmethod
     def _ended(process: "subprocess.Popen[bytes]") -> int:
@@ -135,12 +140,13 @@ class SpoiltAnswer(RuntimeError):
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
+    """A task on its way to the worker, which may trust its parent."""
     content = pickle.dumps(item)
     pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
 
 
-def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: float) -> tuple[str, Any]:
+def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: float, largest: int) -> Any:
     assert process.stdout is not None
     deadline = time.monotonic() + limit
     descriptor = process.stdout.fileno()
@@ -160,16 +166,17 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: flo
         buffer += part
         if not headed and len(buffer) >= HEADER.size:
             found, length = HEADER.unpack(buffer[: HEADER.size])
-            if found != token or length > LARGEST:
+            if found != token:
                 raise SpoiltAnswer(f"{bytes(buffer[:40])!r}")
+            if length > largest:
+                raise SpoiltAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
             needed, headed = HEADER.size + length, True
     if len(buffer) > needed:
         raise SpoiltAnswer(f"{len(buffer) - needed} bytes too many")
     try:
-        kind, answer = pickle.loads(buffer[HEADER.size :])
-    except Exception as error:
-        raise SpoiltAnswer(f"{type(error).__name__}: {error}") from error
-    return kind, answer
+        return unpacked(bytes(memoryview(buffer)[HEADER.size :]))
+    except NoAnswer as error:
+        raise SpoiltAnswer(in_a_sentence(error)) from error
 
 
 def _leave_with_parent() -> None:
@@ -190,13 +197,13 @@ def _bounded() -> None:
 
 
 def _answered(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
-    """The pickled answer; one that cannot be pickled is a failure of the task."""
+    """The answer in bytes; one that is no plain data is a failure of the task."""
     try:
-        return pickle.dumps(("ok", function(*arguments)))
+        return packed(("ok", function(*arguments)))
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         said = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
-        return pickle.dumps(("raised", said))
+        return packed(("raised", said))
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
+from gauss_bench.engines.shared import finite
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
@@ -70,8 +71,8 @@ class CompiledModel:
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
         equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
         self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
-        self.q = np.tile(self.mechanism.q0, (len(times), 1))
-        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
+        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
     def run(self) -> None:
         row = 0
@@ -104,10 +105,8 @@ class CompiledModel:
 
     def read(self) -> Trajectory:
         """The samples; how often the guard changed the partition, or left a step to the library, stands in the note."""
-        if not np.isfinite(self.q).all():
-            lost = self.times[int(np.flatnonzero(~np.isfinite(self.q).all(axis=1))[0])]
-            raise RunFailure(Status.NAN, f"not finite at t = {lost:.6g} s; a smaller step may help")
-        a = self.kernel.acceleration(self.q, self.v, self.times)
+        reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
+        a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         changed = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
         stages = 4 if self.choice.integrator == "rk4" else 1
         return Trajectory(

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
@@ -108,8 +109,8 @@ class InterpretedModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times
         self.steps = self.evaluations = 0
-        self.q = np.tile(self.mechanism.q0, (len(times), 1))
-        self.v = np.tile(self.mechanism.v0, (len(times), 1))
+        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
+        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
     def run(self) -> None:
         with np.errstate(all="ignore"):  # what is not finite is found by `read`
@@ -120,14 +121,12 @@ class InterpretedModel:
 
     def _adaptive(self) -> None:
         tolerances = self.choice.tolerances(SETTINGS["default"]["dop853_rtol"], SETTINGS["default"]["dop853_atol"])
-        q0, v0 = self.mechanism.q0, self.mechanism.v0
         if self.times[-1] == self.times[0]:
             return
         try:
-            found = dop853(self.stabilized, self.times, q0, v0, *tolerances)
+            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, *tolerances)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
-        self.q, self.v, self.steps, _ = found
 
     def _fixed(self) -> None:
         step = STEPS[self.choice.integrator]
@@ -145,5 +144,7 @@ class InterpretedModel:
             self.steps += count
 
     def read(self) -> Trajectory:
-        a = np.array([self.acceleration(t, q, v) for t, q, v in zip(self.times, self.q, self.v, strict=True)])
-        return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations)
+        def at(k: int) -> Array:
+            return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
+
+        return with_accelerations(self.times, self.q, self.v, at, self.steps, self.evaluations)

@@ -9,7 +9,7 @@ import numpy as np
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute, loads
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that in speeds
 PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
@@ -107,15 +107,35 @@ def size(x: Array) -> float:
     return float(np.abs(x).max(initial=1.0))
 
 
-def require_finite(times: Array, *samples: Array, remark: str = "") -> None:
-    """Samples (k, n) are numbers at all times (k,).
+def finite(*samples: Array) -> int:
+    """How many of the samples (k, n) come before the first that is no number, which a run has not reached or not survived."""
+    sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
+    return len(sound) if sound.all() else int(sound.argmin())
+
+
+def with_accelerations(
+    times: Array,
+    q: Array,
+    v: Array,
+    acceleration: Callable[[int], Array],
+    steps: int,
+    evaluations: int | None = None,
+    note: str = "",
+) -> Trajectory:
+    """The samples q, v (k, n) with their accelerations (n,), by number, which are NaN from where the states are.
 
     Raises:
-        RunFailure: they are not; `remark` is added.
+        RunFailure: an acceleration fails; with the samples before it.
     """
-    finite = np.isfinite(np.hstack(samples)).all(axis=1)
-    if not finite.all():
-        raise RunFailure(Status.NAN, f"not finite at t = {times[finite.argmin()]:.6g} s{remark}; a smaller step may help")
+    a = np.full_like(q, np.nan)
+    found = Trajectory(times, q, v, a, steps, evaluations, note)
+    for k in range(finite(q, v)):
+        try:
+            a[k] = acceleration(k)
+        except RunFailure as failure:
+            failure.reached = found
+            raise
+    return found
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:

@@ -18,29 +18,28 @@ class StepFailure(ArithmeticError):
     """The error control could not continue."""
 
 
-def dop853(
-    acceleration: Acceleration, times: Array, q0: Array, v0: Array, rtol: float, atol: float
-) -> tuple[Array, Array, int, int]:
-    """States (k, n) at the times, number of steps, number of evaluations.
+def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float) -> tuple[int, int]:
+    """Fill the states q, v (k, n) at the times from their first rows on; number of steps, number of evaluations.
+
+    What is not reached, because an acceleration fails or the error control does, stays as it is.
 
     Raises:
         StepFailure: with scipy's own reason.
     """
-    n = len(q0)
+    n, done, steps = q.shape[1], 1, 0
 
     def rate(t: float, y: Array) -> Array:
         return np.concatenate([y[n:], acceleration(t, y[:n], y[n:])])
 
-    solver = DOP853(rate, float(times[0]), np.concatenate([q0, v0]), float(times[-1]), rtol=rtol, atol=atol)
-    states, steps = [solver.y], 0
-    while len(states) < len(times):
+    solver = DOP853(rate, float(times[0]), np.concatenate([q[0], v[0]]), float(times[-1]), rtol=rtol, atol=atol)
+    while done < len(times):
         message = solver.step()
         if solver.status == "failed":
             raise StepFailure(message)
         steps += 1
-        states += _within(solver, times[len(states) :])
-    rows = np.array(states)
-    return rows[:, :n], rows[:, n:], steps, int(solver.nfev)
+        for state in _within(solver, times[done:]):
+            q[done], v[done], done = state[:n], state[n:], done + 1
+    return steps, int(solver.nfev)
 
 
 def _within(solver: DOP853, times: Array) -> list[Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+ROUNDING = 4 * np.finfo(float).eps  # of two times and what they were made of
 Array = NDArray[np.floating[Any]]
 Acceleration = Callable[[float, Array, Array], Array]
 Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
@@ -54,7 +55,11 @@ STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     """(count, size) of the equal steps, none longer than `step`, between each two consecutive times.
 
-    Where the times are multiples of `step`, the size is `step` up to rounding; elsewhere a little less.
+    Where the times are multiples of `step`, as exactly as times can be told, the size is `step`; elsewhere a little less.
     """
-    counts = [max(1, int(np.ceil(gap / step * (1 - 1e-9)))) for gap in np.diff(times)]
-    return [(count, float(gap) / count) for count, gap in zip(counts, np.diff(times), strict=True)]
+    found = []
+    for gap, end in zip(np.diff(times), times[1:], strict=True):
+        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))
+        whole = abs(gap - count * step) <= ROUNDING * end
+        found.append((count, step if whole else float(gap) / count))
+    return found

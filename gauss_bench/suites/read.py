@@ -69,13 +69,13 @@ def scenario_of(suite: Suite, linkage: str) -> str | None:
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """The suite with only these engines in its accuracy and cost parts."""
+    """The suite with only these engines in its accuracy, cost and search parts."""
 
     def kept(parts: tuple[Any, ...]) -> tuple[Any, ...]:
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
-    return suite.model_copy(update={"accuracy": kept(suite.accuracy), "cost": kept(suite.cost)})
+    return suite.model_copy(update={name: kept(getattr(suite, name)) for name in ("accuracy", "cost", "search")})
 
 
 def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:

@@ -169,6 +169,32 @@ class EqualAccuracy(OnLinkages):
     lead: Positive
 
 
+class Search(OnLinkages):
+    """The cheapest way of every engine to be as exact as required over the whole run, searched for among its variants.
+
+    Attributes:
+        engines: names; empty for all but the formulations in numpy.
+        own: engines to whose cheapest way ratios are taken.
+        until: [s] end of the runs; a shorter scenario ends as it does.
+        position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
+        budget: evaluations of one variant on one linkage.
+        most_steps: of a run: smaller steps are not tried.
+        rounds: of the race of what passed.
+        lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
+    """
+
+    engines: tuple[str, ...] = ()
+    own: tuple[str, ...]
+    until: Positive
+    position: tuple[Positive, ...] = ()
+    angle: tuple[Positive, ...] = ()
+    force: tuple[Positive, ...] = ()
+    budget: Count
+    most_steps: Count
+    rounds: Count
+    lead: Positive
+
+
 class Batch(OnLinkages):
     """Many trajectories at once.
 
@@ -265,6 +291,7 @@ class Suite(Section):
     bounds: tuple[Bounds, ...] = ()
     agreement: tuple[Agreement, ...] = ()
     equal_accuracy: tuple[EqualAccuracy, ...] = ()
+    search: tuple[Search, ...] = ()
     batch: tuple[Batch, ...] = ()
     growth: tuple[Growth, ...] = ()
     long_runs: tuple[LongRuns, ...] = ()

@@ -10,11 +10,14 @@ import pandas as pd
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.context import Alteration, Context
 from gauss_bench.bench.measure import measure, mechanism_of, reference_of
+from gauss_bench.bench.offers import isolated
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
+
+JUDGING = 20.0  # [s] for what comes before and after a run that has its own limit: a reference, and what is found in the samples
 
 
 def exact(suite: Suite, context: Context) -> list[Task]:
@@ -28,8 +31,9 @@ def tasks(chosen: Sequence[Case], context: Context) -> list[Task]:
     found = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
-        arguments = (case, context.store, context.alter)
-        found.append(context.task("results", accuracy, arguments, case.linkage, case.scenario, **names))
+        arguments = (case, context.store, context.alter, context.limit)
+        task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
+        found.append(task._replace(limit=task.limit + JUDGING) if isolated(case.engine) else task)
     return found
 
 
@@ -55,11 +59,11 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     return {"references": [row]}
 
 
-def accuracy(case: Case, store: str, alter: Alteration) -> Tables:
+def accuracy(case: Case, store: str, alter: Alteration, limit: float) -> Tables:
     """The row of a case and the curves of its report."""
     mechanism = mechanism_of(case.linkage, case.scenario)
     key = {k: x for k, x in asdict(case).items() if k in KEY} | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    found = measure(case, store, alter)
+    found = measure(case, store, alter, limit)
     return {"results": [key | found["row"]], "series": [key | point for point in found["series"]]}
 
 

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import Tables, Task
-from gauss_bench.engines import get
+from gauss_bench.bench.one_run import sampling
+from gauss_bench.bench.tasks import LIMIT, Tables, Task
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.suites.schema import Method, Suite
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Reference, Status, Trajectory
 
 
 def exact(suite: Suite, context: Context) -> list[Task]:
@@ -40,26 +40,25 @@ def driving(linkage: str, scenario: str, step: float, ways: tuple[Method, ...]) 
     reference = build_reference(mechanism, mechanism.duration)
     true = Trajectory(reference.t, reference.q, reference.v, reference.a, 0)
     forces = metrics.reactions(evaluator, true)
-    return {"driving": [_row(mechanism, evaluator, forces, way, step) for way in ways]}
+    return {"driving": [_row(linkage, mechanism, evaluator, reference, forces, way, step) for way in ways]}
 
 
-def _row(mechanism: Mechanism, evaluator: Evaluator, exact: Array, way: Method, step: float) -> dict[str, Any]:
+def _row(
+    linkage: str, mechanism: Mechanism, evaluator: Evaluator, reference: Reference, exact: Array, way: Method, step: float
+) -> dict[str, Any]:
     row: dict[str, Any] = {"mechanism": mechanism.name, **way.model_dump(), "status": str(Status.OK), "message": ""}
-    choice, engine = Choice(way.settings, way.integrator, way.stabilization, step), way.engine
+    choice = Choice(way.settings, way.integrator, way.stabilization, step)
+    wanted = sampling(step, mechanism.duration, reference.t)
+    run = run_of(Request(linkage, mechanism.scenario, way.engine, choice, wanted), mechanism, LIMIT)
+    if run.trajectory is None:
+        return row | {"status": str(run.status), "message": run.message}
     try:
-        reason = get(engine).skip(mechanism, choice)
-        if reason:
-            raise RunFailure(Status.SKIP, reason)
-        model = get(engine).build(mechanism, choice)
-        model.prepare(np.arange(round(mechanism.duration / step) + 1) * step)
-        model.run()
-        found = metrics.reactions(evaluator, model.read())
-    except RunFailure as failure:
-        return row | {"status": str(failure.status), "message": str(failure)}
-    except ImportError as error:
-        return row | {"status": str(Status.SKIP), "message": not_installed(error)}
-    every, driver = (len(found) - 1) // (len(exact) - 1), evaluator.constraints.joint_rows
-    errors, largest = np.abs(found[::every] - exact).max(axis=0), np.abs(exact).max(axis=0)
+        found = metrics.reactions(evaluator, run.trajectory)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        return row | {"status": str(Status.ERROR), "message": f"no joint forces: {error}"}
+    at, met = metrics.common_times(run.trajectory.t, reference.t)
+    errors, largest = np.abs(found[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)
+    driver = evaluator.constraints.joint_rows
     return row | {
         "torque_error": float(errors[driver] / largest[driver]),
         "mean_torque": float(abs(found[:-1, driver].mean()) / largest[driver]),

@@ -14,25 +14,26 @@ the fastest way of the suite's own engine.
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.clock import BLOCK, Block, Measured, Race, Row, common, ratio, row, spread
-from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.one_run import sampling_at
+from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
-from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import state_errors
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.suites.schema import EqualAccuracy, Method, Suite
-from gauss_bench.trajectory import Reference, RunFailure, Status
+from gauss_bench.trajectory import Reference, Status
 
 AT = 1.0  # [s]
 FIRST = 1e-2  # [s]
@@ -77,44 +78,39 @@ def ladder(linkage: str, scenario: str, way: Method, finest: float, cap: float, 
     """Errors at every step tried; the last row tells why no smaller one was."""
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, **way.model_dump()}
-    engine = get(way.engine)
-    if reason := engine.skip(mechanism, choice_of(way, FIRST)):
-        return {"kernel_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
     reference = stored_reference(mechanism, AT, Path(store))
     own_steps = way.integrator in offer(way.engine).adaptive
     rows: Rows = []
     for rung in range(1 if own_steps else RUNGS):
-        rows.append(start | measured(mechanism, reference, way, FIRST / 2**rung, own_steps))
+        told = measured(linkage, mechanism, reference, way, FIRST / 2**rung, own_steps)
+        if told["status"] == Status.SKIP:
+            return {"kernel_ladder": [start | told | {"step": None, "ended": told["message"]}]}
+        rows.append(start | told)
         if reason := why_ended(rows, finest, cap):
             break
     rows[-1]["ended"] = reason or ("it chooses its steps itself" if own_steps else f"{RUNGS} steps were tried")
     return {"kernel_ladder": rows}
 
 
-def measured(mechanism: Mechanism, reference: Reference, way: Method, step: float, own_steps: bool) -> Row:
+def measured(linkage: str, mechanism: Mechanism, reference: Reference, way: Method, step: float, own_steps: bool) -> Row:
     """One rung: errors after one second, and the seconds it takes."""
-    seconds, told = np.nan, {"step": None if own_steps else step}
-    try:
-        model = get(way.engine).build(mechanism, choice_of(way, step))
-        timed_run(model, step)  # which waits for code to be generated and compiled, once
-        seconds = timed_run(model, AT)
-        if seconds < SHORT:
-            seconds = timed_run(model, AT)
-        trajectory = model.read()
-    except RunFailure as failure:
-        return told | {"seconds": seconds, "status": str(failure.status), "message": str(failure)}
-    except ImportError as error:
-        return told | {"status": str(Status.SKIP), "message": not_installed(error)}
-    errors = state_errors(mechanism, trajectory, reference)
-    named: Row = {"seconds": seconds, "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
+    told: Row = {"step": None if own_steps else step}
+    wanted = sampling_at(step, [0.0, AT])
+    request = Request(linkage, mechanism.scenario, way.engine, choice_of(way, step), wanted, partial(first_step, step), SHORT)
+    run = run_of(request, mechanism, LIMIT)
+    if run.trajectory is None:
+        return told | {"seconds": run.seconds, "status": str(run.status), "message": run.message}
+    errors = state_errors(mechanism, run.trajectory, reference)
+    named: Row = {"seconds": run.seconds, "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
     told |= {"error": float(errors.measured[-1]), "error_bar": float(errors.position_bar[-1])}
     apart = {"length_error": float(errors.length[-1].max()), "angle_error": float(errors.angle[-1].max())}
     return told | named | apart | {"status": str(Status.OK), "message": ""}
 
 
-def timed_run(model: Model, until: float) -> float:
-    model.prepare(np.array([0.0, until]))
-    return processor_time(model.run)
+def first_step(step: float, model: Model) -> None:
+    """One step that is not timed: it waits for code to be generated and compiled."""
+    model.prepare(np.array([0.0, step]))
+    model.run()
 
 
 def why_ended(rows: Sequence[Row], finest: float, cap: float) -> str:

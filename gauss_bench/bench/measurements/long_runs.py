@@ -11,15 +11,16 @@ from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
+from gauss_bench.bench.one_run import one_run, sampling_at
 from gauss_bench.bench.tasks import Tables, Task
-from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.compiled import FORMULATIONS as ENGINES
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.suites.schema import LongRuns, Suite
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Status
 
 SAMPLING = 1e-2  # [s]
 WINDOWS = 10  # in which the largest error of the energy is taken
@@ -57,16 +58,15 @@ def measured(mechanism: Mechanism, formulation: str, step: float, duration: floa
     Raises:
         Missing: the mechanism has no kernel, or the run did not end.
     """
-    try:
-        trajectory = run(compile_kernel(mechanism, formulation, "projection"), step, duration)
-    except KernelError as error:
-        raise Missing(Status.ERROR, str(error)) from error
-    if not np.isfinite(trajectory.q).all():
-        raise Missing(Status.NAN, f"the run ended before {duration:g} s")
+    engine = next(name for name, x in ENGINES.items() if x == formulation)
+    wanted = sampling_at(step, np.arange(round(duration / SAMPLING) + 1) * SAMPLING)
+    run = one_run(get(engine), mechanism, Choice("default", "rk4", "projection", step), wanted)
+    if run.trajectory is None:
+        raise Missing(run.status, run.message)
     evaluator = Evaluator(mechanism)
-    drift, energy = metrics.drift(evaluator, trajectory), np.abs(metrics.energy_error(evaluator, trajectory)[0])
+    drift, energy = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
     energies += [float(x.max()) for x in np.array_split(energy[1:], WINDOWS)]
-    kinetic = 0.5 * (evaluator.mass * trajectory.v**2).sum(axis=-1)
+    kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)
     return {
         "position_drift": float(drift.position.max()),
         "velocity_drift": float(drift.velocity.max()),
@@ -75,15 +75,6 @@ def measured(mechanism: Mechanism, formulation: str, step: float, duration: floa
         "energy_last": energies[-1],
         "energy_max": max(energies),
     }
-
-
-def run(kernel: Kernel, step: float, duration: float) -> Trajectory:
-    """Samples of the whole run, without accelerations."""
-    mechanism, every = kernel.mechanism, round(SAMPLING / step)
-    q, v = kernel.rollout(mechanism.q0, mechanism.v0, step, round(duration / step), every=every)
-    q, v = (np.vstack([start, x]) for start, x in ((mechanism.q0, q), (mechanism.v0, v)))
-    t: Array = np.arange(len(q)) * SAMPLING
-    return Trajectory(t, q, v, np.zeros_like(q), round(duration / step))
 
 
 def judged(fine: Row, coarse: Row, part: LongRuns) -> Row:

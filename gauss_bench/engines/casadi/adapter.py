@@ -21,7 +21,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.casadi.functions import unfit
-from gauss_bench.engines.shared import finite_acceleration, require_finite
+from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -52,7 +52,7 @@ class Casadi:
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     adaptive = integrators  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
@@ -114,7 +114,8 @@ class CasadiModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         """There are only the integrators' own steps, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
-        self.x = np.tile(np.concatenate([self.mechanism.q0, self.mechanism.v0]), (len(times), 1))
+        self.x = np.full((len(times), 2 * self.mechanism.n), np.nan)
+        self.x[0] = np.concatenate([self.mechanism.q0, self.mechanism.v0])
         spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
         self.spans = [float(f"{x:.12g}") for x in spans]
         grids = {x: [x] for x in self.spans} if self.spans else {0.0: list(times[1:] - times[0])}
@@ -151,7 +152,8 @@ class CasadiModel:
         n = self.mechanism.n
         for k, span in enumerate(self.spans):
             x = self._integrated(span, float(self.times[k]), self.x[k])[-1]
-            require_finite(self.times[k + 1 : k + 2], x[None])
+            if not np.isfinite(x).all():
+                return  # as the samples from here on say
             self.x[k + 1] = np.concatenate(self.evaluator.project(float(self.times[k + 1]), x[:n], x[n:]))
 
     def _integrated(self, span: float, t: float, x: Array) -> Array:
@@ -171,10 +173,9 @@ class CasadiModel:
 
     def read(self) -> Trajectory:
         n = self.mechanism.n
-        require_finite(self.times, self.x)
         q, v = self.x[:, :n], self.x[:, n:]
-        a = np.array(self.solve.map(len(self.times))(self.times, q.T, v.T)[0]).T
-        require_finite(self.times, a)
+        reached, a = slice(finite(self.x)), np.full_like(q, np.nan)
+        a[reached] = np.array(self.solve.map(reached.stop)(self.times[reached], q[reached].T, v[reached].T)[0]).T
         return Trajectory(self.times, q, v, a, self.steps, self.evaluations, "steps and orders are the integrator's own choice")
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite_acceleration, refused, require_finite
+from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -59,7 +59,7 @@ class Exudyn:
     integrators: tuple[str, ...] = tuple(SOLVERS)
     stabilizations: tuple[str, ...] = ("none",)
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     native_loop = True
     python_loop = False
 
@@ -248,23 +248,27 @@ class ExudynModel:
                 self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step")
             elif steps != clock.numberOfSteps:
                 self._fail(Status.ERROR, f"Exudyn took {steps} steps where {clock.numberOfSteps} were asked for")
+            if self.failure:
+                return
             self._keep(last)
             alpha.computeInitialAccelerations = False  # a further leg goes on with the accelerations it is given
 
     def read(self) -> Trajectory:
         warning = self.log.close()
         self.system.mbs.SetPostStepUserFunction(0)  # it holds this object
-        if self.failure:
-            raise self.failure
         q = self.mechanism.q0 + self.q
-        require_finite(self.times, q, self.v, self.a)
-        self._check_closed(q)
-        if warning:
-            raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}")
         note = "the motion law is evaluated in Python in every Newton iteration" if self.mechanism.drivers else ""
-        return Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]), note=note)
+        found = Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]), note=note)
+        if self.failure:
+            self.failure.reached = found
+            raise self.failure
+        if finite(q, self.v, self.a) == len(q):
+            self._check_closed(found)
+            if warning:
+                raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}", found)
+        return found
 
-    def _check_closed(self, q: Array) -> None:
+    def _check_closed(self, found: Trajectory) -> None:
         """SolveDynamic returning True does not mean solved.
 
         Raises:
@@ -273,11 +277,11 @@ class ExudynModel:
         size = extent(self.mechanism)
         turns = [isinstance(joint, Prismatic) for joint in self.mechanism.joints]  # the second row of a slide is an angle
         scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)] + [1.0] * len(self.mechanism.drivers))
-        gap = (np.abs(self.evaluator.constraints(self.times, q, self.v).phi) / scale).max(axis=-1, initial=0.0)
+        gap = (np.abs(self.evaluator.constraints(found.t, found.q, found.v).phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
             k = int(np.argmax(gap > FAR))
             text = f"joints are open by {gap[k]:.1g} of the linkage's size at t = {self.times[k]:.6g} s; try a smaller step"
-            raise RunFailure(Status.DIVERGED, text)
+            raise RunFailure(Status.DIVERGED, text, found)
 
 
 def sentence(error: Exception) -> str:

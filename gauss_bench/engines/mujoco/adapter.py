@@ -25,11 +25,12 @@ from gauss_bench.engines.shared import (
     closing_pins,
     driven_hinges,
     driven_links,
+    finite,
     finite_acceleration,
     joint_tree,
     require_agreement,
-    require_finite,
     tree_states,
+    with_accelerations,
 )
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
@@ -77,7 +78,7 @@ class Mujoco:
     integrators = tuple(INTEGRATORS)
     stabilizations = ("none",)
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     native_loop = True
     python_loop = True
 
@@ -176,7 +177,8 @@ class MujocoModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.native = times, native
         self.plan = step_counts(times, self.choice.step)
-        self.y, self.dy = np.tile(self.y0, (len(times), 1)), np.tile(self.dy0, (len(times), 1))
+        self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
+        self.y[0], self.dy[0] = self.y0, self.dy0
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.time = times[0]
@@ -230,16 +232,20 @@ class MujocoModel:
         return go
 
     def read(self) -> Trajectory:
-        said = f"; MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        require_finite(self.times, self.y, self.dy, remark=said)
-        if self.complaints or any(w.number for w in self.data.warning):
-            advice = "a smaller step or another integrator may help"
-            raise RunFailure(Status.WARNING, f"MuJoCo warned before t = {self.times[-1]:.6g} s{said}; {advice}")
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        states = zip(self.times, self.y, self.dy, strict=True)
-        a = np.array([self.tree_acceleration(float(t), y, dy) for t, y, dy in states])
+        said = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
         note = "the motion law is evaluated in Python at every stage, which takes longer than MuJoCo does" if self.drives else ""
-        return Trajectory(self.times, q, v, a, sum(count for count, _ in self.plan), note=note)
+        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
+        steps = sum(count for count, _ in self.plan)
+
+        def at(k: int) -> Array:
+            return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
+
+        found = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
+        if finite(q, v) == len(q) and (said or any(w.number for w in self.data.warning)):
+            advice = "a smaller step or another integrator may help"
+            told = f"MuJoCo warned before t = {self.times[-1]:.6g} s{said and '; '}{said}; {advice}"
+            raise RunFailure(Status.WARNING, told, found)
+        return found
 
 
 def verify(built: MujocoModel) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
-from gauss_bench.engines.shared import beyond_a_tree, finite_acceleration, joint_tree, require_finite
+from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
@@ -43,7 +43,7 @@ class Pinocchio:
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
-    variants = VARIANTS.space
+    variants, knobs = VARIANTS.space, VARIANTS.knobs
     native_loop = False
     python_loop = True
 
@@ -151,7 +151,8 @@ class PinocchioModel:
         """There is only the suite's own loop, whatever `native` says."""
         self.times, self.steps, self.stabilized.evaluations = times, 0, 0
         start = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
-        self.y, self.dy = (np.tile(x, (len(times), 1)) for x in start)
+        self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
+        self.y[0], self.dy[0] = start
 
     def run(self) -> None:
         with np.errstate(all="ignore"):  # what is not finite is found afterwards
@@ -165,10 +166,9 @@ class PinocchioModel:
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         try:
-            found = dop853(self.stabilized, self.times, self.y[0], self.dy[0], *tolerances)
+            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
-        self.y, self.dy, self.steps, _ = found
 
     def _fixed(self) -> None:
         step, dynamics = STEPS[self.choice.integrator], self.stabilized
@@ -191,24 +191,31 @@ class PinocchioModel:
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        ddy = np.array([self.plain(t, y, dy) for t, y, dy in zip(self.times, self.y, self.dy, strict=True)])
-        q, v, a = self.tree.absolute(self.y, self.dy, ddy)
-        self._check(q, v, a)
         slow = ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
-        return Trajectory(self.times, q, v, a, self.steps, self.stabilized.evaluations, note)
+        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
 
-    def _check(self, q: Array, v: Array, a: Array) -> None:
-        """The samples are finite, and their accelerations satisfy the suite's own constraint rows.
+        def at(k: int) -> Array:
+            ddy = self.plain(float(self.times[k]), self.y[k], self.dy[k])
+            return np.asarray(self.tree.absolute(self.y[k : k + 1], self.dy[k : k + 1], ddy[None])[2][0])
+
+        found = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
+        if finite(q, v, found.a) == len(q):
+            self._check(found)
+        return found
+
+    def _check(self, found: Trajectory) -> None:
+        """The accelerations of the samples satisfy the suite's own constraint rows.
 
         Raises:
-            RunFailure: they do not.
+            RunFailure: they do not; with the samples before.
         """
-        require_finite(self.times, q, v, a)
-        rows = self.evaluator.constraints(self.times, q, v)
+        a = found.a
+        rows = self.evaluator.constraints(found.t, found.q, found.v)
         missed = np.abs(np.einsum("kij,kj->ki", rows.J, a) - rows.gamma).max(axis=1, initial=0.0)
         missed /= np.maximum(1.0, np.abs(a).max(axis=1))
         if (missed > SOLVED).any():
             k = int(np.argmax(missed > SOLVED))
             text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {missed[k]:.1e} of their size"
-            raise RunFailure(Status.NOT_CONVERGED, text)
+            before = Trajectory(found.t[:k], found.q[:k], found.v[:k], a[:k], found.steps, found.evaluations, found.note)
+            raise RunFailure(Status.NOT_CONVERGED, text, before)

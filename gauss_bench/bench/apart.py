@@ -1,0 +1,121 @@
+"""A run in a process of its own: what the engine's process is asked, and what of its answer is taken here.
+
+Everything but the suite's own formulations runs apart. What comes back are samples and sentences, and whether they are any good is
+found out on this side of the pipe, by code that the engine's process cannot reach.
+"""
+
+import atexit
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.bench.context import Alteration, unaltered
+from gauss_bench.bench.offers import isolated
+from gauss_bench.bench.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, received
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
+
+TEXT = 1 << 20  # bytes that sentences and names may take beside the samples
+LEVELS = ("q", "v", "a")
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """A run of an engine by name, as `one_run` takes it.
+
+    Attributes:
+        linkage, scenario: of the mechanism, which the engine's process reads for itself.
+        engine, choice, wanted, ask, shortest: as in `one_run`; `ask` is a function that can be found by its name.
+        answers: numbers that the answer to `ask` has at most.
+        alter: a fault that is planted in what the engine is given.
+    """
+
+    linkage: str
+    scenario: str
+    engine: str
+    choice: Choice
+    wanted: Sampling
+    ask: Asked = nothing
+    shortest: float = 0.0
+    answers: int = 0
+    alter: Alteration = unaltered
+
+    def largest(self, n: int) -> int:
+        """Bytes of an answer: t, and q, v, a of n coordinates at every sample."""
+        return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
+
+
+def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None) -> Run:
+    """The run that is asked for: own formulations in this process, everything else in a worker.
+
+    Args:
+        mechanism: that the request names, as read in this process.
+        limit: [s] after which a worker is stopped.
+        worker: to use; the one that is kept for the engine where not given.
+    """
+    wanted = request.wanted
+    if not isolated(request.engine):
+        altered = request.alter(mechanism)
+        return one_run(get(request.engine), altered, request.choice, wanted, request.ask, request.shortest)
+    used = worker or kept(request.engine)
+    try:
+        answer = used.call(performed_there, (request,), limit, request.largest(mechanism.n))
+    except WorkerFailure as failure:
+        return Run(failure.status, str(failure), None, None, wanted)
+    return received(outcome_of(answer), wanted, mechanism.n)
+
+
+_kept: dict[str, Worker] = {}
+
+
+def kept(engine: str) -> Worker:
+    """A worker that runs this engine and no other, until this process ends: libraries take up to 3 s to import."""
+    if engine not in _kept:
+        _kept[engine] = Worker()
+        atexit.register(_kept[engine].stop)
+    return _kept[engine]
+
+
+@lru_cache(maxsize=8)
+def _mechanism(linkage: str, scenario: str) -> Mechanism:
+    return load(linkage, scenario or None)
+
+
+def performed_there(request: Request) -> dict[str, Any]:
+    """The run as plain data, in the process of the engine; what is no sample is left out here already."""
+    mechanism = request.alter(_mechanism(request.linkage, request.scenario))
+    run = one_run(get(request.engine), mechanism, request.choice, request.wanted, request.ask, request.shortest)
+    found = run.trajectory or run.reached
+    told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
+    answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
+    return told | {"answer": answer, "trajectory": None if found is None else asdict(found)}
+
+
+def outcome_of(answer: object) -> Outcome:
+    """What a worker's answer says, taken for numbers and sentences alone; an answer that is none is an error."""
+    match answer:
+        case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
+            told = rest.get("answer")
+            found = told if isinstance(told, np.ndarray) else None
+            built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
+            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), found, built, seconds)
+    return Outcome(Status.ERROR, "what the engine's process answered is no run")
+
+
+def _seconds(x: object) -> float:
+    return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
+
+
+def _trajectory(x: object) -> Trajectory | None:
+    match x:
+        case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
+            found = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
+            if len(found) == 1 + len(LEVELS):
+                return Trajectory(found[0], found[1], found[2], found[3], steps, evaluations, note)
+    return None

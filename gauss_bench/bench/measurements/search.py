@@ -1,0 +1,390 @@
+"""The searched best of every engine on a linkage, by `../search.py`: ladders of all variants, then one race of what passed.
+
+Every variant is run on its own, in a worker, at sizes from coarse to fine; errors are those of positions, angles and joint forces
+at every beat of the whole run, a fiftieth of it (or as near to that as the truth has samples), or where steps are longer at those
+beats that they meet: at a tenth of the run or oftener. Nothing is timed there. Then all that passed race in one process: first a
+step of each variant, which with the number of steps tells who is near the cheapest, then whole runs (or their first part, where
+steps are equal and a run takes longer than the lead).
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, common, ratio, row, spread, stepping
+from gauss_bench.bench.clock import timed as processor_time
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.offers import Offer, offer
+from gauss_bench.bench.one_run import Sampling, one_run
+from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
+from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.engines import OWN, get, names
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.variants import Variant
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import joint_force_errors, state_errors
+from gauss_bench.reference.store import stored_reference
+from gauss_bench.suites.schema import Search, Suite
+from gauss_bench.trajectory import Reference, Status
+
+BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
+ROUGH_ROUNDS = 3  # of the estimate of a step
+CANNOT = "cannot reach"
+
+
+class Way(NamedTuple):
+    """A variant of an engine at a size."""
+
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+    size: float
+
+
+class Run(NamedTuple):
+    """What ways of a linkage are run over: from 0 to `until` [s]."""
+
+    mechanism: Mechanism
+    until: float
+
+
+def requirements(part: Search) -> list[Requirement]:
+    return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
+
+
+def searched(part: Search) -> list[Offer]:
+    """The engines of a part that can be asked."""
+    return [offer(x) for x in part.engines or (x for x in names() if x not in OWN)]
+
+
+def space(engine: Offer) -> list[Variant]:
+    """The variants of an engine: its own list, or every setting with every integrator and stabilisation."""
+    if engine.variants:
+        return list(engine.variants.values())
+    return [
+        Variant(label, integrator, stabilization, options)
+        for label, options in engine.settings.items()
+        for integrator in engine.integrators
+        for stabilization in engine.stabilizations
+    ]
+
+
+def over(linkage: str, scenario: str, part: Search) -> Run:
+    mechanism = load(linkage, scenario or None)
+    return Run(mechanism, min(part.until, mechanism.duration))
+
+
+def exact(suite: Suite, context: Context) -> list[Task]:
+    """One ladder for each linkage, engine and variant."""
+    tasks = []
+    for part in suite.search:
+        asked = part.model_copy(update={"linkages": {}, "engines": ()})
+        for linkage, scenario in part.linkages.items():
+            for engine in searched(part):
+                for variant in space(engine):
+                    chosen = {"settings": variant.name, "integrator": variant.integrator, "stabilization": variant.stabilization}
+                    arguments = (linkage, scenario, engine.name, variant, asked, context.store)
+                    tasks.append(context.task("search_ladder", ladder, arguments, linkage, scenario, engine=engine.name, **chosen))
+    return tasks
+
+
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """One race for each linkage, given its ladders."""
+    tasks = []
+    for part in suite.search:
+        for linkage, scenario in part.linkages.items():
+            mechanism = load(linkage, scenario or None)
+            place = (mechanism.name, mechanism.scenario)
+            rows = [r for r in tables.get("search_ladder", []) if (r["mechanism"], r["scenario"]) == place]
+            seen = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+            only = part.model_copy(update={"linkages": {linkage: scenario}})
+            tasks.append(context.task("search_winners", race, (linkage, scenario, only, rows), linkage, scenario, seen))
+    return tasks
+
+
+def complete(suite: Suite, tables: Tables) -> None:
+    """Write down what was searched, and where every knob comes from."""
+    engines = {x.name: x for part in suite.search for x in searched(part) if x.usable}
+    if engines:
+        tables["search_space"] = [r for x in engines.values() for r in space_rows(x)]
+        tables["search_knobs"] = [r for x in engines for r in knob_rows(x)]
+
+
+def space_rows(engine: Offer) -> Rows:
+    return [
+        {
+            "engine": engine.name,
+            "settings": x.name,
+            "integrator": x.integrator,
+            "stabilization": x.stabilization,
+            "size": "tolerance" if x.integrator in engine.adaptive else "step",
+            "options": json.dumps(dict(x.options), sort_keys=True),
+        }
+        for x in space(engine)
+    ]
+
+
+def knob_rows(engine: str) -> Rows:
+    """The knobs that an engine tells of; one without a file of variants has none but its settings."""
+    knobs = getattr(get(engine), "knobs", {})
+    return [{"engine": engine, "knob": k.name, "meaning": k.meaning, "source": k.source} for k in knobs.values()]
+
+
+# Ladders: what passes, without a clock
+
+
+@lru_cache(maxsize=4)
+def reference_of(linkage: str, scenario: str, until: float, store: str) -> Reference:
+    return stored_reference(load(linkage, scenario or None), until, Path(store))
+
+
+def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
+    """A row for every evaluation of a variant; the last one tells why there are no more."""
+    run = over(linkage, scenario, part)
+    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario, "engine": engine, "settings": variant.name}
+    start |= {"integrator": variant.integrator, "stabilization": variant.stabilization, "until": run.until}
+    adaptive = variant.integrator in offer(engine).adaptive
+    way = Way(engine, variant.name, variant.integrator, variant.stabilization, run.until)
+    if reason := get(engine).skip(run.mechanism, choice_of(way, adaptive, run.until)):
+        return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
+    truth = reference_of(linkage, scenario, run.until, store)
+    beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
+    if beats is None:
+        reason = f"the truth has no samples at every tenth of {run.until:g} s"
+        return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
+    scale = tolerances() if adaptive else equal_steps(run.until, beats, part.most_steps)
+    judge, most = Evaluator(run.mechanism), 0 if adaptive else part.most_steps
+
+    def evaluate(size: float) -> Trial:
+        return evaluated(run, judge, truth, way._replace(size=size), adaptive, beats)
+
+    trials, ended = explore(evaluate, scale, requirements(part), part.budget, most)
+    rows = [start | trial_row(trial, adaptive) for trial in trials]
+    rows[-1]["ended"] = ended
+    return {"search_ladder": rows}
+
+
+def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
+    chosen = (way.settings, way.integrator, way.stabilization)
+    return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
+
+
+def has_samples(truth: Reference, until: float, beats: int) -> bool:
+    """Whether the truth is known at every beat of a run."""
+    times = until / beats * np.arange(beats + 1)
+    near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
+    return bool((np.abs(truth.t[near] - times) < 1e-9).all())
+
+
+def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
+    """One run over all beats, and its largest errors."""
+    steps = beats if adaptive else round(run.until / way.size)
+    met = math.gcd(steps, beats)
+    wanted = Sampling(run.until / met * np.arange(met + 1), run.until / steps, steps, 0)
+    found = one_run(get(way.engine), run.mechanism, choice_of(way, adaptive, run.until), wanted)
+    if found.trajectory is None:
+        return Trial(way.size, {}, 0, found.status, found.message)
+    errors = state_errors(run.mechanism, found.trajectory, truth)
+    force = joint_force_errors(judge, found.trajectory, truth)
+    largest = {"position": errors.length, "angle": errors.angle, "force": force}
+    return Trial(way.size, {kind: float(x.max()) for kind, x in largest.items()}, found.trajectory.steps)
+
+
+def trial_row(trial: Trial, adaptive: bool) -> Row:
+    errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
+    size = {"step": None, "tolerance": trial.size} if adaptive else {"step": trial.size, "tolerance": None}
+    return size | {"steps": trial.steps, "status": str(trial.status), "message": trial.message} | errors
+
+
+def trial_of(r: Row) -> Trial:
+    """A trial as its row tells it."""
+    errors = {kind: float(r[f"{kind}_error"]) for kind in UNITS if r.get(f"{kind}_error") is not None}
+    size = r.get("step") or r.get("tolerance") or math.nan
+    return Trial(float(size), errors, int(r.get("steps") or 0), Status(r["status"]), str(r["message"]))
+
+
+# The race: what is cheapest
+
+
+def race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
+    """Winners of every engine for every requirement; `rows` are the ladders of the linkage. Call it in a process of its own."""
+    run, found = over(linkage, scenario, part), Ladders(rows)
+    wanted, engines = requirements(part), [x.name for x in searched(part)]
+    passing = {(w, e): found.passing(e, w) for w in wanted for e in engines}
+    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found)
+    best = {key: finalists({w: costs[w] for w in ways if w in costs}) for key, ways in passing.items()}
+    final = Race()
+    raced = dict.fromkeys(way for ways in best.values() for way in ways)
+    for way in raced:
+        final.add(way, whole_run, run, way, found.steps[way], costs[way], part.lead)
+    measured = final.run(part.rounds)
+    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
+    winners: Rows = []
+    for w in wanted:
+        lines = [winner_row(start, w, e, best[w, e], passing[w, e], found, measured, part) for e in engines]
+        winners += with_ratios(lines, measured, part)
+    times = [row(start | place(way), _seconds, measured, way) for way in raced]
+    return {"search_winners": winners, "search_times": times}
+
+
+def _seconds(measured: Measured, way: Way) -> Row:
+    return spread("seconds", measured.of(way))
+
+
+class Ladders:
+    """The ladders of a linkage, by engine and variant in the order in which they were searched.
+
+    Attributes:
+        steps: that a way took.
+    """
+
+    def __init__(self, rows: Sequence[Row]):
+        self.trials: dict[Way, list[Trial]] = {}
+        self.ended: dict[Way, str] = {}
+        self.steps: dict[Way, int] = {}
+        for r in rows:
+            variant = Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
+            trial = trial_of(r)
+            self.trials.setdefault(variant, []).append(trial)
+            self.ended[variant] = str(r.get("ended") or r["message"])
+            self.steps[variant._replace(size=trial.size)] = trial.steps
+
+    def of(self, engine: str) -> dict[Way, list[Trial]]:
+        return {way: trials for way, trials in self.trials.items() if way.engine == engine}
+
+    def passing(self, engine: str, wanted: Requirement) -> list[Way]:
+        """The variants of an engine that meet a requirement, each at the largest size that does, in their order."""
+        pairs = ((way, coarsest(trials, wanted)) for way, trials in self.of(engine).items())
+        return [way._replace(size=trial.size) for way, trial in pairs if trial is not None]
+
+
+def is_adaptive(way: Way) -> bool:
+    return way.integrator in offer(way.engine).adaptive
+
+
+def built(run: Run, way: Way) -> Model:
+    return get(way.engine).build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
+
+
+def steps_timed(run: Run, ways: Sequence[Way], found: Ladders) -> dict[Way, float]:
+    """Estimated seconds of whole runs: of a step of each variant at its finest way, times the steps of each of its ways.
+
+    What cannot be timed is left out.
+    """
+    finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
+    rough = Race()
+    for variant, way in finest.items():
+        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, found.steps[way])
+    seconds = {variant: float(np.quantile(x, 0.25)) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
+    variants = {way: way._replace(size=0.0) for way in ways}
+    return {way: seconds[v] * found.steps[way] for way, v in variants.items() if v in seconds}
+
+
+def _equal_steps(run: Run, way: Way, steps: int) -> Block:
+    return stepping(way, built(run, way), way.size, native=True)
+
+
+def _adaptive_run(run: Run, way: Way, steps: int) -> Block:
+    """A whole run, of which each of its steps is a repetition: the method's steps are not alike."""
+    block = whole_run(run, way, steps, 0.0, math.inf)
+    block.count = max(1, steps)
+    return block
+
+
+def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Block:
+    """A run, whole, or its first part where equal steps take longer than `lead` [s], as often as BLOCK seconds take.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    model, share = built(run, way), 1.0
+    if not is_adaptive(way) and seconds > lead:
+        share = max(1, round(lead / seconds * steps)) / steps
+    times = np.array([0.0, share * run.until])
+    block = Block(way, lambda: model.prepare(times), model.run, share)
+    block.ready()
+    taken = processor_time(block.go)
+    model.read()  # a run that is not to be trusted is not raced
+    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
+    return block
+
+
+def place(way: Way) -> Row:
+    """A way as columns."""
+    columns = way._asdict()
+    size = columns.pop("size")
+    return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
+
+
+def winner_row(
+    start: Row,
+    wanted: Requirement,
+    engine: str,
+    best: Sequence[Way],
+    passing: Sequence[Way],
+    found: Ladders,
+    measured: Measured,
+    part: Search,
+) -> Row:
+    """An engine's winner for a requirement; without one, how near it came and why it went no further."""
+    searched_trials = found.of(engine)
+    told = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit, "engine": engine}
+    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": len(passing)}
+    told |= {"budget": part.budget, "most_steps": part.most_steps}
+    raced = {way: measured.samples[way] for way in best if way in measured.samples}
+    told["raced"] = len(raced)
+    if not raced:
+        return told | beaten(wanted, searched_trials, found, [measured.failed[x] for x in best if x in measured.failed])
+    winner, tied = won(raced)
+    error = coarsest(searched_trials[winner._replace(size=0.0)], wanted)
+    options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
+    told |= place(winner) | {"steps": found.steps[winner], "error": error.errors[wanted.kind] if error else None}
+    told |= {
+        "options": json.dumps(dict(options), sort_keys=True),
+        "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
+    }
+    return told | {"status": str(Status.OK), "message": ""} | spread("seconds", raced[winner])
+
+
+def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], found: Ladders, failed: Sequence[Missing]) -> Row:
+    """Why an engine has no winner."""
+    if failed:
+        return {"status": str(failed[0].status), "message": str(failed[0])}
+    every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
+    if not every:
+        last = [x[-1] for x in trials.values()]
+        status, message = (last[0].status, last[0].message) if last else (Status.SKIP, "it was not searched")
+        if status is Status.OK:
+            status, message = Status.SKIP, f"errors of {wanted.kind} are not determined: redundant rows leave joint forces open"
+        return {"status": str(status), "message": message}
+    way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
+    least = place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
+    text = f"came to {trial.errors[wanted.kind]:.1e} {wanted.unit} in {trial.steps} steps by {way.settings}; {found.ended[way]}"
+    return least | {"status": CANNOT, "message": text}
+
+
+def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
+    """The rows of a requirement with their time over that of the cheapest own way."""
+    ended = [r for r in rows if r["status"] == Status.OK]
+    own = min((r for r in ended if r["engine"] in part.own), key=lambda r: float(r["seconds"]), default=None)
+    told = []
+    for r in rows:
+        ratios: dict[str, Any] = {}
+        if own is not None and r["status"] == Status.OK:
+            values = ratio(*common(measured.of(way_of(r)), measured.of(way_of(own))))
+            ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), values, strict=True))
+        told.append(r | ratios | {"own": r is own})
+    return told
+
+
+def way_of(r: Row) -> Way:
+    return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], r["step"] or r["tolerance"])

@@ -1,0 +1,180 @@
+"""Search: of all variants of an engine, the cheapest that is exact enough, found without taste.
+
+A variant is tried at sizes from coarse to fine: steps, or tolerances where the integrator chooses its own steps. Errors are of the
+whole run and depend on no clock, so that what passes is the same in every run. A ladder first walks over some of the sizes until
+each requirement is met or cannot be; then the gap in front of each requirement is halved until no size lies in it. `budget` counts
+these evaluations, of each variant on its own: a further variant takes nothing from others.
+
+Of what passes, cost decides. What is more than NEAR times as dear as the cheapest, by the time of one step and the number of steps,
+is not raced; the rest runs interleaved, and whoever cannot be told from the fastest within the spread of their ratio ties with it.
+Of those that tie, the first of the engine's file wins, so that a second search names the same one, or one that tied.
+"""
+
+import math
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from gauss_bench.bench.clock import common, ratio
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+
+UNITS = {"position": "m", "angle": "rad", "force": "N"}  # of errors, by what they are errors of
+MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)  # by a finer size
+STALLED = 3  # rungs of a ladder without ...
+FALLS = 0.7  # ... any unmet error falling below so much of the least before: even order one at half the step falls to 0.5
+HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
+NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
+FINALISTS = 6  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
+
+K = TypeVar("K", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """The largest error over the whole run: of positions [m], angles [rad] or joint forces [N]."""
+
+    kind: str
+    limit: float
+
+    @property
+    def unit(self) -> str:
+        return UNITS[self.kind]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One evaluation of a variant.
+
+    Attributes:
+        size: step [s] or tolerance.
+        errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
+        steps: taken.
+        status, message: OK, or why it failed.
+    """
+
+    size: float
+    errors: Mapping[str, float]
+    steps: int = 0
+    status: Status = Status.OK
+    message: str = ""
+
+    def meets(self, wanted: Requirement) -> bool:
+        return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The sizes that may be tried, from coarse to fine, and which of them (indices) the first ladder walks over."""
+
+    sizes: tuple[float, ...]
+    rungs: tuple[int, ...]
+
+
+def equal_steps(until: float, beats: int, most: int) -> Scale:
+    """Steps [s] that divide a run of `beats` beats into 10, 20, ... equal parts, and every beat into 1, 2, 3 ...: `most` at most.
+
+    From five parts of a beat on, neighbours differ by a fifth or less; the ladder halves the beat again and again, and ends with
+    the finest.
+    """
+    parts = {round(2 ** (octave + k / 4)) for octave in range(max(1, most // beats).bit_length()) for k in range(4)}
+    above = [x for x in range(10, beats, 10) if beats % 10 == 0]
+    counts = [*above, *sorted(beats * x for x in parts if beats * x <= max(most, beats))]
+    rungs = [k for k, x in enumerate(counts) if x in above[:2] or (x % beats == 0 and (x // beats) & (x // beats - 1) == 0)]
+    return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
+
+
+def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
+    """10^-largest to 10^-smallest by half powers; the ladder walks over the whole ones."""
+    exponents = range(2 * largest, 2 * smallest + 1)
+    return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
+
+
+def explore(
+    evaluate: Callable[[float], Trial], scale: Scale, wanted: Sequence[Requirement], budget: int, most: int = 0
+) -> tuple[list[Trial], str]:
+    """Trials of one variant, from coarse to fine, and why there are no more.
+
+    `most` is how many steps a run may have, 0 where the integrator chooses them.
+    """
+    tried: dict[int, Trial] = {}
+    ended = "the finest size was tried"
+    for k in scale.rungs:
+        if len(tried) == budget:
+            ended = f"the budget of {budget} evaluations was spent"
+            break
+        tried[k] = evaluate(scale.sizes[k])
+        if reason := why_ended([tried[x] for x in sorted(tried)], wanted, most):
+            ended = reason
+            break
+    while len(tried) < budget and (gap := next((g for w in wanted if (g := _gap(tried, w)) is not None), None)) is not None:
+        tried[gap] = evaluate(scale.sizes[gap])
+    return [tried[k] for k in sorted(tried)], ended
+
+
+def _gap(tried: Mapping[int, Trial], wanted: Requirement) -> int | None:
+    """The size halfway between the coarsest that meets a requirement and the next coarser one tried; None if none is between."""
+    passing = min((k for k, trial in tried.items() if trial.meets(wanted)), default=0)
+    coarser = max((k for k in tried if k < passing), default=passing)
+    return (passing + coarser) // 2 if passing - coarser > 1 else None
+
+
+def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
+    """Why a ladder ends with its last trial, or an empty text."""
+    last = trials[-1]
+    if last.status is not Status.OK and last.status not in MENDABLE:
+        return last.message
+    unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _undetermined(trials, w)]
+    if not unmet:
+        return "every requirement is met"
+    if all(_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
+        return f"no error fell in {STALLED} rungs"
+    if most and all(_steps_needed(trials, w) > HOPE * most for w in unmet):
+        return f"errors fall too slowly for {most:,} steps".replace(",", " ")
+    return ""
+
+
+def _steps_needed(trials: Sequence[Trial], wanted: Requirement) -> float:
+    """Steps at which an error meets a requirement if it goes on falling as over the last two rungs; 0 where it did not fall."""
+    before, last = trials[-2:] if len(trials) > 1 else (trials[-1], trials[-1])
+    old, new = (t.errors.get(wanted.kind, math.nan) for t in (before, last))
+    if not (0 < new < old < math.inf and before.steps < last.steps):
+        return 0.0
+    order = math.log(old / new) / math.log(last.steps / before.steps)
+    return float(last.steps * (new / wanted.limit) ** (1 / order))
+
+
+def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
+    return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
+
+
+def _stalled(errors: Sequence[float]) -> bool:
+    before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
+    return math.isfinite(before) and after > FALLS * before
+
+
+def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:
+    """The trial of the largest size that meets a requirement, or None."""
+    return max((t for t in trials if t.meets(wanted)), key=lambda t: t.size, default=None)
+
+
+def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
+    """The trial with the least error of a kind, or None where none tells it."""
+    known = [t for t in trials if t.status is Status.OK and math.isfinite(t.errors.get(kind, math.nan))]
+    return min(known, key=lambda t: t.errors[kind], default=None)
+
+
+def finalists(costs: Mapping[K, float]) -> list[K]:
+    """Those worth a race, in their order: near the cheapest by their estimated costs [s], and no more than FINALISTS."""
+    chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
+    least = min(costs.values(), default=math.inf)
+    return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
+
+
+def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
+    """Who wins, and all who tie with the fastest; (rounds,) seconds of everyone raced, in the order that breaks ties."""
+    fastest = min(samples, key=lambda k: float(np.quantile(samples[k], 0.25)))
+    tied = [k for k, x in samples.items() if k == fastest or ratio(*common(x, samples[fastest]))[1] <= 1.0]
+    return tied[0], tied

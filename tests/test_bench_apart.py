@@ -1,0 +1,316 @@
+"""What the process of an engine sends back is data: it is judged on this side, by code that the engine cannot reach."""
+
+import pickle
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.bench.answers import NoAnswer, packed, unpacked
+from gauss_bench.bench.apart import outcome_of
+from gauss_bench.bench.measure import acceleration_errors
+from gauss_bench.bench.one_run import one_run, received, sampling
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference.build import States
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.conftest import needs
+
+PLUGIN = '''
+import pathlib
+import pickle
+import numpy as np
+from gauss_bench import judge, metrics
+from gauss_bench.bench import answers, apart, measure, one_run
+from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.trajectory import RunFailure, Trajectory
+
+
+class Engine(Interpreted):
+    """Stands still where it should move."""
+
+    integrators = ("rk4",)
+    stabilizations = ("none",)
+
+    def __init__(self):
+        super().__init__("gauss")
+        self.name = type(self).__name__.lower()
+
+    def build(self, mechanism, choice):
+        model = Interpreted("gauss").build(mechanism, choice)
+        read = model.read
+        model.read = lambda: self.told(read())
+        return model
+
+    def told(self, x):
+        return Trajectory(x.t, 0 * x.q + x.q[0], 0 * x.v, 0 * x.a, x.steps)
+
+
+class Judges(Engine):
+    """Makes all that it can reach say that the run is good."""
+
+    def build(self, mechanism, choice):
+        good = judge.Judgement()
+        for room in (judge, measure):
+            room.judge = lambda evidence: good
+            room.examine = lambda *arguments: None
+        judge.completeness = lambda *arguments: good
+        metrics.state_errors = metrics.drift = lambda *arguments: None
+        metrics.energy_error = lambda evaluator, x: (0 * x.t, 0.0)
+        judge.OFF_DRIFT = judge.OFF_ENERGY = judge.OFF_MOTION = float("inf")
+        return super().build(mechanism, choice)
+
+
+class Sender:
+    """In the place of what writes answers: it sends these bytes instead."""
+
+    def __init__(self, content):
+        self.content = content
+        answers.json = answers.LENGTH = self
+
+    def dumps(self, item, default):
+        return self
+
+    def encode(self):
+        return self.content
+
+    def pack(self, length):
+        return b""
+
+
+class Harms:
+    def __reduce__(self):
+        return pathlib.Path.touch, (pathlib.Path(MARK),)
+
+
+class Pickles(Engine):
+    def told(self, x):
+        Sender(pickle.dumps(("ok", Harms())))
+        return x
+
+
+class Floods(Engine):
+    def told(self, x):
+        Sender(bytes(1 << 27))
+        return x
+
+
+class Fine(Engine):
+    """Says that it failed well, and has nothing to show."""
+
+    def told(self, x):
+        raise RunFailure("ok", "all is well")
+
+
+class Objects(Engine):
+    def told(self, x):
+        return Trajectory(x.t, np.full(x.q.shape, object()), x.v, x.a, x.steps)
+'''
+NAMES = ("judges", "pickles", "floods", "fine", "objects")
+EXPECTED = {"judges": Status.INVALID, "pickles": Status.CRASHED, "floods": Status.CRASHED}
+EXPECTED |= {"fine": Status.ERROR, "objects": Status.INCOMPLETE}
+
+
+@pytest.fixture(scope="module")
+def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where code that came through the pipe would leave a file; the engines above are installed meanwhile."""
+    folder = tmp_path_factory.mktemp("plugin")
+    (folder / "hostile.py").write_text(PLUGIN.replace("MARK", repr(str(folder / "mark"))), encoding="utf-8")
+    made = folder / "hostile-1.0.dist-info"
+    made.mkdir()
+    (made / "METADATA").write_text("Metadata-Version: 2.1\nName: hostile\nVersion: 1.0\n", encoding="utf-8")
+    points = "".join(f"{x} = hostile:{x.capitalize()}\n" for x in NAMES)
+    (made / "entry_points.txt").write_text(f"[gauss_bench.engines]\n{points}", encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(folder))
+        patch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{folder}")
+        yield folder / "mark"
+
+
+@pytest.mark.parametrize("name", ["judges", "pickles"])
+def test_simulate_judges_on_this_side(name: str, mark: Path) -> None:
+    found = gauss_bench.simulate("four_bar", name, at=[0.1], step=1e-2, limit=60.0)
+    assert found.status is EXPECTED[name], found.message
+    assert not found.valid
+    assert not mark.exists()
+
+
+def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) -> None:
+    rows = gauss_bench.compare("four_bar", [*NAMES, "lagrange"], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
+    assert rows["status"].to_dict() == {k: str(x) for k, x in EXPECTED.items()} | {"lagrange": "ok"}
+    assert "from where it should be" in rows.loc["judges", "message"]
+    assert rows.loc["judges", "position_error"] > 1e-2  # of the truth, and not of what the engine made of it
+    assert not rows["valid"].fillna(value=False).drop("lagrange").any()
+    assert not mark.exists()
+
+
+def test_plain_data_comes_back_as_it_went() -> None:
+    item = {"a": np.arange(6.0).reshape(2, 3), "b": [np.arange(3), None, "text", 1.5, True], "c": np.array([True, False]), "d": {}}
+    item |= {"none": np.zeros((0, 5)), "one": np.array(np.nan)}
+    found = unpacked(packed(item))
+    assert found.keys() == item.keys()
+    for key in ("a", "c", "none", "one"):
+        np.testing.assert_array_equal(found[key], item[key])
+        assert found[key].shape == item[key].shape
+        assert found[key].flags.aligned
+    assert list(found["b"][0]) == [0, 1, 2]
+    assert found["b"][1:] == [None, "text", 1.5, True]
+    with pytest.raises(NoAnswer, match="object"):
+        packed({"x": object()})
+    with pytest.raises(NoAnswer, match="ndarray"):
+        packed(np.array([object()]))
+
+
+def answer(text: bytes, more: bytes = b"") -> bytes:
+    return struct.pack("<Q", len(text)) + text + more
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"abc",
+        pickle.dumps(("ok", 1)),
+        answer(b"not json"),
+        answer(b"\xff"),
+        answer(b"[" * 100_000),
+        answer(b'{"array of numbers": ["f", [2]]}', bytes(8)),
+        answer(b'{"array of numbers": ["f", [1000000000, 1000000000]]}', bytes(8)),
+        answer(b'{"array of numbers": ["f", [-1]]}', bytes(8)),
+        answer(b'{"array of numbers": ["O", [1]]}', bytes(8)),
+        answer(b'{"array of numbers": ["f", [true]]}', bytes(8)),
+        answer(b'{"array of numbers": 7}', bytes(8)),
+        struct.pack("<Q", 1 << 62) + b"{}",
+    ],
+)
+def test_bytes_that_are_no_answer_are_refused(content: bytes) -> None:
+    with pytest.raises(NoAnswer):
+        unpacked(content)
+
+
+TIMES = sampling(1e-2, 0.05)
+
+
+def sent(**fields: Any) -> dict[str, Any]:
+    """A sound answer of six samples of nine coordinates, but for some fields."""
+    arrays = {key: np.zeros((6, 9)) for key in ("q", "v", "a")}
+    trajectory = {"t": TIMES.times, "steps": 5, "evaluations": None, "note": ""} | arrays
+    trajectory |= {k: x for k, x in fields.items() if k in trajectory}
+    told = {"status": "ok", "message": "", "trajectory": trajectory, "answer": None, "seconds": 1.0, "build_time": 1.0}
+    return told | {k: x for k, x in fields.items() if k in told}
+
+
+@pytest.mark.parametrize(
+    ("fields", "status"),
+    [
+        ({}, Status.OK),
+        ({"q": np.zeros((6, 8))}, Status.INCOMPLETE),
+        ({"q": np.zeros((6, 9, 1))}, Status.INCOMPLETE),
+        ({"v": np.zeros(54)}, Status.INCOMPLETE),
+        ({"a": [[0.0] * 9] * 6}, Status.INCOMPLETE),
+        ({"t": np.zeros(6)}, Status.INCOMPLETE),
+        ({"t": np.zeros(0), "q": np.zeros((0, 9)), "v": np.zeros((0, 9)), "a": np.zeros((0, 9))}, Status.INCOMPLETE),
+        ({"q": np.full((6, 9), np.nan)}, Status.NAN),
+        ({"v": np.full((6, 9), 1e200)}, Status.NAN),
+        ({"steps": "many"}, Status.INCOMPLETE),
+        ({"steps": -1}, Status.INCOMPLETE),
+        ({"steps": 10**400}, Status.INCOMPLETE),
+        ({"trajectory": None}, Status.INCOMPLETE),
+        ({"trajectory": "a good one"}, Status.INCOMPLETE),
+        ({"status": "splendid"}, Status.ERROR),
+        ({"status": None}, Status.ERROR),
+        ({"message": 7}, Status.ERROR),
+        ({"status": "nan"}, Status.NAN),
+    ],
+)
+def test_an_answer_is_taken_for_no_more_than_it_is(fields: dict[str, Any], status: Status) -> None:
+    run = received(outcome_of(unpacked(packed(sent(**fields)))), TIMES, 9)
+    assert run.status is status
+    assert (run.trajectory is not None) is (status is Status.OK)
+
+
+@pytest.mark.parametrize("item", [None, 7, "ok", [], {}, {"status": "ok"}])
+def test_what_is_no_run_is_an_error(item: object) -> None:
+    assert received(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
+
+
+def test_accelerations_of_other_states_are_no_numbers() -> None:
+    states = States(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
+    assert acceleration_errors(states.a, states)["acceleration_error_median"] == 0.0
+    for wrong in (None, np.ones((2, 9)), np.ones(27), "none", np.array(1.0)):
+        assert np.isnan(acceleration_errors(wrong, states)["acceleration_error_median"])
+
+
+class Stops(Interpreted):
+    """Fails after three of six samples, in the way that is asked for."""
+
+    def __init__(self, how: str):
+        super().__init__("gauss")
+        self.how = how
+
+    def build(self, mechanism: Any, choice: Choice) -> Any:
+        model = super().build(mechanism, choice)
+        run, read = model.run, model.read
+
+        def spoilt() -> Trajectory:
+            x = read()
+            q = np.where(np.arange(len(x.t))[:, None] < 3, x.q, np.nan)
+            return Trajectory(x.t, q, x.v, x.a, x.steps)
+
+        def raising() -> None:
+            run()
+            raise RunFailure(Status.NOT_CONVERGED, "no further")
+
+        def short() -> Trajectory:
+            x = read()
+            return Trajectory(x.t[:3], x.q[:3], x.v[:3], x.a[:3], x.steps)
+
+        def carrying() -> Trajectory:
+            raise RunFailure(Status.NOT_CONVERGED, "no further", short())
+
+        match self.how:
+            case "not a number":
+                model.read = spoilt
+            case "run raises":
+                model.run, model.read = raising, spoilt
+            case "read raises":
+                model.read = carrying
+            case "short":
+                model.read = short
+        return model
+
+
+@pytest.mark.parametrize(
+    ("how", "status"),
+    [
+        ("not a number", Status.NAN),
+        ("run raises", Status.NOT_CONVERGED),
+        ("read raises", Status.NOT_CONVERGED),
+        ("short", Status.INCOMPLETE),
+    ],
+)
+def test_a_run_that_fails_keeps_what_it_reached(how: str, status: Status) -> None:
+    run = one_run(Stops(how), load("four_bar"), Choice(integrator="rk4", step=1e-2), TIMES)
+    assert run.status is status
+    assert run.trajectory is None
+    assert run.reached is not None
+    np.testing.assert_array_equal(run.reached.t, TIMES.times[:3])
+
+
+@pytest.mark.parametrize("engine", ["gauss", "pinocchio", "exudyn"])
+def test_simulate_shows_how_far_a_run_came(engine: str) -> None:
+    """The squeezer, by steps that are far too long for it, at times that it reaches and at times that it does not."""
+    needs({"gauss": "numpy"}.get(engine, engine))
+    found = gauss_bench.simulate("squeezer", engine, step=2e-3, at=[0.01, 0.02, 0.03])
+    assert found.status in (Status.NAN, Status.NOT_CONVERGED, Status.RANK_LOST)
+    assert found.message
+    assert not found.valid
+    assert found.t[0] == 0.01
+    assert found.metrics["until"] == found.t[-1] < 0.03
+    assert found.metrics["position_drift"] > 0
+    assert all(len(x) == len(found.t) for state in found.links.values() for x in state.values())

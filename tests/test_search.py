@@ -1,0 +1,287 @@
+"""The search finds the winner that is known, says what it spent, and finds it again."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench import search
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements import search as measured
+from gauss_bench.bench.measurements.search import ladder, race, requirements, space
+from gauss_bench.bench.offers import offer
+from gauss_bench.bench.search import Requirement, Scale, Trial, coarsest, equal_steps, explore, finalists, tolerances, won
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.variants import Variant
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.metrics import joint_force_errors
+from gauss_bench.reference.build import build_reference
+from gauss_bench.suites.read import read_suite
+from gauss_bench.suites.schema import Search, Suite
+from gauss_bench.tables import TABLES, row_of
+from gauss_bench.trajectory import Status, Trajectory
+from tests.synthetic import Clock, Costs, SyntheticModel, clocked
+
+COARSE, FINE = Requirement("position", 1e-3), Requirement("position", 1e-6)
+
+
+class Method:
+    """An error of factor * step^order, and a count of how often it was asked."""
+
+    def __init__(self, factor: float = 1.0, order: float = 4.0, floor: float = 0.0, breaks_above: float = math.inf):
+        self.factor, self.order, self.floor, self.breaks_above = factor, order, floor, breaks_above
+        self.asked: list[float] = []
+
+    def __call__(self, size: float) -> Trial:
+        self.asked.append(size)
+        steps = round(1 / size)
+        if size > self.breaks_above:
+            return Trial(size, {}, 0, Status.DIVERGED, "apart")
+        return Trial(size, {"position": max(self.floor, self.factor * size**self.order)}, steps)
+
+
+def test_the_largest_step_that_is_exact_enough_is_found_within_a_fifth() -> None:
+    """h^4 = 1e-6 at h = 0.0316 s, and 3e3 h^4 = 1e-6 at h = 0.00427 s: 234.04 steps of a second, for which 250 is the next size."""
+    method, scale = Method(3e3), equal_steps(1.0, 50, 10_000)
+    trials, ended = explore(method, scale, [COARSE, FINE], 24)
+    found = coarsest(trials, FINE)
+    assert found is not None
+    assert found.steps == 250
+    assert ended == "every requirement is met"
+    assert coarsest(trials, COARSE).steps == 50  # type: ignore[union-attr]  # 3e3 h^4 = 1e-3 at 41.6 steps
+    assert [t.size for t in trials] == sorted((t.size for t in trials), reverse=True)
+    assert len(method.asked) == len(set(method.asked)) == len(trials)
+
+
+def test_sizes_are_finer_than_a_factor_of_two() -> None:
+    counts = np.array([round(1 / x) for x in equal_steps(1.0, 50, 100_000).sizes])
+    assert counts[0] == 10
+    assert counts[-1] <= 100_000
+    assert (counts[1:] / counts[:-1]).max() <= 2.0
+    assert (counts[1:] / counts[:-1])[counts[:-1] >= 250].max() <= 1.25
+    assert all(math.gcd(int(x), 50) >= 10 for x in counts)  # samples at every tenth of the run at least
+    scale = tolerances()
+    assert (scale.sizes[0], scale.sizes[-1]) == pytest.approx((1e-2, 1e-13))
+    assert np.diff(np.log10(scale.sizes)) == pytest.approx(np.full(len(scale.sizes) - 1, -0.5))
+
+
+@pytest.mark.parametrize("budget", [1, 3, 7])
+def test_the_budget_counts_evaluations_and_is_never_exceeded(budget: int) -> None:
+    method = Method(3e3)
+    trials, ended = explore(method, equal_steps(1.0, 50, 10_000), [COARSE, FINE], budget)
+    assert len(method.asked) == len(trials) == budget
+    assert ended == ("every requirement is met" if budget == 7 else f"the budget of {budget} evaluations was spent")
+
+
+def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
+    scale = equal_steps(1.0, 50, 100_000)
+    soft, slow, broken = Method(floor=1e-2), Method(1.0, order=1.0), Method(breaks_above=1.0)
+    trials, ended = explore(soft, scale, [COARSE], 24)
+    assert ended == f"no error fell in {search.STALLED} rungs"
+    assert coarsest(trials, COARSE) is None
+    trials, ended = explore(slow, scale, [FINE], 24, most=100_000)  # it would need a million steps
+    assert ended == "errors fall too slowly for 100 000 steps"
+    assert len(trials) == 2
+    trials, ended = explore(lambda size: Trial(size, {}, 0, Status.SKIP, "not for this"), scale, [FINE], 24)
+    assert (len(trials), ended) == (1, "not for this")
+    trials, ended = explore(broken, Scale((2.0, 0.5, 0.25), (0, 1, 2)), [Requirement("position", 0.1)], 24)
+    assert [t.status for t in trials] == [Status.DIVERGED, Status.OK]  # a finer step mends what a coarse one breaks
+
+
+def test_an_error_that_is_not_determined_asks_for_no_further_rung() -> None:
+    def open_forces(size: float) -> Trial:
+        return Trial(size, {"position": size**4, "force": math.nan}, round(1 / size))
+
+    trials, ended = explore(open_forces, equal_steps(1.0, 50, 10_000), [Requirement("force", 1e-3), COARSE], 24)
+    assert ended == "every requirement is met"
+    assert coarsest(trials, Requirement("force", 1e-3)) is None
+
+
+def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
+    noise = np.array([0.0, 0.02, 0.01, 0.03, 0.05, 0.01, 0.02, 0.04])
+    alike = {"first": 1.01 + noise, "second": 1.0 + noise[::-1], "third": 1.5 + noise}
+    assert won(alike) == ("first", ["first", "second"])
+    assert won({name: alike[name] for name in ("third", "second", "first")})[0] == "second"
+    assert won({"slow": 1.5 + noise, "quick": 1.0 + noise}) == ("quick", ["quick"])
+
+
+def test_only_what_is_near_the_cheapest_is_raced() -> None:
+    costs = {"dear": 5.0, "near": 1.9, "cheapest": 1.0, "far": 2.1}
+    assert finalists(costs) == ["near", "cheapest"]
+    many = {str(k): 1.0 + 0.01 * k for k in range(20)}
+    assert finalists(many) == [*many][: search.FINALISTS]
+    assert finalists({}) == []
+
+
+# Whole searches, with engines whose errors and costs are known
+
+WAYS = {  # name -> rad of error at 1 ms, order, seconds of a step
+    "rough": (1e-2, 4.0, 1.5e-6),
+    "exact": (1e-4, 4.0, 2e-6),
+    "same": (1e-4, 4.0, 2e-6),
+    "dear": (1e-5, 4.0, 90e-6),
+}
+PART = Search(
+    linkages={},
+    engines=("mujoco", "gauss-native"),
+    own=("gauss-native",),
+    until=0.1,
+    angle=(1e-4, 1e-7),
+    budget=16,
+    most_steps=2000,
+    rounds=3,
+    lead=0.03,
+)
+
+
+class Exact:
+    """The true motion of the four-bar, at the nearest times that it is known."""
+
+    truth = build_reference(load("four_bar", "torque"), PART.until)
+
+    def prepare(self, times: np.ndarray, native: bool = True) -> None:
+        self.times = times
+
+    def run(self) -> None:
+        """Nothing takes time here."""
+
+    def read(self) -> Trajectory:
+        at = np.abs(self.truth.t[:, None] - self.times).argmin(axis=0)
+        return Trajectory(self.times, self.truth.q[at], self.truth.v[at], self.truth.a[at], 0)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Engine "mujoco" has the variants of WAYS, compiled formulations are right at once at 0.1 us a step."""
+    clock = clocked(monkeypatch)
+
+    def build(self: Any, mechanism: Any, choice: Choice) -> SyntheticModel:
+        off, order, seconds = WAYS.get(choice.settings, (0.0, 4.0, 1e-7))
+        return SyntheticModel(mechanism, choice, clock, Costs(native_step=seconds), Exact(), 0.0, off, order)
+
+    for kind in (type(get(name)) for name in PART.engines):
+        monkeypatch.setattr(kind, "build", build)
+        monkeypatch.setattr(kind, "skip", lambda self, mechanism, choice: None)
+    variants = {x: Variant(x, "rk4", "none", {"number": k}) for k, x in enumerate(WAYS)}
+    monkeypatch.setattr(type(get("mujoco")), "variants", variants)
+    monkeypatch.setattr("gauss_bench.bench.offers._known", {})
+    return clock
+
+
+def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    rows: list[dict[str, Any]] = []
+    for engine in PART.engines:
+        for variant in space(offer(engine)):
+            if (variant.integrator, variant.stabilization) == ("rk4", "none"):
+                rows += ladder("four_bar", "torque", engine, variant, PART, str(folder))["search_ladder"]
+    told = json.loads(json.dumps(rows))  # as the journal keeps them
+    return {"search_ladder": rows} | race("four_bar", "torque", PART, told)
+
+
+def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
+    """At 1e-4 rad `exact` needs steps of 1 ms, 100 of them in 0.2 ms; `rough` 3.2 times as many, each a quarter cheaper, and `dear`
+    1.8 times fewer, each 45 times as dear: neither is worth a race. `same` costs what `exact` costs, and comes later."""
+    found = searched(tmp_path)
+    winners = {(r["engine"], r["accuracy"]): r for r in found["search_winners"]}
+    for limit, (fewest, most) in {1e-4: (100, 120), 1e-7: (563, 680)}.items():
+        row = winners["mujoco", limit]
+        assert row["settings"] == "exact"
+        assert fewest <= row["steps"] <= most  # the next size is at most a fifth away
+        assert row["error"] <= limit
+        assert row["seconds"] == pytest.approx(row["steps"] * 2e-6)
+        assert row["tied"] == "exact rk4 none, same rk4 none"
+        assert json.loads(row["options"]) == {"number": 1}
+        own = winners["gauss-native", limit]
+        assert own["own"] is True
+        assert own["ratio"] == 1.0
+        assert row["ratio"] == pytest.approx(row["seconds"] / own["seconds"])
+        assert (row["variants"], row["passing"], row["raced"], row["budget"]) == (4, 4, 2, 16)
+        assert row["evaluations"] == sum(r["engine"] == "mujoco" for r in found["search_ladder"])
+    again = searched(tmp_path)["search_winners"]
+    assert [(r["engine"], r["settings"], r["steps"]) for r in again] == [
+        (r["engine"], r["settings"], r["steps"]) for r in found["search_winners"]
+    ]
+    for table in ("search_ladder", "search_winners", "search_times"):
+        assert [row_of(TABLES[table], row) for row in found[table]]
+
+
+def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(WAYS, "exact", (1e-4, 0.0, 2e-6))
+    monkeypatch.setitem(WAYS, "same", (2e-4, 0.0, 2e-6))
+    monkeypatch.setitem(WAYS, "rough", (1.0, 0.0, 2e-6))
+    monkeypatch.setitem(WAYS, "dear", (1.0, 0.0, 2e-6))
+    (row,) = (r for r in searched(tmp_path)["search_winners"] if r["engine"] == "mujoco" and r["accuracy"] == 1e-7)
+    assert row["status"] == "cannot reach"
+    assert row["error"] == pytest.approx(1e-4, rel=1e-3)
+    assert "by exact" in row["message"]
+    assert "no error fell" in row["message"]
+    assert row["raced"] == row["passing"] == 0
+
+
+def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
+    """2000 steps at 90 us are 0.18 s: of them 333 are run in a lead of 30 ms, and the time told is that of all."""
+    run, way = measured.Run(load("four_bar", "torque"), 0.1), measured.Way("mujoco", "dear", "rk4", "none", 5e-5)
+    block = measured.whole_run(run, way, 2000, 0.18, 0.03)
+    assert block.seconds() == pytest.approx(0.18, rel=2e-3)
+    assert block.count == pytest.approx(333 / 2000)
+    whole = measured.whole_run(run, way, 2000, 0.18, 1.0)
+    assert (whole.count, whole.seconds()) == pytest.approx((1.0, 0.18))
+
+
+def test_the_error_is_the_largest_of_the_whole_run(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that strays by 1e-3 rad in its middle and comes back."""
+    read = Exact.read
+
+    def strayed(self: Exact) -> Trajectory:
+        found = read(self)
+        found.q[len(found.t) // 2] += 1e-3
+        return found
+
+    monkeypatch.setattr(Exact, "read", strayed)
+    monkeypatch.setitem(WAYS, "exact", (0.0, 0.0, 2e-6))
+    mechanism = load("four_bar", "torque")
+    run, way = measured.Run(mechanism, 0.1), measured.Way("mujoco", "exact", "rk4", "none", 1e-3)
+    trial = measured.evaluated(run, Evaluator(mechanism), Exact.truth, way, False, 10)
+    assert (trial.errors["angle"], trial.errors["position"]) == pytest.approx((1e-3, 1e-3))
+
+
+def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
+    """Every ladder has a name and a stamp of its own, the same whenever it is asked for; the race depends on what ladders found."""
+    part = PART.model_copy(update={"linkages": {"four_bar": "torque"}})
+    suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+    one, other = ([(t.key, t.stamp) for t in measured.exact(suite, Context(str(tmp_path), "stamp"))] for _ in range(2))
+    assert one == other
+    assert len(set(one)) == len(one) == sum(len(space(offer(x))) for x in PART.engines)
+    rows = [{"mechanism": "four_bar", "scenario": "torque", "step": 1e-3}]
+    races = [measured.timed(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
+    (first,), (same,), (changed,) = races
+    assert first.key == same.key != changed.key
+
+
+def test_the_full_suite_searches_every_linkage_that_moves_freely_for_every_requirement() -> None:
+    (part,) = read_suite("full").search
+    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in search.UNITS for x in (1e-3, 1e-6, 1e-9)}
+    assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
+    assert all(x % 10 == 0 for x in measured.BEATS)
+
+
+def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:
+    """An acceleration that is 1e-3 m/s^2 off on a 0.24 kg rocker's centre shows as that much force at its pins, none at rest."""
+    mechanism = load("four_bar", "torque")
+    truth = build_reference(mechanism, 0.1)
+    evaluator, same = Evaluator(mechanism), Trajectory(truth.t, truth.q, truth.v, truth.a, 0)
+    assert joint_force_errors(evaluator, same, truth).max() == 0.0
+    off = truth.a.copy()
+    off[:, 6] += 1e-3
+    errors = joint_force_errors(evaluator, Trajectory(truth.t, truth.q, truth.v, off, 0), truth)
+    assert errors.shape == truth.t.shape
+    assert 0.5e-3 * mechanism.links[2].mass < errors.max() < 10e-3 * mechanism.links[2].mass
+    locked = load("parallelogram", "torque")
+    assert np.isnan(joint_force_errors(Evaluator(locked), *(2 * [build_reference(locked, 0.02)]))).all()
