@@ -11,7 +11,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench.cli import main
-from gauss_bench.engines import OWN, all_names, names
+from gauss_bench.engines import OWN, all_names
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import built_in
 
