@@ -235,8 +235,8 @@ class Layout:
     """What stands in memory and where, before the places to work in: arrays of coordinates by coordinate, links side by side.
 
     Arrays, by name: "q", "v" what functions are evaluated at; "out" what they return, with the number of guards that hold; "q_new"
-    what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages; "stages"
-    accelerations at each of them, and "weights" what they count.
+    what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages;
+    "stages" accelerations at each of them, and "weights" what they count.
     """
 
     links: int
