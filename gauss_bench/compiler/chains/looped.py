@@ -164,10 +164,7 @@ class MemoryBody(InMemory, Body):
         g, j, held = self.graph, self.graph.count("%j"), self.graph.make("mask", payload="%held")
         s, lanes, begin = STAGES, 3 * self.layout.stride, self._whole("q_begin", "v_begin")
         first, weights = (self.layout.starts[name] for name in ("stages", "weights"))
-        rows = [
-            [0.0] * (2 * s + 1),
-            *([c, *a, *b] for c, a, b in zip(TABLEAU.c[1:], TABLEAU.A[1:], TABLEAU.twice[1:], strict=True)),
-        ]
+        rows = [[c, *a, *b] for c, a, b in zip(TABLEAU.c, TABLEAU.A, TABLEAU.twice, strict=True)]
         rows.append([1.0, *TABLEAU.b, *TABLEAU.end])
         numbers, places = Graph(), Places(WORK, tuple(range(weights, weights + len(rows) * (2 * s + 1))))
         w = numbers.leaf("%w")

@@ -237,8 +237,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
     DOP853 with steps that keep the estimated error at the tolerances, and that end at each of `count` times, where the state is
     stored; `times` has two numbers more. The first step is h, no step is longer than `longest`, and one shorter than `least` is
-    given up, as are more than `limit` of them. y becomes the state it came to, and `report`: samples stored, steps that count, steps
-    tried, the time it came to. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
+    given up, as are more than `limit` of them. y becomes the state it came to, and `report`: samples stored, steps that count,
+    steps tried, the time it came to. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
+    Equations I (1993), section II.10.
     """
     body = WrittenOut(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step

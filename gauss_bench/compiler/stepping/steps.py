@@ -135,9 +135,9 @@ class Step:
         graph, roots = rewrite(self.graph, self.roots(), into)
         moved = dict(zip(self.roots(), roots, strict=True))
         carried = {name: moved[x] for name, x in self.carried.items()}
-        masks = (moved[m] for m in (self.regular, self.regular_out, self.within))
+        regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
-        return Step(graph, carried, [moved[x] for x in self.out], *masks, error=error)
+        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error)
 
 
 class Builder:
