@@ -418,6 +418,7 @@ TABLES: dict[str, Table] = {
             *SECONDS,
             *RIVALS,
             text("verdict", "holds, open or reversed"),
+            *spread("projected_ratio", "the same of steps that end on the constraints"),
             *spread("batch_ratio", "the same of many trajectories in lanes"),
             *spread("numpy_ratio", "the same of one acceleration of the textbook's form"),
         ),

@@ -45,14 +45,14 @@ def test_a_time_that_whole_steps_miss_is_met_by_two_short_ones() -> None:
 
 
 def test_compare_labels_a_row_with_the_step_it_took() -> None:
-    rows = gauss_bench.compare("four_bar", ["gauss"], steps=(4e-4, 7e-4), t_end=0.5, jobs=1)
+    rows = gauss_bench.compare("four_bar", ["gauss"], steps=(4e-4, 7e-4), t_end=0.1, jobs=1)
     plain = rows[(rows["stabilization"] == "none") & (rows["integrator"] == "rk4")].set_index("step")
-    assert plain.loc[4e-4, "steps"] == 1250
-    assert plain.loc[4e-4, "compared"] == 51
+    assert plain.loc[4e-4, "steps"] == 250
+    assert plain.loc[4e-4, "compared"] == 11
     assert plain.loc[4e-4, "note"] == ""
-    assert plain.loc[7e-4, "steps"] == 715
-    assert plain.loc[7e-4, "compared"] == 9  # 0, 0.07 ... 0.49 and the end
-    assert "1 of 715 steps" in plain.loc[7e-4, "note"]
+    assert plain.loc[7e-4, "steps"] == 143
+    assert plain.loc[7e-4, "compared"] == 3  # 0, 0.07 and the end
+    assert "1 of 143 steps" in plain.loc[7e-4, "note"]
     assert plain.loc[4e-4, "measured_unit"] == "rad"
     assert plain.loc[4e-4, "position_error"] == max(plain.loc[4e-4, ["length_error", "angle_error"]])
 

@@ -59,7 +59,7 @@ ALLOWED = {
     "__main__": {"cli"},
 }
 FOREIGN = {
-    "pinocchio": "engines/pinocchio/adapter.py",
+    "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
     "mujoco": "engines/mujoco/adapter.py",
     "heyoka": "reference/taylor/series.py",

@@ -16,6 +16,7 @@ class Engine(Interpreted):
     def __init__(self):
         super().__init__("gauss")
         self.name = type(self).__name__.lower()
+        self.integrators, self.stabilizations = ("rk4",), ("none",)
     def build(self, mechanism, choice):
         model = Interpreted("gauss").build(mechanism, choice)
         run, read = model.run, model.read
@@ -53,7 +54,9 @@ class Wordy(Engine):
         raise ValueError("a first line\\n" + "and more \\x00" * 1000)
 
 class Letters(Engine):
-    integrators = "rk4"
+    def __init__(self):
+        super().__init__()
+        self.integrators = "rk4"
 
 class Bare:
     name = "bare"

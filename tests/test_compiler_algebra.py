@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.elimination.function import Function
+from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, generate, partitions
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.compiler.machine.graph import Graph, inline
+from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
@@ -349,6 +351,14 @@ def graph_of(count: int) -> tuple[ExpressionGraph, list[Node]]:
     rng = np.random.default_rng(3)
     graph = ExpressionGraph(4)
     return graph, [graph.input("x", k, rng.normal(size=4), 1.0) for k in range(count)]
+
+
+def test_an_unknown_operation_is_refused_by_name() -> None:
+    strange = Function((1,), (Instruction("INPUT", (0, 0)), Instruction("TANH", (0,))), ((1,),))
+    g = Graph()
+    for use in (lambda: strange([0.3]), lambda: inline(g, strange, [[g.leaf("%x")]], lambda x: (x, x)), lambda: on_arrays(strange)):
+        with pytest.raises(ValueError, match="TANH"):
+            use()
 
 
 def test_equal_expressions_are_one_node_whatever_their_form() -> None:

@@ -380,7 +380,7 @@ def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: i
     found = []
     for longest in (10**6, 0):
         body = loops.body(code, "rk4", steps.REACHES["rk4"][reach], longest)
-        runner = programs.Stepper(Loaded(partial(loops.rollout, body), Target("llvm", 4, cache=False)))
+        runner = programs.Stepper(Loaded(partial(loops.rollout, [body]), Target("llvm", 4, cache=False)))
         outcome = runner.run(batch)
         assert outcome.complete.all()
         found.append(outcome.samples)

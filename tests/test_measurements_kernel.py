@@ -136,6 +136,24 @@ def test_the_claim_compares_formulations_and_nothing_else(costs: dict[str, Rows]
     assert (row["unknowns_gauss"], row["unknowns_lagrange"]) == (1, 17)  # 9 coordinates, 8 rows
 
 
+def test_every_ratio_of_the_claim_is_of_its_own_pair() -> None:
+    seconds = {
+        Key("native_step", "gauss-native"): 2e-6,
+        Key("native_step", "lagrange-native"): 3e-6,
+        Key("native_step", "gauss-native", stabilization="projection"): 4e-6,
+        Key("native_step", "lagrange-native", stabilization="projection"): 5e-6,
+        Key("batch step", "gauss-native"): 1e-6,
+        Key("batch step", "lagrange-native"): 1e-7,
+        Key("acceleration", "gauss"): 5e-5,
+        Key("acceleration", "lagrange"): 1e-5,
+    }
+    measured = Measured({key: np.full(5, x) for key, x in seconds.items()}, {})
+    row = claim.claim_row({"mechanism": "four_bar", "scenario": "torque"}, SUITE.claim[0], measured)
+    ratios = [row[f"{x}ratio"] for x in ("", "projected_", "batch_", "numpy_")]
+    assert ratios == pytest.approx([1.5, 1.25, 0.1, 0.2])
+    assert row["verdict"] == "holds"
+
+
 def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Rows]) -> None:
     (bound,) = (row for row in costs["kernel_bounds"] if row["quantity"] == "a batch")
     assert bound["seconds"] == pytest.approx(STEP)

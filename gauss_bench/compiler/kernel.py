@@ -155,7 +155,7 @@ class Kernel:
         self._rank = RankDecision(mechanism, damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection")
         self.switches = self.fallbacks = self.lost = 0
-        self._programs.prepare("rk4", many=False, levels=1)
+        self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
 
     @property
@@ -220,11 +220,10 @@ class Kernel:
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
-        level = self._programs.level(integrator, dt, v)
-        end = self._programs.runner(0, integrator, level).run_one(q, v, p, t0, dt, n)
+        end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if isinstance(end, Outcome):
             batch = Batch(np.concatenate([q, v])[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._counted(self._driver.resume(batch, end, integrator, level)).samples[0, -1])
+            return np.asarray(self._counted(self._driver.resume(batch, end, integrator)).samples[0, -1])
         return end
 
     def _counted(self, outcome: Outcome) -> Outcome:

@@ -57,9 +57,15 @@ def claim_row(start: Row, part: Claim, measured: Measured) -> Row:
         times = measured.compared(*(Key(NATIVE, x) for x in part.compiled))
         return times | {"verdict": verdict(times["ratio_low"], times["ratio_high"])}
 
-    many = [Key(BATCH, x) for x in part.compiled]
-    textbook = [Key(ACCELERATION, x) for x in part.numpy]
-    return row(start, make) | _ratio("batch", many, measured) | _ratio("numpy", textbook, measured)
+    others = {
+        "projected": [Key(NATIVE, x, stabilization="projection") for x in part.compiled],
+        "batch": [Key(BATCH, x) for x in part.compiled],
+        "numpy": [Key(ACCELERATION, x) for x in part.numpy],
+    }
+    made = row(start, make)
+    for name, keys in others.items():
+        made |= _ratio(name, keys, measured)
+    return made
 
 
 def _ratio(name: str, keys: list[Key], measured: Measured) -> Row:

@@ -238,21 +238,14 @@ class LoopedPrograms:
 
     def add(self, code: LoopedProgram) -> None:
         self.codes.append(code)
-        self.evaluators.append(Evaluator(Loaded(lambda many: accelerate(code, library=False), self.target), code.size))
+        self.evaluators.append(Evaluator(Loaded(lambda many: accelerate(code, library=False), self.target), (code.size,)))
 
-    def levels(self, integrator: str) -> int:
-        """One: all sines are computed from nothing."""
-        return 1
-
-    def level(self, integrator: str, h: float, v: Floats) -> int:
-        return 0
-
-    def runner(self, k: int, integrator: str, level: int) -> Stepper:
+    def runner(self, k: int, integrator: str) -> Stepper:
         """Steps by one program."""
         if (k, integrator) not in self.runners:
             code = self.codes[k]
-            made = Loaded(lambda many: rollout(MemoryBody(code, integrator, library=False), many), self.target)
-            self.runners[k, integrator] = Stepper(made, code.size)
+            made = Loaded(lambda many: rollout([MemoryBody(code, integrator, library=False)], many), self.target)
+            self.runners[k, integrator] = Stepper(made, work=(code.size,))
         return self.runners[k, integrator]
 
     def margin(self, k: int, t: float, state: Floats, p: Floats) -> float:
@@ -279,7 +272,7 @@ class LoopedPrograms:
     def c_source(self, integrator: str) -> str:
         """The best program in plain C."""
         first = self.codes[0]
-        steps = in_c(rollout(MemoryBody(first, integrator, library=True), many=False))
+        steps = in_c(rollout([MemoryBody(first, integrator, library=True)], many=False))
         return C_HEADER + in_c(accelerate(first, library=True)) + "\n" + steps
 
     def loaded(self) -> list[tuple[float, bool]]:
@@ -288,6 +281,6 @@ class LoopedPrograms:
         codes = [code for x in running for code in x.loaded.codes.values()]
         return [(code.seconds, code.from_cache) for code in codes]
 
-    def prepare(self, integrator: str, many: bool, levels: int | None = None) -> None:
-        """Compile what steps of one state, or of many, may need, or the first `levels` variants of it."""
-        self.runner(0, integrator, 0).loaded.call(self.target.lanes if many else 1)
+    def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
+        """Compile what steps of one state, or of many, may need."""
+        self.runner(0, integrator).loaded.call(self.target.lanes if many else 1)

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate._ivp import dop853_coefficients
 
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -22,6 +23,13 @@ from gauss_bench.terms import Array, Terms
 CHECKS, FEW = 9, 2  # states at which a program is checked; few of a large linkage
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
 CHECKED = 1e-9  # relative error; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
+
+CLASSICAL = np.array([[0.0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1.0, 0]])
+STAGES = dop853_coefficients.N_STAGES
+TABLEAUX = {
+    "rk4": (CLASSICAL, np.array([1.0, 2, 2, 1]) / 6, CLASSICAL.sum(axis=1)),
+    "dop853_fixed": (dop853_coefficients.A[:STAGES, :STAGES], dop853_coefficients.B, dop853_coefficients.C[:STAGES]),
+}
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
@@ -50,7 +58,13 @@ class RankDecision:
         return Evaluator(self.mechanism)
 
     def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
-        """Accelerations (n,), with Baumgarte's terms where asked for."""
+        """Accelerations (n,), with Baumgarte's terms where asked for.
+
+        Raises:
+            LinAlgError: a state that is not finite.
+        """
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            raise np.linalg.LinAlgError("a state that is not finite")
         terms = self.evaluator.terms(t, q, v)
         gamma = terms.gamma
         if damped and self.baumgarte:
@@ -67,14 +81,12 @@ class RankDecision:
         if integrator == "semi_implicit_euler":
             v = v + h * self.acceleration(t, q, v, True)
             return self.project(t + h, q + h * v, v)
-        a1 = self.acceleration(t, q, v, True)
-        v2 = v + h / 2 * a1
-        a2 = self.acceleration(t + h / 2, q + h / 2 * v, v2, True)
-        v3 = v + h / 2 * a2
-        a3 = self.acceleration(t + h / 2, q + h / 2 * v2, v3, True)
-        v4 = v + h * a3
-        a4 = self.acceleration(t + h, q + h * v3, v4, True)
-        return self.project(t + h, q + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
+        A, b, c = TABLEAUX[integrator]
+        a, u = np.zeros((len(b), len(q))), np.zeros((len(b), len(q)))
+        for k in range(len(b)):
+            u[k] = v + h * (A[k] @ a)
+            a[k] = self.acceleration(t + c[k] * h, q + h * (A[k] @ u), u[k], True)
+        return self.project(t + h, q + h * (b @ u), v + h * (b @ a))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """The nearest consistent state."""

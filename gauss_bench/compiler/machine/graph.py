@@ -49,7 +49,7 @@ Pair = tuple[int, int]
 LEAVES = ("leaf", "mask", "count")
 MASKS = ("mask", "all", "not", "both", "lt", "le", "nonzero", "everywhere")
 COUNTS = ("count", "whole", "sum", "least", "times")
-TRUTHS = ("below", "same", "any", "also")
+TRUTHS = ("below", "same", "any", "nowhere", "also")
 Payload = float | int | str | None
 
 
@@ -61,7 +61,8 @@ class Graph:
     not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
 
     What is one for all lanes, and steers: counts, which are whole numbers: count (a leaf), whole (a number as payload), sum, least,
-    times (with a number as payload); their value as a real is number. Truths: below and same (of counts), any (of a mask), also.
+    times (with a number as payload); their value as a real is number. Truths: below and same (of counts), any and
+    nowhere (of a mask), also.
     """
 
     def __init__(self) -> None:
@@ -256,14 +257,14 @@ def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pa
             return g.total(x)
         case "IS" | "OUT":
             return x[0]
-    raise ValueError(f"no machine arithmetic for {operation}")
+    raise ValueError(f"no machine arithmetic for the operation {operation}")
 
 
 LATENCY = {
     "const": 0, "leaf": 0, "neg": 0, "bits": 0, "real": 0, "abs": 1, "and": 1, "plus": 1, "shl": 1, "xor": 1, "both": 1, "select":
     1, "add": 3, "sub": 3, "mul": 3, "fma": 4, "lt": 3, "le": 3, "nonzero": 3, "div": 13, "sqrt": 20,
     "mask": 0, "all": 0, "not": 1, "everywhere": 1, "count": 0, "whole": 0, "sum": 1, "least": 1, "times": 3, "number": 4,
-    "below": 1, "same": 1, "any": 3, "also": 1,
+    "below": 1, "same": 1, "any": 3, "nowhere": 3, "also": 1,
 }  # fmt: skip
 ROUNDS = 6  # of the feedback from the end of a loop to its beginning; urgency settles after two or three
 
@@ -348,8 +349,8 @@ class Timed(Graph):
 class Rewriter:
     """Writes the values that the roots need from one graph into another."""
 
-    def __init__(self, old: Graph, roots: list[int]):
-        self.old, self.new = old, Timed()
+    def __init__(self, old: Graph, roots: list[int], new: Timed):
+        self.old, self.new = old, new
         self.known: dict[int, int] = {}
         needed = live(old, roots)
         self.users: dict[int, list[int]] = {x: [] for x in needed}
@@ -482,9 +483,9 @@ class Rewriter:
         return g.div(above, below)
 
 
-def rewrite(g: Graph, roots: list[int]) -> tuple[Graph, list[int]]:
-    """The roots in a new graph; leaves count as ready at the beginning."""
-    rewriter = Rewriter(g, roots)
+def rewrite(g: Graph, roots: list[int], into: Timed | None = None) -> tuple[Timed, list[int]]:
+    """The roots in a new graph, or in one that others were written into before; leaves count as ready at the beginning."""
+    rewriter = Rewriter(g, roots, Timed() if into is None else into)
     return rewriter.new, [rewriter.known[x] for x in roots]
 
 
@@ -647,16 +648,18 @@ def needed(r: Routine) -> set[int]:
     return set(live(r.graph, roots))
 
 
-def unchanging(g: Graph, loop: Loop) -> list[int]:
-    """Values that a loop computes and that are the same in every turn."""
+def changing(g: Graph, loop: Loop) -> set[int]:
+    """Values that may differ from turn to turn of a loop."""
     defined = set(loop.carried)
-    inner = list(nested([*loop.body, *loop.after]))
-    for s in inner:
-        defined |= set(
-            s.carried if isinstance(s, Loop) else s.merged if isinstance(s, If) else s.rows if isinstance(s, Load) else ()
-        )
-    changing = depending(g, defined)
-    return [x for s in inner if isinstance(s, Compute) for x in s.values if x not in changing]
+    for s in nested([*loop.body, *loop.after]):
+        match s:
+            case Loop():
+                defined |= set(s.carried)
+            case If():
+                defined |= set(s.merged)
+            case Load():
+                defined |= set(s.rows)
+    return depending(g, defined)
 
 
 class Emitter:
@@ -664,11 +667,13 @@ class Emitter:
 
     Attributes:
         graph, names: of the function or lane that is being written. needed: values of the function.
+        first: names of the first values of what the next loop carries.
     """
 
     def __init__(self, routine: Routine) -> None:
         self.graph, self.needed = routine.graph, needed(routine)
         self.names: dict[int, str] = {}
+        self.first: list[str] = []
 
     def value(self, x: int) -> str:
         """Write a value whose operands have names; its own."""
@@ -684,8 +689,16 @@ class Emitter:
                 self.compute(s.values)
             else:
                 if isinstance(s, Loop):
-                    self.compute(unchanging(self.graph, s))
+                    self._before(s)
                 self.statement(s)
+
+    def _before(self, s: Loop) -> None:
+        """First values, and what is the same in every turn; what is not is forgotten where an earlier loop has computed it."""
+        self.first = self.compute([a for a, _ in self.carried(s).values()])
+        changed = changing(self.graph, s)
+        inner = nested([*s.body, *s.after])
+        self.compute([x for c in inner if isinstance(c, Compute) for x in c.values if x not in changed])
+        self.names = {x: name for x, name in self.names.items() if x not in changed}
 
     def carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
         """What a loop carries that is needed."""

@@ -214,6 +214,8 @@ class Writer(Emitter):
                 return self.broadcast(a[0], "i1")
             case "any":
                 return a[0] if self.lanes == 1 else self._any(a[0])
+            case "nowhere":
+                return self.let(f"xor i1 {a[0] if self.lanes == 1 else self._any(a[0])}, true")
             case "number":
                 return self.broadcast(self.let(f"sitofp i64 {a[0]} to double"))
             case "whole":
@@ -255,8 +257,7 @@ class Writer(Emitter):
         return {"leaf": self.real, "mask": self.mask, "count": "i64"}[self.graph.operation[x]]
 
     def _loop(self, s: Loop) -> None:
-        carried, label = self.carried(s), self.fresh("loop")
-        first, above = self.compute([a for a, _ in carried.values()]), self.block
+        carried, label, first, above = self.carried(s), self.fresh("loop"), self.first, self.block
         self._go_to(label)
         header, inside = self._open(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside

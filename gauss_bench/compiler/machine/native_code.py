@@ -9,7 +9,7 @@ import ctypes
 import hashlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
@@ -43,13 +43,14 @@ class NativeCode:
     """A loaded function.
 
     Attributes:
-        call: takes addresses and numbers; the lock of the interpreter is free while it runs.
+        call: takes addresses and numbers; the lock of the interpreter is free while it runs. signature: their kinds.
         seconds: to compile or to load.
         from_cache: whether the object code was there.
         owner: keeps the machine code in memory.
     """
 
     call: Any
+    signature: str
     seconds: float
     from_cache: bool
     owner: Any = field(repr=False)
@@ -93,7 +94,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         if cached:
             object_cache.store(key, code)
     call, owner = _loaded(code, listing, machine)
-    return NativeCode(call, time.perf_counter() - start, cached_already, owner)
+    return NativeCode(call, listing.signature, time.perf_counter() - start, cached_already, owner)
 
 
 def _key(text: str, operations: int) -> str:
@@ -152,15 +153,30 @@ def aligned(size: int) -> Array:
     return room[start : start + size]
 
 
-class Buffers(threading.local):
-    """Arrays of one thread for one state, their addresses taken once: asking numpy for one costs as much as ten steps."""
+class Single:
+    """Arguments of one call for one state, made once: asking numpy for an address, or ctypes for a number, costs as much as steps.
 
-    call: Any
+    Attributes:
+        arrays: flat, in the order of the routine. numbers, counts: their `value` is set before a call.
+    """
 
-    def put(self, call: Any, *sizes: int) -> None:
+    __slots__ = ("_given", "_run", "arrays", "counts", "numbers")
+
+    def __init__(self, code: NativeCode, sizes: Sequence[int]):
         self.arrays = [aligned(size) for size in sizes]
-        self.addresses = [ctypes.c_void_p(address(x)) for x in self.arrays]
-        self.call = call
+        self.numbers = [ctypes.c_double() for kind in code.signature if kind == "d"]
+        self.counts = [ctypes.c_int64(1) for kind in code.signature if kind == "i"]
+        self._given = [*(ctypes.c_void_p(address(x)) for x in self.arrays), *self.numbers, *self.counts]
+        self._run = ctypes.CFUNCTYPE(None)(ctypes.cast(code.call, ctypes.c_void_p).value or 0)  # whose arguments need no conversion
+
+    def run(self) -> None:
+        self._run(*self._given)
+
+
+class Singles(threading.local):
+    """What each thread has for single states."""
+
+    one: Single | None = None
 
 
 CHUNK = 4096  # trajectories at a time on arrays: they share what a call of numpy costs, and a step has hundreds
@@ -185,7 +201,7 @@ class Loaded:
     def __init__(self, make: Callable[[bool], Routine], target: Target):
         self.make, self.target = make, target
         self.codes: dict[int, NativeCode] = {}
-        self.own = Buffers()
+        self.singles = Singles()
         self._lock = threading.Lock()
         self._plain = in_python(make(True)) if target.backend == "numpy" else None
 
@@ -206,3 +222,11 @@ class Loaded:
     def given(self, arrays: list[Array]) -> list[Any]:
         """Arrays as `call` takes them."""
         return list(arrays) if self._plain else [address(x) for x in arrays]
+
+    def single(self, *sizes: int) -> Single:
+        """Arguments for one state, of this thread."""
+        one = self.singles.one
+        if one is None:
+            self.call(1)
+            one = self.singles.one = Single(self.codes[1], sizes)
+        return one

@@ -64,7 +64,7 @@ PYTHON = Language(
     | {
         "abs": "abs({0})", "sqrt": "np.sqrt({0})", "sin": "np.sin({0})", "cos": "np.cos({0})", "select": "np.where({0}, {1}, {2})",
         "both": "{0} & {1}", "not": "np.logical_not({0})", "any": "np.any({0})", "also": "{0} and {1}", "number": "float({0})",
-        "least": "min({0}, {1})",
+        "least": "min({0}, {1})", "nowhere": "not np.any({0})",
     },
     assign="{0} = {1}",
     forever="while True:",
@@ -78,7 +78,7 @@ C = Language(
     SAME_IN_BOTH
     | {
         "abs": "fabs({0})", "select": "{0} ? {1} : {2}", "both": "{0} && {1}", "not": "!{0}", "any": "{0}", "also": "{0} && {1}",
-        "number": "(double){0}", "least": "{0} < {1} ? {0} : {1}", "fma": "fma({0}, {1}, {2})",
+        "number": "(double){0}", "least": "{0} < {1} ? {0} : {1}", "fma": "fma({0}, {1}, {2})", "nowhere": "!{0}",
     },
     assign="{0} = {1};",
     forever="for (;;) {{",
@@ -162,8 +162,7 @@ class Source(Emitter):
                     self.line(self.language.assign.format(place, name))
             case Loop():
                 carried = self.carried(s)
-                self.compute([a for a, _ in carried.values()])
-                self.moved({x: self.names[a] for x, (a, _) in carried.items()}, "v")
+                self.moved(dict(zip(carried, self.first, strict=True)), "v")
                 self.line(self.language.forever.format())
                 self.depth += 1
                 self.statements(s.body)

@@ -1,6 +1,6 @@
-"""What happens when a guard stops a trajectory: another reach, another partition, and last a rank decision at each step."""
+"""What happens when a guard stops a trajectory: another partition, and last a rank decision at each step."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.terms import Array
 
-INTEGRATORS = ("rk4", "semi_implicit_euler")
+INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +43,16 @@ class Outcome:
         samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
         done: (k,) steps that count.
         complete: (k,) whether that is all of them.
-        far: (k,) whether it stopped because the angles moved further than the code can follow, and for no other reason.
     """
 
     states: Array
     samples: Array
     done: NDArray[np.integer[Any]]
     complete: NDArray[np.bool_]
-    far: NDArray[np.bool_]
 
 
 class Runner(Protocol):
-    """Steps trajectories by one program, integrator and reach."""
+    """Steps trajectories by one program and integrator."""
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
         """All trajectories of a batch as far as their guards hold."""
@@ -87,16 +85,8 @@ class Programs(Protocol):
         """How far one of them is from failing at a state; below 1 it does."""
         ...
 
-    def levels(self, integrator: str) -> int:
-        """Variants of the code, by how far angles may move in one step; the last has no limit."""
-        ...
-
-    def level(self, integrator: str, h: float, v: Array) -> int:
-        """The variant that the speeds v (..., n) allow."""
-        ...
-
-    def runner(self, k: int, integrator: str, level: int) -> Runner:
-        """Who steps by one program and variant."""
+    def runner(self, k: int, integrator: str) -> Runner:
+        """Who steps by one program."""
         ...
 
 
@@ -139,42 +129,26 @@ class Driver:
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
         """All trajectories to their end; a lost one is not a number from there on."""
-        level = self.programs.level(integrator, batch.h, batch.states[:, self.programs.n :])
-        outcome = self.programs.runner(0, integrator, level).run(batch, threads)
-        last = self.programs.levels(integrator) - 1
-        while len(batch.states) > 1 and level < last and (outcome.far & ~outcome.complete).any():
-            level += 1  # together and from the start: quicker than to finish each alone
-            outcome = self._again(batch, outcome, integrator, level, threads)
-        return self.resume(batch, outcome, integrator, level)
+        return self.resume(batch, self.programs.runner(0, integrator).run(batch, threads), integrator)
 
-    def resume(self, batch: Batch, outcome: Outcome, integrator: str, level: int) -> Outcome:
+    def resume(self, batch: Batch, outcome: Outcome, integrator: str) -> Outcome:
         """Trajectories that stopped to their end, one by one."""
         self.tally = Tally()
         for k in np.flatnonzero(~outcome.complete):
-            Continuation(self, batch, integrator, outcome, int(k), level).finish()
-        return outcome
-
-    def _again(self, batch: Batch, outcome: Outcome, integrator: str, level: int, threads: int) -> Outcome:
-        """Run those that went too far with a longer reach."""
-        rows = np.flatnonzero(outcome.far & ~outcome.complete)
-        part = replace(batch, states=batch.states[rows], parameters=batch.parameters[rows])
-        new = self.programs.runner(0, integrator, level).run(part, threads)
-        for old, more in zip(vars(outcome).values(), vars(new).values(), strict=True):
-            old[rows] = more
+            Continuation(self, batch, integrator, outcome, int(k)).finish()
         return outcome
 
 
 class Continuation:
     """One trajectory that stopped, followed to its end; writes into the outcome of its batch."""
 
-    def __init__(self, driver: Driver, batch: Batch, integrator: str, outcome: Outcome, row: int, level: int):
+    def __init__(self, driver: Driver, batch: Batch, integrator: str, outcome: Outcome, row: int):
         self.driver, self.batch, self.integrator, self.outcome, self.row = driver, batch, integrator, outcome, row
         self.state, self.p = outcome.states[row].copy(), batch.parameters[row]
         self.at = int(outcome.done[row])
         self.stored = before(self.at, batch.every)
-        self.used, self.level = 0, level
+        self.used = 0
         self.tried: set[int] = set()
-        self.far = bool(outcome.far[row])
 
     @property
     def t(self) -> float:
@@ -196,24 +170,21 @@ class Continuation:
         count = goal - self.at
         every = batch.every if whole else max(1, count)
         part = Batch(self.state[None], self.p[None], self.t, batch.h, count, every)
-        outcome = self.driver.programs.runner(self.used, self.integrator, self.level).run(part)
+        outcome = self.driver.programs.runner(self.used, self.integrator).run(part)
         complete, moved = bool(outcome.complete[0]), int(outcome.done[0])
         samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
         self.outcome.samples[self.row, self.stored : self.stored + len(samples)] = samples
         self.stored += len(samples)
         self.at += moved
-        self.state, self.far = outcome.states[0], bool(outcome.far[0])
+        self.state = outcome.states[0]
         if moved:
             self.tried.clear()
         if not complete:
             self._choose()
 
     def _choose(self) -> None:
-        """The next reach, or another program, or a step without one."""
-        driver, levels = self.driver, self.driver.programs.levels(self.integrator)
-        if self.far and self.level < levels - 1:
-            self.level += 1
-            return
+        """Another program, or a step without one."""
+        driver = self.driver
         self.tried.add(self.used)
         k = driver.best(self.t, self.state, self.p, self.tried)
         if k is None:
@@ -223,7 +194,6 @@ class Continuation:
         if k is not None:
             driver.tally.switches += k != self.used
             self.used = k
-        self.level = driver.programs.level(self.integrator, self.batch.h, self.state[driver.programs.n :])
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""

@@ -8,9 +8,8 @@ A partition is usable where its pivots stay away from zero; which ones do change
 always serves, its slider not at the dead centres).
 """
 
-import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache
 
 import numpy as np
 
@@ -18,54 +17,75 @@ from gauss_bench.compiler.machine.code import Code, Program, read_code
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, out_of_lanes, shared
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Outcome
-from gauss_bench.compiler.stepping.rollout import acceleration, body, plain_body, rollout
+from gauss_bench.compiler.stepping.rollout import acceleration, bodies, plain_body, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.terms import Array
 
 
 class Stepper:
-    """Steps trajectories by one routine `rollout`; `work` are the numbers it works on for each trajectory."""
+    """Steps trajectories by one routine `rollout`; `work` the sizes of what it works on for each trajectory.
 
-    def __init__(self, loaded: Loaded, work: int = 0):
-        self.loaded, self.work = loaded, work
+    `further` is the same with all its reaches, which takes longer to compile: from when the first was exceeded it serves alone.
+    """
+
+    def __init__(self, loaded: Loaded, further: Loaded | None = None, work: tuple[int, ...] = ()):
+        self.loaded, self.further, self.work = loaded, further, work
+        self.compiled = [loaded]
+
+    def extend(self) -> None:
+        """Let it reach as far as it can."""
+        if self.further is not None:
+            self.loaded, self.further = self.further, None
+            self.compiled.append(self.loaded)
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
         """All trajectories of a batch as far as their guards hold."""
+        outcome, far = self._run(batch, threads)
+        if far and self.further is not None:
+            self.extend()
+            outcome, _ = self._run(batch, threads)
+        return outcome
+
+    def _run(self, batch: Batch, threads: int) -> tuple[Outcome, bool]:
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
-        y, p = in_lanes(batch.states, lanes), in_lanes(batch.parameters, lanes)
+        y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # one lane would be a view
         groups, rows = y.shape[:2]
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
         call = self.loaded.call(lanes)
 
         def part(low: int, high: int) -> None:
-            work = [aligned(self.work * lanes)] if self.work else []
+            work = [aligned(size * lanes) for size in self.work]
             arrays = self.loaded.given([y[low:high], p[low:high], *work, samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
         shared(part, groups, threads)
         done, complete, far = out_of_lanes(report, count).T
         stored = out_of_lanes(samples.reshape(groups, batch.slots, rows, lanes), count)
-        return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0, far > 0)
+        return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0), bool(far.any())
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
         """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the native code."""
-        own = self.loaded.own
-        if not hasattr(own, "call"):
-            own.put(self.loaded.call(1), 2 * len(q), len(parameters), *([self.work] if self.work else []), 2 * len(q), 3)
-        y, p, *_, sample, report = own.arrays
-        y[: len(q)], y[len(q) :], p[:] = q, v, parameters
-        own.call(*own.addresses, h, t0, n, max(1, n), 1, 1)
+        one = self.loaded.single(2 * len(q), len(parameters), *self.work, 2 * len(q), 3)
+        arrays, (step, start), (steps, every, _, _) = one.arrays, one.numbers, one.counts
+        y, report, n_q = arrays[0], arrays[-1], len(q)
+        y[:n_q], y[n_q:] = q, v
+        if len(parameters):
+            arrays[1][:] = parameters
+        step.value, start.value, steps.value, every.value = h, t0, n, n or 1
+        one.run()
         if report[1]:
-            return sample.copy()
-        done, complete, far = report[:, None].copy()
-        return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), done.astype(int), complete > 0, far > 0)
+            return arrays[-2].copy()
+        if report[2] and self.further is not None:
+            self.extend()
+            return self.run_one(q, v, parameters, t0, h, n)
+        return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), report[:1].astype(int), np.zeros(1, bool))
 
 
 class Evaluator:
     """Accelerations by one routine `accelerate`."""
 
-    def __init__(self, loaded: Loaded, work: int = 0):
+    def __init__(self, loaded: Loaded, work: tuple[int, ...] = ()):
         self.loaded, self.work = loaded, work
 
     def accelerations(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
@@ -74,23 +94,20 @@ class Evaluator:
         lanes = self.loaded.lanes(count)
         y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
         out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-        work = [aligned(self.work * lanes)] if self.work else []
+        work = [aligned(size * lanes) for size in self.work]
         self.loaded.call(lanes)(*self.loaded.given([y, p, *work, at, out]), len(y))
         rows = out_of_lanes(out, count)
         return rows[:, :-1], rows[:, -1] > 0
 
     def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
         """Accelerations (n,) of one state by native code, or None where a guard fails."""
-        own = self.loaded.own
-        if not hasattr(own, "call"):
-            own.put(self.loaded.call(1), 2 * len(q), len(parameters), *([self.work] if self.work else []), 1, len(q) + 1)
-        y, p, *_, at, out = own.arrays
+        one = self.loaded.single(2 * len(q), len(parameters), *self.work, 1, len(q) + 1)
+        y, p, *_, at, out = one.arrays
         y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
-        own.call(*own.addresses, 1)
+        one.run()
         return out[:-1].copy() if out[-1] else None
 
 
-MARGIN = 1.2  # on the way of the angles in a step, when the reach is chosen
 STEADY = 100.0  # thresholds: any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do
 
 
@@ -102,11 +119,10 @@ class StraightLinePrograms:
         self.codes: list[Code] = []
         self._evaluate: list[Callable[..., list[Array]]] = []
         self._multipliers: dict[int, Callable[..., list[Array]]] = {}
-        self.runners: dict[tuple[int, str, int], Stepper] = {}
+        self.runners: dict[tuple[int, str], Stepper] = {}
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
-        self._angles = list(self.codes[0].angles)
         self.native = Evaluator(Loaded(lambda many: acceleration(read_code(first, "none"), target.backend == "numpy"), target))
 
     def __len__(self) -> int:
@@ -121,27 +137,21 @@ class StraightLinePrograms:
         self._evaluate.append(on_arrays(code.program.acceleration))
         return True
 
-    def levels(self, integrator: str) -> int:
-        """Variants of the code, by how far angles may move in one step; the last has no limit."""
-        return len(REACHES[integrator])
+    def runner(self, k: int, integrator: str) -> Stepper:
+        """The code of one program, made when it is first asked for."""
+        if (k, integrator) not in self.runners:
+            code, reaches = self.codes[k], REACHES[integrator]
 
-    def level(self, integrator: str, h: float, v: Array) -> int:
-        """The shortest reach that the speeds v (..., n) allow."""
-        reaches = REACHES[integrator]
-        if self.target.backend != "llvm":
-            return len(reaches) - 1
-        turning = np.asarray(v[..., self._angles])
-        way = MARGIN * abs(h) * (math.hypot(*turning) if turning.ndim == 1 else np.hypot.reduce(turning, axis=-1).max(initial=0.0))
-        return next((k for k, reach in enumerate(reaches) if way <= reach.step), len(reaches) - 1)
+            def loaded(count: int) -> Loaded:
+                made = cache(lambda: bodies(code, integrator, reaches[:count]))
+                return Loaded(lambda many: rollout(made(), many), self.target)
 
-    def runner(self, k: int, integrator: str, level: int) -> Stepper:
-        """The code of one program and reach, made when it is first asked for."""
-        key = (k, integrator, level)
-        if key not in self.runners:
-            code, plain = self.codes[k], self.target.backend == "numpy"
-            made = partial(plain_body, code, integrator) if plain else partial(body, code, integrator, REACHES[integrator][level])
-            self.runners[key] = Stepper(Loaded(lambda many: rollout(made(), many), self.target))
-        return self.runners[key]
+            if self.target.backend == "numpy":
+                stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
+            else:
+                stepper = Stepper(loaded(1), loaded(len(reaches)) if len(reaches) > 1 else None)
+            self.runners[k, integrator] = stepper
+        return self.runners[k, integrator]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
         """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
@@ -181,16 +191,20 @@ class StraightLinePrograms:
     def c_source(self, integrator: str) -> str:
         """The best program in plain C."""
         first = self.codes[0]
-        steps = in_c(rollout(plain_body(first, integrator), many=False))
+        steps = in_c(rollout([plain_body(first, integrator)], many=False))
         return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + steps
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""
-        running: list[Evaluator | Stepper] = [self.native, *self.runners.values()]
-        codes = [code for x in running for code in x.loaded.codes.values()]
+        codes = [
+            *self.native.loaded.codes.values(),
+            *(c for x in self.runners.values() for y in x.compiled for c in y.codes.values()),
+        ]
         return [(code.seconds, code.from_cache) for code in codes]
 
-    def prepare(self, integrator: str, many: bool, levels: int | None = None) -> None:
-        """Compile what steps of one state, or of many, may need, or the first `levels` variants of it."""
-        for level in range(self.levels(integrator) if levels is None else levels):
-            self.runner(0, integrator, level).loaded.call(self.target.lanes if many else 1)
+    def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
+        """Compile what steps of one state, or of many, may need, or what the first steps need."""
+        runner = self.runner(0, integrator)
+        if extended:
+            runner.extend()
+        runner.loaded.call(self.target.lanes if many else 1)

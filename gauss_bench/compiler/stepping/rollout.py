@@ -7,7 +7,7 @@ steps a group of trajectories by n steps. Rows of the arrays, each with one numb
     y        2 n_q            q and v at the start; where a trajectory stopped early, the state it stopped at
     p        n_p              parameters
     samples  slots x 2 n_q    every `every` steps, and the last; slots = ceil(n / every), at least one
-    report   3                steps done; 1 if all are; 1 if it stopped because a reach was exceeded and nothing else
+    report   3                steps done; 1 if all are; 1 if it stopped because the last reach was exceeded and nothing else
 
 A trajectory stops before the first step whose guards fail: that step is not counted. With several lanes the others go on, and the
 stopped one keeps its state by selection. Only a turn of the loop that finds the end stores anything: it runs once more than there
@@ -37,6 +37,7 @@ from gauss_bench.compiler.machine.graph import (
     Routine,
     Statement,
     Store,
+    Timed,
     count_operations,
     live,
     order,
@@ -84,36 +85,53 @@ class Body:
         raise NotImplementedError
 
 
-def rollout(body: Body, many: bool) -> Routine:
-    """The routine that steps a body; `many` trajectories at once, or one."""
-    g = body.graph
+def rollout(bodies: Sequence[Body], many: bool) -> Routine:
+    """The routine that steps; `many` trajectories at once, or one.
+
+    Bodies of one graph: the first steps as long as its reach allows, the next goes on from there, the last has no limit. Of many
+    trajectories all change together.
+    """
+    first, statements = bodies[0], list[Statement]()
+    for level in reversed(range(len(bodies))):
+        steps, complete, far = _stepping(bodies, level, many)
+        statements = [*steps, *([If(first.graph.make("any", far), statements, {})] if statements else [])]
+    arrays = {"y": Array(first.rows), **first.arrays, "samples": Array(first.rows, "slots"), "report": Array(3)}
+    counts, operations = ("n", "every", "slots"), max(body.operations for body in bodies)
+    return Routine("rollout", first.graph, arrays, ("h", "t0"), counts, [*first.entry, *statements], complete, operations)
+
+
+def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
+    """Statements that step by one of the bodies, the mask where all is done, and where a longer reach is needed."""
+    body = bodies[level]
+    g, begins, ends = body.graph, level == 0, level == len(bodies) - 1
     i, due, slot, n, every = (g.count(f"%{x}") for x in ("i", "due", "slot", "n", "every"))
-    one, always, none = g.whole(1), g.all(True), g.all(False)
+    one, zero, always, none = g.whole(1), g.whole(0), g.all(True), g.all(False)
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
     beyond = g.both([alive, body.regular, g.make("not", body.within)])
     going = g.both([alive, body.regular, body.within])
-    following = g.make("sum", i, one)
+    following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
     carried: Carried = {x: (a, g.make("select", going, b, x) if many else b) for x, (a, b) in body.carried.items()}
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
-    carried |= {i: (g.whole(0), following), due: (g.make("least", every, n), due_later), slot: (g.whole(0), slot_later)}
-    if many:
-        carried |= {alive: (always, going), far: (none, _either(g, far, beyond))}
+    carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
+    carried |= {alive: (always, going)} if many else {}
+    if not begins:  # where the body before has stopped
+        carried = {x: (x, b) for x, (_, b) in carried.items()}
+    carried |= {far: (none, _either(g, far, beyond))} if many else {}
     sample = If(
         g.make("same", i, due),
         body.sampled(g.make("times", slot, payload=body.rows)),
         {due_later: (g.make("least", g.make("sum", due, every), n), due), slot_later: (g.make("sum", slot, one), slot)},
     )
-    more = g.make("below", i, n)
     kept = body.kept(g.both([going, g.make("everywhere", more)]))
-    steps = Loop(carried, [*body.statements, sample, *kept], g.make("also", g.make("any", going), more))
+    again = g.make("also", g.make("any", going), more)
+    again = again if ends or not many else g.make("also", again, g.make("nowhere", beyond))
     complete = g.both([alive, body.regular_out, g.make("everywhere", g.make("same", i, n))])
-    report = [done, g.flag(complete), g.flag(_either(g, far, beyond))]
-    arrays = {"y": Array(body.rows), **body.arrays, "samples": Array(body.rows, "slots"), "report": Array(3)}
-    statements = [*body.entry, steps, *body.ended(complete), Store("report", report)]
-    return Routine("rollout", g, arrays, ("h", "t0"), ("n", "every", "slots"), statements, complete, body.operations)
+    too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
+    report = Store("report", [done, g.flag(complete), g.flag(too_far)])
+    return [Loop(carried, [*body.statements, sample, *kept], again), *body.ended(complete), report], complete, too_far
 
 
 def _either(g: Graph, a: int, b: int) -> int:
@@ -152,8 +170,8 @@ class Registers(Body):
 class WrittenOut(Registers):
     """A step in one piece; `plain` where its arithmetic is left to the target."""
 
-    def __init__(self, code: Code, step: Step, plain: bool = False):
-        super().__init__(code, step if plain else step.rewritten())
+    def __init__(self, code: Code, step: Step, plain: bool = False, into: Timed | None = None):
+        super().__init__(code, step if plain else step.rewritten(into))
         g, needed = self.graph, live(self.step.graph, self.step.roots())
         self.values = needed if plain else order(g, needed, self.step.carried)
         self.operations = count_operations(g, self.values)
@@ -166,8 +184,8 @@ class Staged(Registers):
     c = h/2, h/2, h is the way from stage to stage, w = 1, 2, 2, 1 the weight of a stage.
     """
 
-    def __init__(self, code: Code, staged: StagedStep):
-        graph, roots = rewrite(staged.graph, staged.roots())
+    def __init__(self, code: Code, staged: StagedStep, into: Timed | None = None):
+        graph, roots = rewrite(staged.graph, staged.roots(), into)
         moved = dict(zip(staged.roots(), roots, strict=True))
         s = staged.step
         masks = (moved[x] for x in (s.regular, s.regular_out, s.within))
@@ -195,12 +213,20 @@ class Staged(Registers):
 WRITTEN_OUT = 2_900  # operations of a step; beyond it the code outgrows the caches of instructions
 
 
-def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT) -> Registers:
+def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Registers:
     """The step written out where it stays short, else looped over its stages."""
     if integrator == "rk4" and 4 * code.acceleration.operations > longest:
-        return Staged(code, rk4_staged(code, reach))
-    written = WrittenOut(code, STEPS[integrator](code, reach))
-    return Staged(code, rk4_staged(code, reach)) if integrator == "rk4" and written.operations > longest else written
+        return Staged(code, rk4_staged(code, reach), into)
+    written = WrittenOut(code, STEPS[integrator](code, reach), into=into)
+    if integrator == "rk4" and written.operations > longest:
+        return Staged(code, rk4_staged(code, reach), into)
+    return written
+
+
+def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Registers]:
+    """The step within each of some reaches, in one graph."""
+    graph = Timed()
+    return [body(code, integrator, reach, into=graph) for reach in reaches]
 
 
 def plain_body(code: Code, integrator: str) -> Registers:

@@ -28,15 +28,47 @@ Sines are rotated from q to x; those at q come from nothing. The projection foll
 uncorrected q', then v with the Jacobian at the corrected one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 
+from scipy.integrate._ivp import dop853_coefficients
+
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, Pair, inline, rewrite
+from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
+
+
+Coefficients = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
+
+    Attributes:
+        c: (s,) nodes. A: (s, s) weights of velocities at the stages; twice: those of positions, A A.
+        b, end: of velocities and positions after the step, b and b A.
+    """
+
+    c: Coefficients
+    A: Sequence[Coefficients]
+    twice: Sequence[Coefficients]
+    b: Coefficients
+    end: Coefficients
+
+
+def _tableau() -> Tableau:
+    """The coefficients of order 8, as scipy has them."""
+    s = dop853_coefficients.N_STAGES
+    A, b, c = dop853_coefficients.A[:s, :s], dop853_coefficients.B, dop853_coefficients.C[:s]
+    return Tableau(c.tolist(), A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist())
+
+
+TABLEAU = _tableau()
 
 
 @dataclass(frozen=True)
@@ -64,6 +96,7 @@ EXACT = Reach(inf, inf, inf, 4)
 # the shortest series with an error below an eighth of a rounding reach this far: with 2 terms (step) and 1 (bend), with 4 and 2
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
+    "dop853_fixed": (EXACT,),
     "semi_implicit_euler": (Reach(0.0065, inf, 1.5e-4, 3), Reach(0.0625, inf, 6.5e-3, 5), Reach(inf, inf, inf, 6)),
 }
 
@@ -90,9 +123,9 @@ class Step:
         """Everything that must be computed."""
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within]
 
-    def rewritten(self) -> "Step":
-        """The step with its arithmetic regrouped."""
-        graph, roots = rewrite(self.graph, self.roots())
+    def rewritten(self, into: Timed | None = None) -> "Step":
+        """The step with its arithmetic regrouped, in a graph that may have other steps already."""
+        graph, roots = rewrite(self.graph, self.roots(), into)
         moved = dict(zip(self.roots(), roots, strict=True))
         carried = {name: moved[x] for name, x in self.carried.items()}
         masks = (moved[m] for m in (self.regular, self.regular_out, self.within))
@@ -137,6 +170,11 @@ class Builder:
 
     def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
         return [self.g.add(a, self.g.mul(factor, b)) for a, b in zip(x, d, strict=True)]
+
+    def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
+        """The sum of some accelerations, each with its weight."""
+        used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
+        return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
         """Known from a rotation, or from nothing; left to the target's own functions where it has them (`library`)."""
@@ -269,7 +307,35 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
-STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler}
+def dop853(code: Code, reach: Reach, library: bool = False) -> Step:
+    """One step of order 8 of Dormand and Prince, twelve stages, with the positions of the stages written out as in `rk4`."""
+    b = Builder(code, reach, library=library)
+    g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
+    start = b.fresh() if reach.rotates else []
+    b.share(q, start)
+    v = b.corrected_velocity()
+    a = [b.acceleration(b.t, q, u)]
+    out_pivots = list(b.pivots)
+
+    def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
+        """Changes of position, and velocities, after the part c of the step."""
+        moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(a, twice))
+        return moved, b.along(v, h, b.weighted(a, weights))
+
+    for k in range(1, len(TABLEAU.c)):
+        moved, w = at(TABLEAU.c[k], TABLEAU.A[k], TABLEAU.twice[k])
+        x = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
+        b.limit(b.of_angles(moved), reach.step)
+        b.turn(start, moved, reach.step, x)
+        a.append(b.acceleration(g.add(b.t, b.times_h(TABLEAU.c[k])), x, w))
+    moved, v_new = at(1.0, TABLEAU.b, TABLEAU.end)
+    q_new = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
+    pairs = b.turn(start, moved, reach.step, q_new)
+    q_new, _ = b.corrected_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
+    return b.step(q_new, v_new, [], v, out_pivots)
+
+
+STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853}
 
 
 @dataclass(frozen=True, eq=False)
