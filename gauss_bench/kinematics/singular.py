@@ -201,9 +201,7 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
 def _told(driving: DrivingCoordinate, q: Array) -> str:
     """Where what drives stands, in words."""
     x = driving.of(q)[0]
-    return (
-        f"angle {np.degrees(x):.1f} deg of {driving.name}" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
-    )
+    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
 
 
 def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, driving: DrivingCoordinate) -> Singular:
