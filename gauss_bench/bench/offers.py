@@ -12,14 +12,14 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.bench.worker import Worker, WorkerFailure
-from gauss_bench.engines import COMPILED, FOREIGN, OWN, get, names
+from gauss_bench.engines import COMPILED, FOREIGN, OWN, RIVALS, all_names, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.variants import Variant
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
-SAFE = (*OWN, *COMPILED, *FOREIGN)  # adapters of this package, which import their library only where they build
+SAFE = (*OWN, *COMPILED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
 ALIASES = {"euler": "semi_implicit_euler"}
 CALLED = ("version", "skip", "build")
 
@@ -113,7 +113,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         KeyError: there is no such engine.
     """
     if wanted is None or any(name not in _known for name in wanted):
-        there = names()  # which looks through everything that is installed
+        there = all_names()  # which looks through everything that is installed
         wanted = there if wanted is None else wanted
         for name in wanted:
             if name not in there:

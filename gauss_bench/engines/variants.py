@@ -150,7 +150,8 @@ def _points(
     label = table.get("settings", next(iter(settings)))
     if label not in settings:
         raise VariantError(f"{place}: there are no settings {label!r}")
-    values = {"stabilization": "none", **{k: x for k, x in table.items() if k != "settings"}}
+    values = {k: x for k, x in table.items() if k != "settings"}
+    values.setdefault("stabilization", "none")
     for name in values:
         if name not in knobs:
             raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")

@@ -17,14 +17,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, common, ratio, row, spread, stepping
 from gauss_bench.bench.clock import timed as processor_time
-from gauss_bench.bench.context import Context
+from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.offers import Offer, offer
-from gauss_bench.bench.one_run import Sampling, one_run
+from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.tasks import Rows, Tables, Task
-from gauss_bench.engines import OWN, get, names
+from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -51,8 +52,9 @@ class Way(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What ways of a linkage are run over: from 0 to `until` [s]."""
+    """What ways of a linkage (name or path) are run over: from 0 to `until` [s]."""
 
+    linkage: str
     mechanism: Mechanism
     until: float
 
@@ -63,7 +65,7 @@ def requirements(part: Search) -> list[Requirement]:
 
 def searched(part: Search) -> list[Offer]:
     """The engines of a part that can be asked."""
-    return [offer(x) for x in part.engines or (x for x in names() if x not in OWN)]
+    return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
 
 
 def space(engine: Offer) -> list[Variant]:
@@ -80,7 +82,7 @@ def space(engine: Offer) -> list[Variant]:
 
 def over(linkage: str, scenario: str, part: Search) -> Run:
     mechanism = load(linkage, scenario or None)
-    return Run(mechanism, min(part.until, mechanism.duration))
+    return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
 def exact(suite: Suite, context: Context) -> list[Task]:
@@ -154,8 +156,6 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start |= {"integrator": variant.integrator, "stabilization": variant.stabilization, "until": run.until}
     adaptive = variant.integrator in offer(engine).adaptive
     way = Way(engine, variant.name, variant.integrator, variant.stabilization, run.until)
-    if reason := get(engine).skip(run.mechanism, choice_of(way, adaptive, run.until)):
-        return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
     truth = reference_of(linkage, scenario, run.until, store)
     beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
     if beats is None:
@@ -190,7 +190,8 @@ def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: 
     steps = beats if adaptive else round(run.until / way.size)
     met = math.gcd(steps, beats)
     wanted = Sampling(run.until / met * np.arange(met + 1), run.until / steps, steps, 0)
-    found = one_run(get(way.engine), run.mechanism, choice_of(way, adaptive, run.until), wanted)
+    choice = choice_of(way, adaptive, run.until)
+    found = run_of(Request(run.linkage, run.mechanism.scenario, way.engine, choice, wanted), run.mechanism, CASE_LIMIT)
     if found.trajectory is None:
         return Trial(way.size, {}, 0, found.status, found.message)
     errors = state_errors(run.mechanism, found.trajectory, truth)

@@ -4,22 +4,23 @@
     idas_ggl      q' = v - H^T mu,  v' = a,                    M a + J^T lambda = Q,  c = 0,  phi = 0         (stabilised index 2)
     cvodes_bdf    q' = v,  v' = a(t, q, v) in closed form, by BDF and Newton's method
     cvodes_adams  the same by Adams' method and functional iteration
+    rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-with H the holonomic rows of J. All choose steps and orders for themselves: `step` is only where samples are taken, unless the
-state is projected there, which starts the method again, at order 1 and with a small step; that shows in the steps and evaluations.
-The projection is the suite's. Multipliers and accelerations are left out of the error test, as the documentation of IDAS advises
-for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with
-constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
+with H the holonomic rows of J. Those of SUNDIALS choose steps and orders for themselves: `step` is only where samples are taken,
+unless the state is projected there, which starts the method again, at order 1 and with a small step; that shows in the steps and
+evaluations. The projection is the suite's. Multipliers and accelerations are left out of the error test, as the documentation
+of IDAS advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange
+equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
 """
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.casadi.equal_steps import STAGES, EqualSteps
 from gauss_bench.engines.casadi.functions import unfit
 from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
@@ -49,11 +50,11 @@ class Casadi:
     """The engine."""
 
     name = "casadi"
-    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")
+    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *STAGES)
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs = VARIANTS.space, VARIANTS.knobs
-    adaptive = integrators  # SUNDIALS chooses its own steps
+    adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
 
@@ -65,9 +66,13 @@ class Casadi:
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
             return "the stabilised index 2 form keeps the constraints by itself"
+        if choice.integrator in STAGES and choice.stabilization == "projection":
+            return "equal steps are generated without a projection"
         return unfit(mechanism)
 
-    def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel":
+    def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel | EqualSteps":
+        if choice.integrator in STAGES:
+            return EqualSteps(mechanism, choice, VARIANTS.options(choice.settings))
         return CasadiModel(mechanism, choice)
 
 
@@ -88,11 +93,11 @@ class CasadiModel:
 
     def _system(self, e: Any, solution: Any) -> dict[str, Any]:
         """The system with its start time as parameter: one integrator then serves every interval of a length."""
+        from gauss_bench.engines.casadi.equations import stabilized
+
         ca, n = self.ca, self.mechanism.n
         if self.choice.stabilization == "baumgarte":
-            held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
-            rate = self.options["baumgarte_alpha_beta_per_s"]
-            e = replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
+            e = stabilized(e, self.options["baumgarte_alpha_beta_per_s"])
         if self.choice.integrator.startswith("cvodes"):
             system = {"ode": ca.vertcat(e.v, solution(e)[0])}
         else:

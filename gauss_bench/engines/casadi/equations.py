@@ -9,7 +9,7 @@ Nothing of `mechanism/constraints.py`, `mechanism/forces.py` and the rates in `m
 tests hold those against this, and what both would share no test could find wrong.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, assert_never
 
 import casadi as ca
@@ -92,6 +92,12 @@ def equations(mechanism: Mechanism) -> Equations:
         V,
         ca.dot(neither, v) - 2 * R,
     )
+
+
+def stabilized(e: Equations, rate: float) -> Equations:
+    """The equations with Baumgarte's terms, alpha = beta = rate [1/s]."""
+    held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
+    return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
 
 
 def solution(e: Equations) -> tuple[Symbol, Symbol]:

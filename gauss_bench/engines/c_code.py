@@ -1,0 +1,118 @@
+"""C for engines that are compiled where a compiler is there: finding it, equal steps around any acceleration, and calling them.
+
+What is handed in defines N and
+
+    static void acceleration(double t, const double *q, const double *v, double *a)        q, v, a of N numbers
+
+in one source with the steps, so that the compiler may put the one into the other. Methods are those of `integrate/fixed_step.py`,
+with DOP853's coefficients from scipy. Rounding may be reordered (-ffast-math): it is what whoever writes C for speed would allow.
+"""
+
+import ctypes
+import shutil
+import subprocess
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gauss_bench.integrate.fixed_step import NODES, ROWS, WEIGHTS
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
+
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
+LONGEST = 300.0  # [s] to compile
+NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
+
+RK4 = """
+void rk4(double *q, double *v, double t, double h, long steps)
+{
+    for (long k = 0; k < steps; k++) {
+        double at = t + k * h, x[N], v2[N], v3[N], v4[N], a1[N], a2[N], a3[N], a4[N];
+        acceleration(at, q, v, a1);
+        for (int i = 0; i < N; i++) { x[i] = q[i] + h / 2 * v[i]; v2[i] = v[i] + h / 2 * a1[i]; }
+        acceleration(at + h / 2, x, v2, a2);
+        for (int i = 0; i < N; i++) { x[i] = q[i] + h / 2 * v2[i]; v3[i] = v[i] + h / 2 * a2[i]; }
+        acceleration(at + h / 2, x, v3, a3);
+        for (int i = 0; i < N; i++) { x[i] = q[i] + h * v3[i]; v4[i] = v[i] + h * a3[i]; }
+        acceleration(at + h, x, v4, a4);
+        for (int i = 0; i < N; i++) {
+            q[i] += h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i]);
+            v[i] += h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i]);
+        }
+    }
+}
+
+void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }
+"""
+
+
+def compiler() -> str | None:
+    """The path of a C compiler, or None."""
+    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+
+
+def dop853_fixed() -> str:
+    """The twelve stages of DOP853 in C, those coefficients that are zero left out."""
+    last = len(WEIGHTS)
+    lines = [f"    double x[N], {', '.join(f'v{k}[N], a{k}[N]' for k in range(last))};"]
+    for k, (node, row) in enumerate(zip(NODES, ROWS, strict=True)):
+        move, turn = _sums(row, "v"), _sums(row, "a")
+        lines.append(f"    for (int i = 0; i < N; i++) {{ x[i] = q[i] + h * ({move}); v{k}[i] = v[i] + h * ({turn}); }}")
+        lines.append(f"    acceleration(at + {node!r} * h, x, v{k}, a{k});")
+    end = f"q[i] += h * ({_sums(WEIGHTS, 'v')}); v[i] += h * ({_sums(WEIGHTS, 'a')});"
+    body = "\n".join([*lines, f"    for (int i = 0; i < N; i++) {{ {end} }}"])
+    head = "void dop853_fixed(double *q, double *v, double t, double h, long steps)"
+    return f"{head}\n{{\n    for (long k = 0; k < steps; k++) {{\n    double at = t + k * h;\n{body}\n    }}\n}}\n"
+
+
+def _sums(row: Array, name: str) -> str:
+    return " + ".join(f"{float(x)!r} * {name}{k}[i]" for k, x in enumerate(row) if x) or "0.0"
+
+
+class Code:
+    """A compiled acceleration with its steps, of N coordinates.
+
+    Raises:
+        RunFailure: there is no compiler, or it refuses the source.
+    """
+
+    def __init__(self, acceleration: str, n: int):
+        self.n = n
+        self.library = _library(f"#define N {n}\n{acceleration}\n{RK4}\n{dop853_fixed()}")
+
+    def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
+        """Take `count` steps of h [s] in place; q, v (n,) contiguous."""
+        function = getattr(self.library, integrator)
+        function(_pointer(q), _pointer(v), ctypes.c_double(t), ctypes.c_double(h), ctypes.c_long(count))
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        a = np.empty(self.n)
+        states = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        self.library.accelerate(ctypes.c_double(t), *map(_pointer, states), _pointer(a))
+        return a
+
+
+def _pointer(x: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(x.ctypes.data)
+
+
+@lru_cache(maxsize=64)
+def _library(source: str) -> ctypes.CDLL:
+    """The shared library of a source; linked without -ffast-math, which would change rounding in the whole process."""
+    program = compiler()
+    if program is None:
+        raise RunFailure(Status.SKIP, NO_COMPILER)
+    with TemporaryDirectory() as folder:
+        text, compiled, linked = (Path(folder) / name for name in ("engine.c", "engine.o", "engine.so"))
+        text.write_text(source)
+        commands: list[list[str | Path]] = [
+            [program, *FLAGS, "-c", text, "-o", compiled],
+            [program, "-shared", compiled, "-o", linked, "-lm"],
+        ]
+        for command in commands:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
+            if done.returncode:
+                raise RunFailure(Status.ERROR, f"{program} refuses the source: {in_a_sentence(done.stderr)}")
+        return ctypes.CDLL(str(linked))

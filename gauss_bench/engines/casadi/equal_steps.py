@@ -1,0 +1,117 @@
+"""Equal steps on CasADi's closed form of the accelerations: its generated C, compiled with the steps, or its virtual machine.
+
+The equations are those of `adapter`, without an integrator of SUNDIALS: what whoever uses CasADi for speed would write. Where no C
+compiler is found, or the variant says so, steps are mapped over CasADi's own virtual machine, and the run says so.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.c_code import NO_COMPILER, Code, compiler
+from gauss_bench.engines.shared import finite, finite_acceleration
+from gauss_bench.integrate.fixed_step import ROWS, WEIGHTS, step_counts
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
+
+TABLEAUX: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {  # rows and weights; time is a coordinate of its own
+    "rk4": (((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
+    "dop853_fixed": ([row.tolist() for row in ROWS], WEIGHTS.tolist()),
+}
+STAGES = {name: len(weights) for name, (_, weights) in TABLEAUX.items()}
+GENERATED = "generated C"
+CHUNK = 500  # steps in one call of the virtual machine: what calling costs no longer counts
+
+
+class EqualSteps:
+    """A mechanism as CasADi's accelerations, stepped."""
+
+    def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        import casadi
+
+        from gauss_bench.engines.casadi.equations import equations, solution, stabilized
+
+        self.ca: Any = casadi
+        self.mechanism, self.choice = mechanism, choice
+        e = equations(mechanism)
+        self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
+        if choice.stabilization == "baumgarte":
+            e = stabilized(e, options["baumgarte_alpha_beta_per_s"])
+        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
+        generated = options["code"] == GENERATED and compiler() is not None
+        self.advance = self._compiled() if generated else self._mapped()
+        self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
+        if options["code"] == GENERATED and not generated:
+            self.note += f": {NO_COMPILER}"
+
+    def _compiled(self) -> Callable[[Array, Array, float, float, int], None]:
+        """Steps in place, in C."""
+        generator = self.ca.CodeGenerator("engine")
+        generator.add(self.used)
+        f, n = self.used, self.mechanism.n
+        call = f"""
+static void acceleration(double t, const double *q, const double *v, double *a)
+{{
+    const double *in[{f.sz_arg()}] = {{&t, q, v}};
+    double *out[{f.sz_res()}] = {{a}}, work[{max(1, f.sz_w())}];
+    casadi_int whole[{max(1, f.sz_iw())}];
+    used(in, out, whole, work, 0);
+}}
+"""
+        code = Code(generator.dump() + call, n)
+        return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
+
+    def _mapped(self) -> Callable[[Array, Array, float, float, int], None]:
+        """Steps in place, in CasADi's virtual machine."""
+        ca, n = self.ca, self.mechanism.n
+        x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
+        step = ca.Function("step", [x, h], [self._step(x, h)])
+        several: dict[int, Any] = {}
+
+        def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
+            state = np.concatenate([q, v, [t]])
+            while count:
+                part = min(count, CHUNK)
+                if part not in several:
+                    several[part] = step.mapaccum(f"steps{part}", part)
+                state = np.array(several[part](state, np.full((1, part), size)))[:, -1]
+                count -= part
+            q[:], v[:] = state[:n], state[n : 2 * n]
+
+        return advance
+
+    def _step(self, x: Any, h: Any) -> Any:
+        """The state [q, v, t] after a step of h [s], in symbols."""
+        n = self.mechanism.n
+
+        def rate(x: Any) -> Any:
+            return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
+
+        rows, weights = TABLEAUX[self.choice.integrator]
+        rates: list[Any] = []
+        for row in rows:
+            rates.append(rate(x + h * sum((c * k for c, k in zip(row, rates, strict=True)), 0 * x)))
+        return x + h * sum((c * k for c, k in zip(weights, rates, strict=True)), 0 * x)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return finite_acceleration(t, np.array(self.plain(t, q, v))[:, 0], "CasADi")
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        """There is only the compiled or mapped loop, whatever `native` says."""
+        self.times, self.plan = times, step_counts(times, self.choice.step)
+        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
+        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
+
+    def run(self) -> None:
+        for k, (count, h) in enumerate(self.plan):
+            self.q[k + 1], self.v[k + 1] = self.q[k], self.v[k]
+            self.advance(self.q[k + 1], self.v[k + 1], float(self.times[k]), h, count)
+
+    def read(self) -> Trajectory:
+        reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
+        a[reached] = np.array(self.plain.map(reached.stop)(self.times[reached], self.q[reached].T, self.v[reached].T)).T
+        steps = sum(count for count, _ in self.plan)
+        return Trajectory(self.times, self.q, self.v, a, steps, STAGES[self.choice.integrator] * steps, self.note)
