@@ -11,7 +11,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench.cli import main
-from gauss_bench.engines import OWN, names
+from gauss_bench.engines import OWN, all_names
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import built_in
 
@@ -33,7 +33,7 @@ def test_help_loads_nothing_that_takes_long() -> None:
 def test_list_names_every_linkage_and_engine(capsys: pytest.CaptureFixture[str]) -> None:
     found = said(capsys, "list", "--json")
     assert found["linkages"].keys() == built_in().keys()
-    assert list(found["engines"]) == names()
+    assert list(found["engines"]) == all_names()
 
 
 def test_show_checks_every_scenario(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

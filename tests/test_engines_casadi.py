@@ -43,7 +43,7 @@ def position_drift(mechanism: Mechanism, trajectory: Trajectory) -> float:
 
 # a knife edge, active bars, a driven crank, a law that ends, a stiff seven-body linkage, a body without any constraint
 @pytest.mark.parametrize("linkage", ["sleigh", "excavator", "crank_slider.driven", "six_bar.cycloid", "squeezer", "projectile"])
-@pytest.mark.parametrize("integrator", ENGINE.integrators)
+@pytest.mark.parametrize("integrator", ENGINE.adaptive)
 def test_every_form_follows_the_certified_motion(linkage: str, integrator: str) -> None:
     mechanism = load(*linkage.split("."))
     times = TIMES[: int(mechanism.duration / 1e-3 + 1.5)]
@@ -100,7 +100,7 @@ def test_what_it_cannot_model_it_refuses_with_a_reason() -> None:
     assert "stabilised" in (ENGINE.skip(load("four_bar"), Choice(integrator="idas_ggl", stabilization="projection")) or "")
 
 
-@pytest.mark.parametrize("integrator", ENGINE.integrators)
+@pytest.mark.parametrize("integrator", ENGINE.adaptive)
 def test_a_solver_that_gives_up_is_a_failure_with_a_sentence(integrator: str) -> None:
     sound = load("four_bar", "torque")
     falling = replace(sound, v0=1e9 * np.ones(sound.n))  # not a motion of this linkage: accelerations of 1e18
