@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import json
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -278,7 +279,8 @@ def check(options: argparse.Namespace) -> int:
     if options.json:
         print_json({"passed": not failed, "verdicts": [vars(v) for v in verdicts]})
     else:
-        print(text.format_check(verdicts))
+        named = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
+        print(text.format_check(verdicts, shlex.join([*named, "--baseline", str(options.baseline)])))
     return 1 if failed else 0
 
 

@@ -17,6 +17,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
+REST = 1e-9  # [m/s^2, rad/s^2] a largest acceleration below it is what rounding leaves of none
 CHUNK = 2000  # states evaluated at once: bounds the memory of long runs
 
 
@@ -215,9 +216,9 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
-    """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n)."""
+    """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n); absolute where nothing accelerates."""
     scale = np.abs(true).max(axis=-1)
-    return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > 0, scale, 1.0))
+    return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 
 
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:

@@ -171,7 +171,8 @@ def modules_after(statement: str) -> set[str]:
     [
         ("import gauss_bench", {"numpy", "pandas", "scipy", *FOREIGN}),
         ("import gauss_bench.cli as c; c.parser(c.ACTIONS)", {"numpy", "pandas", *FOREIGN}),
-        ("import gauss_bench.metrics", {"pandas", *FOREIGN}),
+        ("import gauss_bench.metrics", {"pandas", "scipy", *FOREIGN}),
+        ("import gauss_bench.api.text", {"pandas", "scipy.interpolate", *FOREIGN}),
         ("import gauss_bench.engines as e; [e.get(n) for n in e.names()]", set(FOREIGN)),
         ("import gauss_bench.report.build", set(FOREIGN)),
     ],

@@ -5,10 +5,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from gauss_bench.bench import gate, runner
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.gate import accept, compare, facts, failures, read_baseline
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
+from gauss_bench.tables import KEY
 
 CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) for h in (1e-2, 1e-3)]
 
@@ -78,3 +80,56 @@ def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, caps
 
 def test_without_a_baseline_the_gate_is_bad_usage(tmp_path: Path) -> None:
     assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(tmp_path / "none.csv")]) == 2
+
+
+CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
+
+
+def ended(status: str, message: str = "") -> pd.DataFrame:
+    """The facts of one case that ended so."""
+    figures = [{"metric": "position_error", "value": "1e-5", "message": ""}] if status == "ok" else []
+    return pd.DataFrame([CASE | x for x in [{"metric": "status", "value": status, "message": message}, *figures]])
+
+
+@pytest.mark.parametrize(
+    "status", ["nan", "not_converged", "rank_lost", "diverged", "crashed", "timeout", "error", "incomplete", "warning"]
+)
+def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Path) -> None:
+    path = tmp_path / "baseline.csv"
+    accept(ended("ok"), path, "first")
+    before = path.read_bytes()
+    changed, refused = accept(ended(status, "the engine's own words"), path, "later")
+    assert changed == 0
+    assert "the engine's own words" in refused[0]
+    assert path.read_bytes() == before
+    new = ended(status).assign(engine="lagrange")  # a case that the baseline does not know
+    _, refused = accept(pd.concat([ended("ok"), new]), path, "later")
+    assert len(refused) == 1
+    assert set(read_baseline(path)["engine"]) == {"gauss"}
+
+
+def test_a_failure_that_is_known_stays_known(tmp_path: Path) -> None:
+    path = tmp_path / "baseline.csv"
+    accept(ended("nan"), path, "a first baseline takes failures for what they are")
+    assert accept(ended("nan"), path, "later") == (0, [])
+    assert [v.outcome for v in compare(ended("nan"), read_baseline(path))] == ["ok"]
+
+
+def test_a_failure_says_first_what_the_engine_said(tmp_path: Path) -> None:
+    path = tmp_path / "baseline.csv"
+    accept(ended("ok"), path, "first")
+    (verdict,) = failures(compare(ended("nan", "not finite at t = 0.3 s"), read_baseline(path)))
+    case, _, rest = str(verdict).removeprefix("fail: ").partition(": ")
+    assert case == "four_bar torque gauss default rk4 none 0.001 1"
+    assert rest.startswith("not finite at t = 0.3 s: status = nan, limit ok")
+
+
+def test_the_hint_repeats_what_was_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a baseline.csv"
+    accept(ended("ok"), path, "first")
+    monkeypatch.setattr(runner, "measure_all", lambda *arguments: (pd.DataFrame([CASE]), pd.DataFrame()))
+    monkeypatch.setattr(gate, "facts", lambda *arguments: ended("nan"))
+    assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(path)]) == 1
+    assert f"gauss-bench check four_bar --engine gauss --baseline '{path}' --accept 'REASON'" in capsys.readouterr().out

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.singular import ChangePoint, Singular, singular_positions
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.load import document_of, load, load_document
 
 EXACT = 1e-11  # [rad] Newton ends near rounding; a fold doubles the digits lost
 
@@ -78,3 +78,38 @@ def test_a_fork_of_the_motion_is_refused_by_name() -> None:
 def test_more_freedom_than_one_is_refused() -> None:
     with pytest.raises(ValueError, match="2 degrees of freedom"):
         singular_positions(load("five_bar"))
+
+
+def without_crank(measure: dict[str, Any] | None, first: str) -> dict[str, Any]:
+    """A crank and rocker whose links are listed from `first` on, without a crank; the file may name what is measured."""
+    document = four_bar(0.12, 0.36, 0.30, 0.40)
+    del document["crank"]
+    links = document["links"]
+    document["links"] = {name: links[name] for name in (first, *(x for x in links if x != first))}
+    document["scenarios"]["rest"]["start"] = {"angles_deg": {"a": 60.0}}
+    return document | ({"measure": measure} if measure else {})
+
+
+@pytest.mark.parametrize(("measure", "first", "driving"), [({"link": "a"}, "b", "a"), ({"link": "c"}, "a", "c"), (None, "c", "c")])
+def test_without_a_crank_the_measured_coordinate_drives(measure: dict[str, Any] | None, first: str, driving: str) -> None:
+    """The rocker reverses where crank and coupler are in line; that is a limit where the rocker drives."""
+    found = singular_positions(load_document(without_crank(measure, first)))
+    known = singular_positions(load_document(four_bar(0.12, 0.36, 0.30, 0.40)))
+    assert {s.driving.name for s in found} == {driving}
+    assert len(found) == len(known)
+    rocker = sorted(s.value for s in found if s.coordinate == "c")
+    assert rocker == pytest.approx(sorted(s.value for s in known if s.coordinate == "c"), abs=EXACT)
+    assert {s.kind for s in found if s.coordinate == "c"} == {"limit" if driving == "c" else "dead centre"}
+    assert all(s.input == s.value for s in found if s.coordinate == driving)
+
+
+def test_a_slide_that_is_measured_drives_where_there_is_no_crank() -> None:
+    document, _, _ = document_of("crank_slider")
+    del document["crank"]
+    slide = next(name for name, joint in document["joints"].items() if joint["type"] == "prismatic")
+    document["measure"] = {"joint": slide}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"crank": 60.0}}}}
+    found = [s for s in singular_positions(load_document(document)) if s.coordinate == slide]
+    assert {s.kind for s in found} == {"limit"}
+    assert sorted(s.input for s in found) == pytest.approx([0.56 - 0.15, 0.56 + 0.15], abs=1e-14)
+    assert all(np.isnan(s.crank) for s in found)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
@@ -148,3 +149,14 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> Non
                 ("x", "y", "vx", "vy", "ax", "ay"), found, [1e-13] * 2 + [1e-12] * 2 + [1e-11] * 2, strict=True
             ):
                 assert value == pytest.approx(float(row[key]), abs=tolerance), (row["crank_deg_from_start"], key)
+
+
+def test_states_of_what_is_wholly_driven_are_taken_at_many_times() -> None:
+    """Both bars of the excavator rest at the start, where an acceleration of zero tells nothing."""
+    mechanism = load("excavator", "dig")
+    states, evaluator = random_states(mechanism, 20), Evaluator(mechanism)
+    rows = evaluator.constraints(states.t, states.q, states.v)
+    assert np.ptp(states.t) > 1.0
+    assert np.abs(rows.phi).max() < 1e-12
+    assert np.abs((rows.J @ states.v[..., None])[..., 0] + rows.phi_t).max() < 1e-12
+    assert np.median(np.abs(states.a).max(axis=1)) > 1e-2

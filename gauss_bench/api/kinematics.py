@@ -261,6 +261,14 @@ def described_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
     except (ValueError, ChangePoint) as error:
         return str(error)
     return [
-        {"coordinate": s.coordinate, "kind": s.kind, "value": s.value, "crank": s.crank, "crank_deg": float(np.degrees(s.crank))}
+        {
+            "coordinate": s.coordinate,
+            "kind": s.kind,
+            "value": s.value,
+            "crank": s.crank,
+            "crank_deg": float(np.degrees(s.crank)),
+            "input": s.driving.name,
+            "input_value": s.input,
+        }
         for s in found
     ]

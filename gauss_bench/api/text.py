@@ -3,22 +3,24 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gauss_bench.bench.differences import Differences
-from gauss_bench.bench.gate import Verdict
 from gauss_bench.bench.offers import offers
-from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.load import built_in, document_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.tables import TABLES
+
+if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name things
+    from gauss_bench.bench.differences import Differences
+    from gauss_bench.bench.gate import Verdict
 
 SHOWN = 10  # lines of a long list
 STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
 
 
 def catalogue() -> dict[str, Any]:
-    """Linkages with their scenarios, engines with what they offer."""
-    linkages = {name: load(name) for name in built_in()}
+    """Linkages with their scenarios, none of them assembled, and engines with what they offer."""
+    linkages = {name: document_of(name)[0] for name in built_in()}
     engines = {
         x.name: {
             "version": x.version,
@@ -30,7 +32,10 @@ def catalogue() -> dict[str, Any]:
         }
         for x in offers()
     }
-    return {"linkages": {k: {"title": m.title, "scenarios": list(m.scenarios)} for k, m in linkages.items()}, "engines": engines}
+    return {
+        "linkages": {k: {"title": x.get("title", ""), "scenarios": list(x["scenarios"])} for k, x in linkages.items()},
+        "engines": engines,
+    }
 
 
 def format_catalogue(found: dict[str, Any]) -> str:
@@ -61,7 +66,7 @@ def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
         "scenarios": {
             m.scenario: {
                 "duration": m.duration,
-                "forces": [f.name for f in m.forces],
+                "forces": [f.name for f in (*m.forces, *m.frictions)],
                 "driven": bool(m.drivers),
                 "q0": m.q0,
                 "v0": m.v0,
@@ -104,7 +109,7 @@ def format_kinematics(result: dict[str, Any]) -> str:
     if isinstance(singular, str):
         lines.append(f"singular positions: {singular}")
     else:
-        lines += [f"{s['kind']} of {s['coordinate']} at crank angle {s['crank_deg']:.8f} deg" for s in singular]
+        lines += [f"{s['kind']} of {s['coordinate']} at {_input(s)}" for s in singular]
     lines += [f"{x['group']} changes sides at t = {x['t']:g} s" for x in result["branch_changes"]]
     lines.append("link units: " + ", ".join(f"{name} {kind}" for name, kind in result["link_types"].items()))
     for name in result["observed"]["links"]:
@@ -117,6 +122,13 @@ def format_kinematics(result: dict[str, Any]) -> str:
         )
         lines.append(f"  {name:16}" + ", ".join(ranges))
     return "\n".join(lines)
+
+
+def _input(singular: Mapping[str, Any]) -> str:
+    """Where the linkage is driven to at a singular position."""
+    if singular["crank_deg"] is None:
+        return f"{singular['input']} = {singular['input_value']:.8g} m"
+    return f"crank angle {singular['crank_deg']:.8f} deg"
 
 
 def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) -> str:
@@ -140,7 +152,7 @@ def _names(table: str, row: Mapping[str, Any]) -> list[str]:
     return [str(row[c.name]) for c in keys if c.kind == "text" and row.get(c.name)]
 
 
-def format_differences(found: Differences, there: Path) -> str:
+def format_differences(found: "Differences", there: Path) -> str:
     """What a run measured otherwise than the one in the folder `there`."""
     apart = len(found.beyond)
     lines = [f"apart: {v.case}: {v.metric} = {v.value}, there {v.baseline}" for v in found.beyond[:SHOWN]]
@@ -153,16 +165,17 @@ def format_differences(found: Differences, there: Path) -> str:
     )
 
 
-def format_check(verdicts: list[Verdict]) -> str:
+def format_check(verdicts: "list[Verdict]", again: str) -> str:
+    """What moved, and how to accept it: by the command `again` with a reason."""
     told = [v for v in verdicts if v.outcome != "ok"]
     failed = sum(v.outcome == "fail" for v in verdicts)
     better = len(told) - failed
     lines = [str(v) for v in told]
     lines.append(f"{len(verdicts)} figures: {failed} beyond their limits, {better} better than expected")
     if failed:
-        lines.append("If the change is meant, accept it with its reason: gauss-bench check --accept 'REASON'")
+        lines.append(f"If the change is meant, accept it with its reason: {again} --accept 'REASON'")
     elif better:
-        lines.append("Keep the improvement with: gauss-bench check --accept 'REASON'")
+        lines.append(f"Keep the improvement with: {again} --accept 'REASON'")
     return "\n".join(lines)
 
 

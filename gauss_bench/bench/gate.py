@@ -53,7 +53,7 @@ BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # the process
 
 @dataclass(frozen=True)
 class Verdict:
-    """One figure against its limit: "fail", "better" or "ok"."""
+    """One figure against its limit: "fail", "better" or "ok"; `cause` is what the engine said."""
 
     outcome: str
     case: str
@@ -64,8 +64,8 @@ class Verdict:
     cause: str = ""
 
     def __str__(self) -> str:
-        said = f"{self.outcome}: {self.case}: {self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
-        return f"{said}: {self.cause}" if self.cause else said
+        cause = f"{self.cause}: " if self.cause else ""
+        return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
@@ -152,8 +152,8 @@ def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]
     """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason.
 
     Returns how many figures changed, and a sentence for every case that was not accepted because it failed: one whose process,
-    not its mathematics, failed, and one that failed where the baseline holds figures of it. Those keep what the baseline says, as
-    do mechanisms and engines that were not measured.
+    not its mathematics, failed, and one that the baseline does not know to fail so. Only a first baseline takes failures for what
+    they are. Those keep what the baseline says, as do mechanisms and engines that were not measured.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
     old = read_baseline(path) if path.exists() else pd.DataFrame(columns=COLUMNS)
@@ -164,7 +164,7 @@ def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]
         case = tuple(row[k] for k in KEY)
         known = before.get((*case, "status"))
         was = str(known["value"]) if known else ""
-        if row["value"] in BROKEN or (row["value"] not in (*ENDED, "skip") and was in ENDED):
+        if row["value"] in BROKEN or (len(old) and row["value"] not in (*ENDED, "skip", was)):
             refused[case] = f"{' '.join(str(x) for x in case)}: {row['value']}: {row.get('message', '')}"
     measured = {(r["mechanism"], r["engine"]) for r in found.to_dict("records")}
     cases = [tuple(r[k] for k in KEY) for r in old.to_dict("records")]

@@ -19,7 +19,7 @@ import numpy as np
 
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechanism, Prismatic
 from gauss_bench.terms import Array
 
 STEP = 0.02  # [rad, m] along the curve: a fiftieth of a radian of the fastest link
@@ -38,7 +38,7 @@ class DrivingCoordinate:
     """A coordinate that may drive the linkage."""
 
     name: str
-    scalar: Angle | Along
+    scalar: Coordinate
 
     def of(self, q: Array) -> tuple[float, Array]:
         """Value and gradient (n,) at q (n,)."""
@@ -51,16 +51,39 @@ class Singular:
 
     Attributes:
         coordinate: name of the link (its angle) or slide (its place).
-        kind: "limit" for the crank, "dead centre" for any other coordinate.
-        value: of the coordinate [rad, m]; crank: angle of the crank there [rad].
+        kind: "limit" for what drives, "dead centre" for any other coordinate.
+        value: of the coordinate [rad, m]; input: of what drives, there [rad, m].
+        driving: what drives: the crank's angle or, without a crank, the measured coordinate.
         q: (n,) the position.
     """
 
     coordinate: str
     kind: str
     value: float
-    crank: float
+    input: float
+    driving: DrivingCoordinate
     q: Array
+
+    @property
+    def crank(self) -> float:
+        """Angle of the crank there [rad]; not a number where no angle drives."""
+        return self.input if isinstance(self.driving.scalar, Angle) else float("nan")
+
+
+def input_coordinate(mechanism: Mechanism) -> DrivingCoordinate:
+    """What is taken to drive: the crank's angle, or the measured coordinate of a linkage without crank."""
+    if mechanism.crank is not None:
+        return DrivingCoordinate(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
+    measured = mechanism.measured
+    same = (x.name for x in driving_coordinates(mechanism) if _alike(x.scalar, measured.coordinate))
+    return DrivingCoordinate(next(same, measured.name), measured.coordinate)
+
+
+def _alike(a: Coordinate, b: Coordinate) -> bool:
+    """Whether two coordinates are one: the same angle of a link, or the way along the same slide."""
+    if isinstance(a, Angle) and isinstance(b, Angle):
+        return (a.a, a.b) == (b.a, b.b)
+    return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
 
 
 def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
@@ -153,10 +176,10 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
     """
     curve = Curve(mechanism)
     coordinates = coordinates or driving_coordinates(mechanism)
-    crank = 3 * (mechanism.crank or 0) + 2
+    driving = input_coordinate(mechanism)
     found: list[Singular] = []
     q, x = mechanism.q0, curve.tangent(mechanism.q0)
-    x = -x if x[crank] < 0 else x
+    x = -x if driving.of(q)[1] @ x < 0 else x
     first = x
     side = curve.orientation(q, x)
     signs = [c.of(q)[1] @ x for c in coordinates]
@@ -164,23 +187,27 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
         q = curve.step(q, x)
         x = curve.tangent(q, x)
         if curve.orientation(q, x) * side < 0:
-            degrees = np.degrees(q[crank])
-            raise ChangePoint(f"change point near crank angle {degrees:.1f} deg: the curve forks, the motion can go on in two ways")
+            raise ChangePoint(f"change point near {_told(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, coordinate in enumerate(coordinates):
             sign = coordinate.of(q)[1] @ x
             if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
-                found.append(_singular(curve, coordinate, q, x, crank))
+                found.append(_singular(curve, coordinate, q, x, driving))
             signs[k] = sign
         if count > 2 and _closed(q, mechanism.q0, STEP) and x @ first > 0:
             break
     return _distinct(found)
 
 
-def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, crank: int) -> Singular:
+def _told(driving: DrivingCoordinate, q: Array) -> str:
+    """Where what drives stands, in words."""
+    x = driving.of(q)[0]
+    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
+
+
+def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, driving: DrivingCoordinate) -> Singular:
     at = curve.refine(coordinate, q, x)
-    name = curve.mechanism.links[crank // 3].name
-    kind = "limit" if coordinate.name == name else "dead centre"
-    return Singular(coordinate.name, kind, coordinate.of(at)[0], float(at[crank]), at)
+    kind = "limit" if coordinate.name == driving.name else "dead centre"
+    return Singular(coordinate.name, kind, coordinate.of(at)[0], driving.of(at)[0], driving, at)
 
 
 def _closed(q: Array, start: Array, step: float) -> bool:

@@ -149,7 +149,10 @@ class States:
 
 
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> States:
-    """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have."""
+    """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have.
+
+    What drivers prescribe is taken at random times of the scenario's duration.
+    """
     if mechanism.driver is None or not is_minimal(mechanism):
         Evaluator(mechanism).check_loads()
     rng = np.random.default_rng(seed)
@@ -166,10 +169,12 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         driven = driven_reference(mechanism, t)
         return States(t, driven.q, driven.v, driven.a)
     motion_abs = AbsoluteCoordinates(mechanism)
+    times = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count)) if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []
-    for _ in range(count):
+    for t in times:
         basis = motion_abs.null_space(q)
-        q, _ = motion_abs.evaluator.project(0.0, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
-        states.append((q, motion_abs.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])))
+        q, _ = motion_abs.evaluator.project(t, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
+        v = motion_abs.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
+        states.append(motion_abs.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
     q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
-    return States(np.zeros(count), q, v, motion_abs.acceleration(np.zeros(count), q, v))
+    return States(times, q, v, motion_abs.acceleration(times, q, v))

@@ -47,7 +47,19 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
         first = error.errors()[0]
         place = ".".join(str(x) for x in first["loc"]) or "the file"
         raise SuiteError(f"{path}: {place}: {first['msg']}") from error
-    return joined([*(_read(part, (*above, name)) for part in suite.parts), suite])
+    return joined([*(_read(part, (*above, name)) for part in suite.parts), _with_own_linkages(suite, path.parent)])
+
+
+def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
+    """The suite with linkages that are files beside it, told by their paths from there."""
+
+    def found(part: Any) -> Any:
+        if not isinstance(part, OnLinkages):
+            return part
+        paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
+        return part.model_copy(update={"linkages": {str(paths.get(x, x)): s for x, s in part.linkages.items()}})
+
+    return suite.model_copy(update={name: tuple(found(x) for x in getattr(suite, name)) for name in SECTIONS})
 
 
 def joined(suites: Iterable[Suite]) -> Suite:

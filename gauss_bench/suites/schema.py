@@ -23,7 +23,7 @@ class OnLinkages(Section):
     """A part about linkages.
 
     Attributes:
-        linkages: name -> scenario.
+        linkages: name, or path of a file from the suite's own folder -> scenario.
         any_linkage: whether a user who names linkages gets this part for them; else for those of them that stand here.
     """
 

@@ -65,7 +65,8 @@ class Exudyn:
 
     def version(self) -> str:
         exu, _ = library()
-        return f"Exudyn {exu.config.Version()} ({exu.exudynCPP.__name__.rpartition('.')[2]})"
+        module = next(name for name in vars(exu) if name.startswith("exudynCPP"))
+        return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if reason := refused(mechanism, "Exudyn"):
