@@ -21,6 +21,8 @@ from gauss_bench.compiler.machine.native_code import Loaded, Target, address
 from gauss_bench.compiler.stepping import driver, programs, steps
 from gauss_bench.compiler.stepping import rollout as loops
 from gauss_bench.compiler.stepping.driver import before
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
 from gauss_bench.integrate.fixed_step import semi_implicit_euler
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
@@ -154,6 +156,49 @@ def test_runge_kutta_has_order_four(name: str, steps_taken: int, stabilization: 
     # the shaper turns back within hundredths of a second, and still has a share of order 5 in its error
     assert 3.8 < np.log2(errors[0] / errors[1]) < 4.2
     assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+@pytest.mark.parametrize("form", ["straight line", "looped"])
+@pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
+def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> None:
+    m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
+    stepped = compile_kernel(m, "gauss", stabilization, form=form)
+    errors = []
+    for count in (20, 40):
+        q, v = stepped.rollout(m.q0, m.v0, 0.4 / count, count, every=count // 20, integrator="dop853_fixed")
+        errors.append(max(np.abs(q - exact.q[2::2]).max(), np.abs(v - exact.v[2::2]).max()))
+    assert 7.0 < np.log2(errors[0] / errors[1]) < 9.5
+    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+def test_fixed_and_adaptive_steps_are_those_of_the_interpreted_formulation() -> None:
+    m, times = mechanism("crank_slider"), np.linspace(0.0, 0.3, 31)
+    for choice in (Choice(integrator="dop853_fixed", step=2e-3), Choice(integrator="dop853")):
+        runs = []
+        for name in ("gauss-native", "gauss"):
+            model = get(name).build(m, choice)
+            model.prepare(times)
+            model.run()
+            runs.append(model.read())
+        limit = 1e-12 if choice.integrator == "dop853_fixed" else 1e-8  # steps of other lengths, and the same tolerance
+        np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=limit)
+        assert runs[0].evaluations >= 12 * runs[0].steps
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_adaptive_steps_keep_their_tolerance(stabilization: str, backend: str) -> None:
+    """A thousandth of the tolerance gives less than a hundredth of the error; a motion may multiply it, but not a thousandfold."""
+    m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
+    stepped, errors, steps, at = kernel("crank_slider", stabilization, backend), [], [], slice(None, None, 20)
+    for tolerance in (1e-4, 1e-7):
+        found = stepped.integrate(m.q0, m.v0, exact.t[at], tolerance, tolerance / 100)
+        errors.append(np.abs(found.q - exact.q[at]).max())
+        steps.append(found.steps)
+        assert errors[-1] < 1e3 * tolerance
+    assert errors[1] < 0.01 * errors[0]
+    assert steps[0] < steps[1]
+    np.testing.assert_allclose(found.q[0], m.q0, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["four_bar/cycloid", *slow("five_bar/driven")])

@@ -107,6 +107,7 @@ def test_without_a_fault_every_test_passes(spoilt: Spoilt) -> None:
 def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: Spoilt) -> None:
     path = copy / mutation["file"]
     sound, when = path.read_text(encoding="utf-8"), path.stat().st_mtime_ns
+    assert mutation["text"] in sound, "let the mutation follow the code"
     path.write_text(sound.replace(mutation["text"], mutation["mutant"]), encoding="utf-8")
     try:
         code, told = spoilt.outcome([mutation["test"]])

@@ -20,7 +20,7 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome
+from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, integrate
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -115,6 +115,16 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
             continue  # not every partition can be eliminated everywhere; the first one could
 
 
+@dataclass(frozen=True, eq=False)
+class Integrated:
+    """States at the times asked for: q, v (k, n_q), not a number where lost; steps that count; evaluations of the accelerations."""
+
+    q: Array
+    v: Array
+    steps: int
+    evaluations: int
+
+
 Evaluate = Callable[..., tuple[Array, native_code.Flags]]
 
 
@@ -196,7 +206,7 @@ class Kernel:
             parameters: (n_parameters,) or (batch, n_parameters); those of the file where None.
             every: steps between samples; only the last state where None.
             threads: that share a batch.
-            integrator: "rk4" or "semi_implicit_euler".
+            integrator: "rk4", "semi_implicit_euler" or "dop853_fixed".
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
@@ -217,6 +227,30 @@ class Kernel:
         samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
 
+    def integrate(
+        self, q0: Array, v0: Array, times: Array, rtol: float, atol: float, parameters: Array | None = None
+    ) -> "Integrated":
+        """One state along its motion by DOP853, whose steps keep the estimated error at the tolerances and end at each time.
+
+        Args:
+            q0, v0: (n_q,) at the first time.
+            times: (k,) at least two, in order.
+            rtol, atol: of each component of q and v, whose errors are relative to atol + rtol |component|.
+
+        Raises:
+            KernelError: a looped program, which has no steps of its own choice.
+            ValueError: times that are not in order.
+        """
+        if isinstance(self._programs, LoopedPrograms):
+            raise KernelError("a looped program has no adaptive steps; straight-line code has")
+        if len(times) < 2 or not (np.diff(times) > 0).all():
+            raise ValueError("times must be at least two, in order")
+        p = self._values if parameters is None else np.asarray(parameters, dtype=float)
+        state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
+        samples, taken, tried = integrate(self._driver, self._programs, state, p, np.asarray(times, dtype=float), (rtol, atol))
+        self._tallied()
+        return Integrated(samples[:, : self._n], samples[:, self._n :], taken, 12 * tried)
+
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
@@ -227,9 +261,12 @@ class Kernel:
         return end
 
     def _counted(self, outcome: Outcome) -> Outcome:
+        self._tallied()
+        return outcome
+
+    def _tallied(self) -> None:
         tally = self._driver.tally
         self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
-        return outcome
 
     def _spread(self, p: Array, count: int) -> Array:
         """One row of parameters for each state."""

@@ -18,13 +18,16 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
-SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on"}}
+ADAPTIVE = "dop853"
+STAGES = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # evaluations of a step
+TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
+SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
 
 
 class Compiled:
     """One formulation, compiled, as an engine."""
 
-    integrators = ("rk4", "semi_implicit_euler")
+    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
     native_loop = True
@@ -58,8 +61,9 @@ class CompiledModel:
 
         self.mechanism, self.choice = mechanism, choice
         damping = (BAUMGARTE_RATE, BAUMGARTE_RATE)
+        form = "straight line" if choice.integrator == ADAPTIVE else None  # loops have no steps of their own choice
         try:
-            self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping)
+            self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping, form=form)
         except KernelError as error:
             raise RunFailure(Status.ERROR, str(error)) from error
 
@@ -69,12 +73,27 @@ class CompiledModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
+        self.evaluations = 0
         equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
         self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
         self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
         self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
     def run(self) -> None:
+        if self.choice.integrator == ADAPTIVE:
+            self._adaptive()
+        else:
+            self._fixed()
+
+    def _adaptive(self) -> None:
+        if self.times[-1] == self.times[0]:
+            return
+        tolerances = self.choice.tolerances(TOLERANCES["dop853_rtol"], TOLERANCES["dop853_atol"])
+        found = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
+        self.q, self.v, self.steps, self.evaluations = found.q, found.v, found.steps, found.evaluations
+        self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
+
+    def _fixed(self) -> None:
         row = 0
         for count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
@@ -87,6 +106,7 @@ class CompiledModel:
                         (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
             row, self.steps = row + intervals, self.steps + count * intervals
+        self.evaluations = STAGES[self.choice.integrator] * self.steps
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""
@@ -101,14 +121,12 @@ class CompiledModel:
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """A call that steps every state q, v (k, n), or one of them (n,), `count` times: last positions of the same shape."""
-        return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count)[0])
+        return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
         """The samples; how often the guard changed the partition, or left a step to the library, stands in the note."""
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         changed = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
-        stages = 4 if self.choice.integrator == "rk4" else 1
-        return Trajectory(
-            self.times, self.q, self.v, a, self.steps, stages * self.steps, changed if self.switches or self.fallbacks else ""
-        )
+        note = changed if self.switches or self.fallbacks else ""
+        return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations, note)

@@ -33,12 +33,12 @@ from gauss_bench.compiler.machine.graph import (
     Statement,
     Store,
 )
-from gauss_bench.compiler.machine.loops import WORK, LoopedFunction, LoopedProgram
+from gauss_bench.compiler.machine.loops import STAGES, WORK, LoopedFunction, LoopedProgram
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target
 from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.programs import Evaluator, Stepper
 from gauss_bench.compiler.stepping.rollout import Body, Carried, rollout
-from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION
+from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION, TABLEAU
 from gauss_bench.terms import Array as Floats
 
 CORRECTIONS = 4  # of the positions at most, as in the exact variant of `steps.py`
@@ -113,10 +113,10 @@ class MemoryBody(InMemory, Body):
         super().__init__(program, library)
         g, self.rows, self.operations = self.graph, 2 * self.n, 0
         self.carried: Carried = {}
-        self.entry = self.entered(("q_begin", "v_begin"))
+        self.entry: list[Statement] = self.entered(("q_begin", "v_begin"))
         t, h = g.leaf("%t"), g.leaf("%h")
         end = g.add(t, h)
-        steps, held = self._rk4(t, h) if integrator == "rk4" else self._euler(t, h)
+        steps, held = {"rk4": self._rk4, "semi_implicit_euler": self._euler, "dop853_fixed": self._dop853}[integrator](t, h)
         settled, kept = self._settled(end) if program.position and program.velocity else ([], [])
         finite = self.summed("v", 0, 3 * self.layout.stride, "%speeds", square=False)
         self.statements: list[Statement] = [*steps, *settled, *finite]
@@ -158,6 +158,46 @@ class MemoryBody(InMemory, Body):
             g.div(h, g.const(6.0)),
         )
         return [start, stages, finish], held
+
+    def _dop853(self, t: int, h: int) -> tuple[list[Statement], int]:
+        """All stages by one loop: accelerations so far, and the weights of the next stage, or of the end of the step."""
+        g, j, held = self.graph, self.graph.count("%j"), self.graph.make("mask", payload="%held")
+        s, lanes, begin = STAGES, 3 * self.layout.stride, self._whole("q_begin", "v_begin")
+        first, weights = (self.layout.starts[name] for name in ("stages", "weights"))
+        rows = [[c, *a, *b] for c, a, b in zip(TABLEAU.c, TABLEAU.A, TABLEAU.twice, strict=True)]
+        rows.append([1.0, *TABLEAU.b, *TABLEAU.end])
+        numbers, places = Graph(), Places(WORK, tuple(range(weights, weights + len(rows) * (2 * s + 1))))
+        w = numbers.leaf("%w")
+        flat = tuple(x for row in rows for x in row)
+        self.entry = [*self.entry, Over(len(flat), numbers, [w], {w: flat}, stores=[(w, places)])]
+        work, holds = self.evaluated(self.program.acceleration, "%guards")
+        following, time = g.make("sum", j, g.whole(1)), g.leaf("%time")
+        node, *others = (g.leaf(f"%weight{k}") for k in range(2 * s + 1))
+        given = [g.mul(h, node), *(g.mul(h, x) for x in others[:s]), *(g.mul(g.mul(h, h), x) for x in others[s:])]
+        stages = [Places(WORK, tuple(range(at, at + lanes)), room=True) for at in range(first, first + s * lanes, lanes)]
+        store = [Places(WORK, stages[0].by_lane, room=True, start=g.make("times", j, payload=lanes))]
+
+        def formula(g: Graph, x: list[int]) -> list[int]:
+            a, (c, *factors) = x[2 : 2 + s], x[2 + s :]
+            q, v = g.fma(c, x[1], x[0]), x[1]
+            for k in range(s):
+                q, v = g.fma(factors[s + k], a[k], q), g.fma(factors[k], a[k], v)
+            return [q, v]
+
+        after = [
+            self.at_time(time, "t"),
+            *work,
+            self.copied(lanes, self._whole("out"), store),
+            Load(WORK, {x: weights + k for k, x in enumerate([node, *others])}, g.make("times", following, payload=2 * s + 1)),
+            self.each(lanes, [*begin, *stages], self._whole("q", "v"), formula, *given),
+        ]
+        carried: Carried = {
+            time: (t, g.add(t, g.mul(h, node))),
+            held: (g.all(True), g.both([held, holds])),
+            j: (g.whole(0), following),
+        }
+        start = self.copied(lanes, begin, self._whole("q", "v"))
+        return [start, Loop(carried, [], g.make("below", j, g.whole(s)), after)], held
 
     def _euler(self, t: int, h: int) -> tuple[list[Statement], int]:
         lanes, begin = 3 * self.layout.stride, self._whole("q_begin", "v_begin")

@@ -387,7 +387,7 @@ class _Lanes:
         """Without a branch where one turn does it."""
         w, s = self.w, self.s
         given = {x: (w.need(y), w.graph.operation[y] in MASKS) for x, y in s.given.items()}
-        self.base = {p.array: w._from(p.array, p.start) for p in self._places()}
+        self.base = {(p.array, p.start): w._from(p.array, p.start) for p in self._places()}
         outer, outer_names, w.names = w.graph, w.names, {}
         w.graph = s.graph
         w._width(self.at_once if self.vector else w.trajectories)
@@ -445,13 +445,13 @@ class _Lanes:
                 total = w.let(f"fadd {w.real} {total}, {moved}")
                 half //= 2
             total = w.let(f"extractelement {w.real} {total}, i32 0")
-        w.line(f"  store {w.element} {total}, ptr {w.at(self.base[place.array], place.by_lane[0])}, align 8")
+        w.line(f"  store {w.element} {total}, ptr {w.at(self.base[place.array, place.start], place.by_lane[0])}, align 8")
 
     def _element(self, p: Places) -> str:
         """Address of the element k behind the first."""
         first = p.by_lane[0]
         row = self.k if not first else f"{first}" if self.k == "0" else self.w.let(f"add i64 {self.k}, {first}")
-        return self.w.at(self.base[p.array], row)
+        return self.w.at(self.base[p.array, p.start], row)
 
     def _rest(self) -> str | None:
         """Mask of the lanes that exist; None where all do."""
@@ -469,14 +469,14 @@ class _Lanes:
         addresses = []
         for lane in range(self.at_once):
             entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
-            addresses.append(w.at(self.base[p.array], w.let(f"sext i32 {entry} to i64")))
+            addresses.append(w.at(self.base[p.array, p.start], w.let(f"sext i32 {entry} to i64")))
         return addresses
 
     def _load(self, p: Places) -> str:
         """The values at places by lane."""
         w = self.w
         if len(set(p.by_lane)) == 1:
-            one = w.let(f"load {w.element}, ptr {w.at(self.base[p.array], p.by_lane[0])}, align 8")
+            one = w.let(f"load {w.element}, ptr {w.at(self.base[p.array, p.start], p.by_lane[0])}, align 8")
             return w.broadcast(one) if self.vector else one
         if _side_by_side(p.by_lane) and (p.room or not self.vector or self.s.lanes % self.at_once == 0):
             return w.let(f"load {w.real}, ptr {self._element(p)}, align 8")

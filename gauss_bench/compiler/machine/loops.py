@@ -212,6 +212,7 @@ def grouped(program: RoundsFunction) -> LaneGroups:
     return _Grouping(program).made()
 
 
+STAGES = 12  # of the longest step
 LONGEST = 64  # groups in a loop: beyond, registers run out
 WIDEST = 8  # doubles in a vector
 
@@ -234,7 +235,8 @@ class Layout:
     """What stands in memory and where, before the places to work in: arrays of coordinates by coordinate, links side by side.
 
     Arrays, by name: "q", "v" what functions are evaluated at; "out" what they return, with the number of guards that hold; "q_new"
-    what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages.
+    what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages;
+    "stages" accelerations at each of them, and "weights" what they count.
     """
 
     links: int
@@ -251,12 +253,13 @@ class Layout:
         names = ("q", "v", "q_new", "q_begin", "v_begin", "q_sum", "v_sum", "out")
         starts = {name: 3 * self.stride * k for k, name in enumerate(names)}
         t = starts["out"] + 3 * self.stride + WIDEST
-        return starts | {"t": t, "t_new": t + 1, "p": t + WIDEST}
+        stages = t + WIDEST + padded(self.parameters)
+        return starts | {"t": t, "t_new": t + 1, "p": t + WIDEST, "stages": stages, "weights": stages + 3 * self.stride * STAGES}
 
     @property
     def top(self) -> int:
         """First element to work in."""
-        return self.starts["p"] + padded(self.parameters)
+        return self.starts["weights"] + padded((STAGES + 1) * (2 * STAGES + 1))
 
     def coordinate(self, j: int) -> int:
         """Place of coordinate j of the mechanism in an array of coordinates; that of the guard behind the last."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.terms import Array
 
+STRIDE = 1e-4  # of all times: a step past a singular position
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed")
 
 
@@ -51,6 +52,23 @@ class Outcome:
     complete: NDArray[np.bool_]
 
 
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What became of one trajectory whose steps are its own choice.
+
+    Attributes:
+        samples: (k, 2n) at the times it came to; with projection, as they are to be seen.
+        state: (2n,) where it stopped, at the time t.
+        taken, tried: steps that count, and all.
+    """
+
+    samples: Array
+    state: Array
+    t: float
+    taken: int
+    tried: int
+
+
 class Runner(Protocol):
     """Steps trajectories by one program and integrator."""
 
@@ -88,6 +106,20 @@ class Programs(Protocol):
     def runner(self, k: int, integrator: str) -> Runner:
         """Who steps by one program."""
         ...
+
+
+class Adaptable(Programs, Protocol):
+    """Programs that also step as they choose."""
+
+    def adaptive(self, k: int) -> "Adapts":
+        """Who steps by one program."""
+        ...
+
+
+class Adapts(Protocol):
+    """Steps one trajectory by one program, as far as its guards hold."""
+
+    def run(self, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course: ...
 
 
 class ByRank(Protocol):
@@ -137,6 +169,43 @@ class Driver:
         for k in np.flatnonzero(~outcome.complete):
             Continuation(self, batch, integrator, outcome, int(k)).finish()
         return outcome
+
+
+def integrate(
+    driver: Driver, programs: Adaptable, state: Array, p: Array, times: Array, tolerances: tuple[float, float]
+) -> tuple[Array, int, int]:
+    """States (k, 2n) of one trajectory at times (k,), steps that count, and all; not a number from where it is lost."""
+    samples, taken, tried = np.full((len(times), len(state)), np.nan), 0, 0
+    driver.tally = Tally()
+    stored, t, used, without = 0, float(times[0]), 0, set[int]()
+    while stored < len(times):
+        again = stored > 0  # where it stopped is no sample
+        part = times[stored:] if not again else np.append(t, times[stored:])
+        course = programs.adaptive(used).run(state, p, part, tolerances)
+        new = course.samples[int(again) :]
+        samples[stored : stored + len(new)], stored = new, stored + len(new)
+        taken, tried = taken + course.taken, tried + course.tried
+        if stored == len(times):
+            break
+        without = {used} if course.taken else without | {used}
+        state, t = course.state, course.t
+        chosen = driver.best(t, state, p, without) if np.isfinite(state).all() else None
+        if chosen is not None:
+            driver.tally.switches, used = driver.tally.switches + 1, chosen
+            continue
+        h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
+        try:
+            if not driver.nominal(p):
+                raise np.linalg.LinAlgError("numbers of another linkage")
+            n = driver.programs.n
+            state = np.concatenate(driver.by_rank.step("dop853_fixed", t, state[:n], state[n:], h))
+        except np.linalg.LinAlgError:
+            driver.tally.lost += 1
+            break
+        driver.tally.fallbacks, t, without = driver.tally.fallbacks + 1, t + h, set()
+        if t >= times[stored]:
+            samples[stored], stored = state, stored + 1
+    return samples, taken, tried
 
 
 class Continuation:

@@ -16,8 +16,8 @@ import numpy as np
 from gauss_bench.compiler.machine.code import Code, Program, read_code
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, out_of_lanes, shared
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, on_arrays
-from gauss_bench.compiler.stepping.driver import Batch, Outcome
-from gauss_bench.compiler.stepping.rollout import acceleration, bodies, plain_body, rollout
+from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome
+from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.terms import Array
 
@@ -82,6 +82,27 @@ class Stepper:
         return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), report[:1].astype(int), np.zeros(1, bool))
 
 
+LEAST, LIMIT = 1e-14, 10**7  # of a step, relative to all times and to the longest; steps of one call
+
+
+class Adaptive:
+    """Steps one trajectory by one routine `integrate`, which chooses how far each of them goes."""
+
+    def __init__(self, loaded: Loaded):
+        self.loaded = loaded
+
+    def run(self, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
+        """From a state (2n,) at the first of some times (k,), with tolerances rtol and atol, as far as the guards hold."""
+        y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
+        samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
+        span = float(times[-1] - times[0])
+        least = LEAST * max(span, float(np.abs(times).max()))
+        numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
+        self.loaded.call(1)(*self.loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
+        stored, taken, tried, t = report[0, :, 0].tolist()
+        return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
+
+
 class Evaluator:
     """Accelerations by one routine `accelerate`."""
 
@@ -120,6 +141,7 @@ class StraightLinePrograms:
         self._evaluate: list[Callable[..., list[Array]]] = []
         self._multipliers: dict[int, Callable[..., list[Array]]] = {}
         self.runners: dict[tuple[int, str], Stepper] = {}
+        self._adaptive: dict[int, Adaptive] = {}
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
@@ -152,6 +174,13 @@ class StraightLinePrograms:
                 stepper = Stepper(loaded(1), loaded(len(reaches)) if len(reaches) > 1 else None)
             self.runners[k, integrator] = stepper
         return self.runners[k, integrator]
+
+    def adaptive(self, k: int) -> Adaptive:
+        """Steps of their own choice by one program, made when they are first asked for."""
+        if k not in self._adaptive:
+            code, plain = self.codes[k], self.target.backend == "numpy"
+            self._adaptive[k] = Adaptive(Loaded(lambda many: adaptive(code, plain), self.target))
+        return self._adaptive[k]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
         """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
@@ -199,11 +228,15 @@ class StraightLinePrograms:
         codes = [
             *self.native.loaded.codes.values(),
             *(c for x in self.runners.values() for y in x.compiled for c in y.codes.values()),
+            *(c for x in self._adaptive.values() for c in x.loaded.codes.values()),
         ]
         return [(code.seconds, code.from_cache) for code in codes]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
         """Compile what steps of one state, or of many, may need, or what the first steps need."""
+        if integrator == "dop853":
+            self.adaptive(0).loaded.call(1)
+            return
         runner = self.runner(0, integrator)
         if extended:
             runner.extend()

@@ -44,7 +44,7 @@ from gauss_bench.compiler.machine.graph import (
     rewrite,
 )
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, Builder, Reach, StagedStep, Step, rk4_staged
+from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, StagedStep, Step, dop853, rk4_staged
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
@@ -227,6 +227,66 @@ def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Regist
     """The step within each of some reaches, in one graph."""
     graph = Timed()
     return [body(code, integrator, reach, into=graph) for reach in reaches]
+
+
+SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # of the next step; usual values
+
+
+def adaptive(code: Code, plain: bool = False) -> Routine:
+    """The routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h; count, limit)` for one trajectory.
+
+    DOP853 with steps that keep the estimated error at the tolerances, and that end at each of `count` times, where the state is
+    stored; `times` has two numbers more. The first step is h, no step is longer than `longest`, and one shorter than `least` is
+    given up, as are more than `limit` of them. y becomes the state it came to, and `report`: samples stored, steps that count,
+    steps tried, the time it came to. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
+    Equations I (1993), section II.10.
+    """
+    body = WrittenOut(code, dop853(code, EXACT, plain, estimated=True), plain)
+    g, step = body.graph, body.step
+    assert step.error is not None
+    i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
+    t, h, wanted, taken, goal = (g.leaf(f"%{x}") for x in ("t", "h", "wanted", "taken", "goal"))
+    later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
+    store = If(g.make("same", due, one), body.sampled(g.make("times", i, payload=body.rows)), {later: (g.make("sum", i, one), i)})
+    root = step.error
+    for _ in range(4):  # squared, and the step is of order 8
+        root = g.make("sqrt", root)
+    sound = g.both([step.regular, step.within])
+    good = g.both([sound, g.make("le", step.error, g.const(1.0))])
+    ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
+    refused = g.make("mask", payload="%refused")
+    most = g.make("select", refused, g.const(1.0), g.const(GROW))
+    bounded = g.make("select", g.make("lt", ideal, most), ideal, most)
+    factor = g.make("select", g.make("lt", g.const(SHRINK), bounded), bounded, g.const(SHRINK))
+    factor = g.make("select", sound, factor, g.const(SHRINK))
+    new = g.mul(h, factor)
+    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)  # a step cut short says little of the next
+    best = g.make("select", g.make("lt", best, g.leaf("%longest")), best, g.leaf("%longest"))
+    ahead = g.make("sub", goal, t)
+    reached = g.both([good, g.make("le", ahead, h)])
+    t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
+    place = If(g.make("any", reached), [], {due_later: (one, zero)})
+    further = g.make("sum", later, due_later)
+    left = g.make("sub", g.leaf("%next"), t_new)
+    half = g.mul(g.const(0.5), left)
+    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
+    planned = g.make("select", g.make("le", left, best), left, shorter)
+    first = [g.leaf(f"%{x}") for x in ("start", "end")]
+    carried: Carried = {x: (a, g.make("select", good, b, x)) for x, (a, b) in body.carried.items()}
+    carried |= {t: (first[0], t_new), goal: (first[1], g.leaf("%next")), h: (g.leaf("%h0"), planned), wanted: (g.leaf("%h0"), best)}
+    carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
+    carried |= {i: (zero, later), due: (one, due_later), refused: (g.all(False), g.make("not", good))}
+    hopeless = g.both([g.make("not", good), g.make("lt", planned, g.leaf("%least"))])
+    again = g.make("also", g.make("below", later, count), g.make("below", tried, g.count("%limit")))
+    again = g.make("also", again, g.make("nowhere", hopeless))
+    complete = g.make("everywhere", g.make("same", later, count))
+    loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
+    loop = Loop(carried, [*body.statements, store, place, loads[1]], again)
+    report = [g.make("number", later), taken, g.make("number", tried), t]
+    statements = [*body.entry, loads[0], loop, *body.ended(complete), Store("report", report)]
+    arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
+    numbers = ("rtol", "atol", "longest", "least", "h0")
+    return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)
 
 
 def plain_body(code: Code, integrator: str) -> Registers:

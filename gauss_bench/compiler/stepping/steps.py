@@ -29,7 +29,7 @@ uncorrected q', then v with the Jacobian at the corrected one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 from scipy.integrate._ivp import dop853_coefficients
@@ -39,6 +39,7 @@ from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
+TINY = 1e-300
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
 
 
@@ -52,6 +53,7 @@ class Tableau:
     Attributes:
         c: (s,) nodes. A: (s, s) weights of velocities at the stages; twice: those of positions, A A.
         b, end: of velocities and positions after the step, b and b A.
+        estimates: likewise, of its differences from less exact steps; the sum of each is 0.
     """
 
     c: Coefficients
@@ -59,13 +61,15 @@ class Tableau:
     twice: Sequence[Coefficients]
     b: Coefficients
     end: Coefficients
+    estimates: Sequence[tuple[Coefficients, Coefficients]]
 
 
 def _tableau() -> Tableau:
     """The coefficients of order 8, as scipy has them."""
     s = dop853_coefficients.N_STAGES
     A, b, c = dop853_coefficients.A[:s, :s], dop853_coefficients.B, dop853_coefficients.C[:s]
-    return Tableau(c.tolist(), A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist())
+    errors = [(e[:s].tolist(), (e[:s] @ A).tolist()) for e in (dop853_coefficients.E5, dop853_coefficients.E3)]
+    return Tableau(c.tolist(), A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
 
 
 TABLEAU = _tableau()
@@ -110,6 +114,7 @@ class Step:
         out: q, v (2n) to be stored, at the beginning of the step.
         regular: mask where all pivots are; regular_out: those that `out` needs.
         within: mask where the reach holds and all is finite.
+        error: an estimate of what the step is off, relative to what is allowed, to the power of its order, squared; if asked for.
     """
 
     graph: Graph
@@ -118,18 +123,21 @@ class Step:
     regular: int
     regular_out: int
     within: int
+    error: int | None = None
 
     def roots(self) -> list[int]:
         """Everything that must be computed."""
-        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within]
+        error = [] if self.error is None else [self.error]
+        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
 
     def rewritten(self, into: Timed | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
         graph, roots = rewrite(self.graph, self.roots(), into)
         moved = dict(zip(self.roots(), roots, strict=True))
         carried = {name: moved[x] for name, x in self.carried.items()}
-        masks = (moved[m] for m in (self.regular, self.regular_out, self.within))
-        return Step(graph, carried, [moved[x] for x in self.out], *masks)
+        regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
+        error = None if self.error is None else moved[self.error]
+        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error)
 
 
 class Builder:
@@ -307,8 +315,13 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
-def dop853(code: Code, reach: Reach, library: bool = False) -> Step:
-    """One step of order 8 of Dormand and Prince, twelve stages, with the positions of the stages written out as in `rk4`."""
+def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = False) -> Step:
+    """One step of order 8 of Dormand and Prince, twelve stages, with the positions of the stages written out as in `rk4`.
+
+    Where the error is `estimated`, from formulas of order 5 and 3 over the same stages, tolerances are the leaves "%rtol", "%atol":
+
+        error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of the differences relative to atol + rtol max(|y|, |y'|)
+    """
     b = Builder(code, reach, library=library)
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
     start = b.fresh() if reach.rotates else []
@@ -332,7 +345,22 @@ def dop853(code: Code, reach: Reach, library: bool = False) -> Step:
     q_new = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
     pairs = b.turn(start, moved, reach.step, q_new)
     q_new, _ = b.corrected_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
-    return b.step(q_new, v_new, [], v, out_pivots)
+    step = b.step(q_new, v_new, [], v, out_pivots)
+    return replace(step, error=_error(b, a, [*q, *v], [*q_new, *v_new])) if estimated else step
+
+
+def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
+    g, squares = b.g, []
+    allowed = []
+    for x, y in zip(old, new, strict=True):
+        larger = g.make("select", g.make("lt", g.abs(x), g.abs(y)), g.abs(y), g.abs(x))
+        allowed.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
+    for weights, twice in TABLEAU.estimates:
+        off = [*(g.mul(b.h, x) for x in b.weighted(a, twice)), *b.weighted(a, weights)]
+        squares.append(g.squares([g.mul(x, scale) for x, scale in zip(off, allowed, strict=True)]))
+    fifth, third = squares
+    both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
+    return g.div(g.mul(g.mul(b.h, b.h), g.mul(fifth, fifth)), g.mul(both, g.const(float(len(new)))))
 
 
 STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853}
