@@ -128,7 +128,7 @@ def test_residuals_and_energy_hold_off_the_constraints_too(name: str, scenario: 
 def test_corrections_bring_a_state_back(name: str, scenario: str | None, formulation: str, rng: np.random.Generator) -> None:
     """A state off by h is off by h^2 after one correction, and by h^k after k with the Jacobian of the first."""
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
-    evaluator, kept = Evaluator(mechanism), [k for k in range(mechanism.n) if k not in p.independent]
+    evaluator = Evaluator(mechanism)
     h = 1e-4 * scales(mechanism)
     for t, q, v in states(mechanism, range(10, 11))[::4]:
         if not trusted(p, t, q, v):
@@ -138,7 +138,6 @@ def test_corrections_bring_a_state_back(name: str, scenario: str | None, formula
         moved = off
         for _ in range(4):
             change = values(p.position_correction, t, off, t, moved, p.values)[0]
-            assert formulation == "lagrange" or not np.delete(change, kept).any()
             moved = moved + change
             errors.append(np.abs(evaluator.terms(t, moved, v).phi).max(initial=0.0))
         assert errors[1] <= 0.05 * errors[0] + 1e-14
@@ -148,8 +147,9 @@ def test_corrections_bring_a_state_back(name: str, scenario: str | None, formula
         assert np.abs(evaluator.terms(t, moved, speed).phi_dot).max(initial=0.0) <= 1e-10
 
 
-def test_lagrange_corrects_by_the_shortest_way_in_the_mass_metric() -> None:
-    mechanism, p = linkage("five_bar", "spring"), program("five_bar", "spring", "lagrange")
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_correction_goes_the_shortest_way_in_the_mass_metric(formulation: str) -> None:
+    mechanism, p = linkage("five_bar", "spring"), program("five_bar", "spring", formulation)
     t, q, v = states(mechanism, range(1))[5]
     J = Evaluator(mechanism).terms(t, q, v).J
     bent = v + np.linspace(-1.0, 1.0, len(v))
