@@ -11,6 +11,7 @@ import pytest
 from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, generate, partitions
+from gauss_bench.compiler.elimination.rank import acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
@@ -351,6 +352,18 @@ def graph_of(count: int) -> tuple[ExpressionGraph, list[Node]]:
     rng = np.random.default_rng(3)
     graph = ExpressionGraph(4)
     return graph, [graph.input("x", k, rng.normal(size=4), 1.0) for k in range(count)]
+
+
+@pytest.mark.parametrize(("name", "formulation"), [("uneven_pivots_07", "lagrange"), ("uneven_pivots_50", "gauss")])
+def test_pivots_that_serve_at_most_positions_alone_make_a_program(name: str, formulation: str) -> None:
+    """Whatever is divided by is small somewhere on the motion: there the guard falls, and everywhere else the program is right."""
+    m = load(str(DATA / f"{name}.toml"))
+    made, found = generate(m, formulation), manifold_states(m, 40, seed=2)
+    a, guard = made.acceleration(found.t[:, None], found.q, found.v, made.values)
+    sound = (np.abs(guard) >= made.thresholds).all(axis=1)
+    assert 0.25 * len(sound) < sound.sum()
+    for k in np.flatnonzero(sound):
+        assert acceleration_error(Evaluator(m), float(found.t[k]), found.q[k], found.v[k], a[k]) < 1e-9
 
 
 def test_an_unknown_operation_is_refused_by_name() -> None:
