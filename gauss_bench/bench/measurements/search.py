@@ -193,7 +193,7 @@ def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: 
     choice = choice_of(way, adaptive, run.until)
     found = run_of(Request(run.linkage, run.mechanism.scenario, way.engine, choice, wanted), run.mechanism, CASE_LIMIT)
     if found.trajectory is None:
-        return Trial(way.size, {}, 0, found.status, found.message)
+        return Trial(way.size, {}, steps, found.status, found.message)
     errors = state_errors(run.mechanism, found.trajectory, truth)
     force = joint_force_errors(judge, found.trajectory, truth)
     largest = {"position": errors.length, "angle": errors.angle, "force": force}
