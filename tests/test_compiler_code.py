@@ -1,5 +1,6 @@
 """From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
 
+import mmap
 import os
 from functools import cache, partial
 from pathlib import Path
@@ -461,6 +462,16 @@ def test_forces_and_energy() -> None:
         terms = evaluator.terms(0.0, q[k], v[k])
         balance = terms.M @ a[k] + terms.J.T @ multipliers[k] - terms.Q
         assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
+
+
+def test_it_does_not_matter_where_in_memory_code_comes_to_lie() -> None:
+    """Beside libraries that take gigabytes of addresses, parts of a module would be too far apart for its short references."""
+    m, taken, found = mechanism("crank_slider"), [], []
+    for _ in range(3):
+        found.append(compile_kernel(m, "gauss", cache=False).acceleration(m.q0, m.v0))
+        taken += [mmap.mmap(-1, 3 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ) for _ in range(3)]
+    np.testing.assert_array_equal(found, [kernel("crank_slider").acceleration(m.q0, m.v0)] * 3)
+    assert len(taken) == 9
 
 
 def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
