@@ -29,7 +29,7 @@ FALLS = 0.7  # ... any unmet error falling below so much of the least before: ev
 HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
 STEADY = 0.2  # two orders of convergence that differ by less are one
 NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
-FINALISTS = 6  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
+FINALISTS = 8  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
 
 K = TypeVar("K", bound=Hashable)
 

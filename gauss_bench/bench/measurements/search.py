@@ -37,7 +37,7 @@ from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
 
 BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
-ROUGH_ROUNDS = 3  # of the estimate of a step
+ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 CANNOT = "cannot reach"
 
 
