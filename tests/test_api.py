@@ -216,3 +216,9 @@ def test_a_measured_coordinate_runs_through_every_verb(
     figures = {row["metric"] for row in read_file("baseline", tmp_path / "baseline.csv")}
     assert {"length_error", "angle_error", "position_drift"} <= figures
     assert main(check) == 0
+
+
+def test_the_former_name_of_intervals_serves_for_one_release() -> None:
+    with pytest.warns(DeprecationWarning, match="intervals"):
+        found = gauss_bench.kinematics("four_bar", steps=2)
+    assert len(found.t) == 3
