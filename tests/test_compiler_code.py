@@ -338,6 +338,15 @@ def test_a_bad_partition_passes_the_dead_centre_by_a_good_one(stabilization: str
     assert bad.fallbacks == bad.lost == 0
 
 
+@pytest.mark.parametrize("name", ["crank_slider", "parallelogram"])
+def test_margins_of_native_code_are_those_of_arrays(name: str) -> None:
+    q, v = motion(name)
+    native, arrays = kernel(name)._programs, kernel(name, backend="numpy")._programs
+    for state in np.concatenate([q, v], axis=1)[::8]:
+        one, other = (p.margin(0, 0.0, state, np.zeros(0)) for p in (native, arrays))
+        assert one == pytest.approx(other, rel=1e-9)
+
+
 def test_lanes_that_stop_do_not_disturb_the_others() -> None:
     q, v = motion("crank_slider")
     bad = kernel("crank_slider", formulation="gauss", independent=(6,))

@@ -106,3 +106,19 @@ def test_whoever_reads_a_file_refuses_a_kind_that_is_unknown(reader: str, part: 
     path.write_text(f"{head}[{table}.{name}]{rest.replace(kind, 'unheard', 1)}", encoding="utf-8")
     with pytest.raises((LinkageError, ValueError), match="unheard"):
         READS[reader](str(path), document)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('law = "constant"', 'law = ["constant"]', "scenarios.driven.driver"),
+        ("[scenarios.torque]\n", f"[scenarios.torque]\noverride.forces{'.a' * 2000} = 1.0\n", "deep"),
+    ],
+)
+def test_a_file_of_odd_shape_is_refused_by_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
+    content = built_in()["four_bar"].read_text(encoding="utf-8")
+    assert old in content
+    path = tmp_path / "four_bar.toml"
+    path.write_text(content.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(LinkageError, match=said):
+        load(str(path))
