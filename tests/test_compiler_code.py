@@ -1,5 +1,6 @@
 """From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
 
+import mmap
 import os
 from functools import cache, partial
 from pathlib import Path
@@ -337,6 +338,15 @@ def test_a_bad_partition_passes_the_dead_centre_by_a_good_one(stabilization: str
     assert bad.fallbacks == bad.lost == 0
 
 
+@pytest.mark.parametrize("name", ["crank_slider", "parallelogram"])
+def test_margins_of_native_code_are_those_of_arrays(name: str) -> None:
+    q, v = motion(name)
+    native, arrays = kernel(name)._programs, kernel(name, backend="numpy")._programs
+    for state in np.concatenate([q, v], axis=1)[::8]:
+        one, other = (p.margin(0, 0.0, state, np.zeros(0)) for p in (native, arrays))
+        assert one == pytest.approx(other, rel=1e-9)
+
+
 def test_lanes_that_stop_do_not_disturb_the_others() -> None:
     q, v = motion("crank_slider")
     bad = kernel("crank_slider", formulation="gauss", independent=(6,))
@@ -461,6 +471,16 @@ def test_forces_and_energy() -> None:
         terms = evaluator.terms(0.0, q[k], v[k])
         balance = terms.M @ a[k] + terms.J.T @ multipliers[k] - terms.Q
         assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
+
+
+def test_it_does_not_matter_where_in_memory_code_comes_to_lie() -> None:
+    """Beside libraries that take gigabytes of addresses, parts of a module would be too far apart for its short references."""
+    m, taken, found = mechanism("crank_slider"), [], []
+    for _ in range(3):
+        found.append(compile_kernel(m, "gauss", cache=False).acceleration(m.q0, m.v0))
+        taken += [mmap.mmap(-1, 3 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ) for _ in range(3)]
+    np.testing.assert_array_equal(found, [kernel("crank_slider").acceleration(m.q0, m.v0)] * 3)
+    assert len(taken) == 9
 
 
 def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

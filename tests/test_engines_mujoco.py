@@ -286,3 +286,14 @@ def test_iterations_of_the_solver_beyond_the_first_two_move_nothing_where_closur
     mechanism, times = load("four_bar", "torque"), np.array([0.0, 0.1])
     two, three = (trajectory(mechanism, times, f"rigid_lean/rk4/{x}", step=1e-3).q[-1] for x in (2, 3))
     assert np.abs(two - three).max() < 1e-9  # the truncation of the step is 1e-8
+
+
+def test_a_run_that_is_lost_leaves_no_log_in_the_users_folder(tmp_path, monkeypatch):
+    """Steps that are far too long throw the shaper to states at which MuJoCo warns when it is asked for accelerations."""
+    monkeypatch.chdir(tmp_path)
+    model = ENGINE.build(load("shaper", "torque"), Choice("rigid_lean/2", "rk4", "none", 0.05))
+    model.prepare(np.linspace(0.0, 1.0, 11))
+    model.run()
+    with pytest.raises(RunFailure, match="not finite"):
+        model.read()
+    assert not list(tmp_path.iterdir())

@@ -6,7 +6,7 @@ import pytest
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.integrate.adaptive import dop853
+from gauss_bench.integrate.adaptive import StepFailure, dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
@@ -136,3 +136,11 @@ def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock(
     cured = run(mechanism, stabilization="projection")
     assert cured.q[-1, 2] > 15.0  # it turns on: three cranks move as one
     assert np.abs(cured.q[:, 2] - cured.q[:, 5]).max() < 1e-12
+
+
+def test_steps_that_shrink_for_ever_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frequency that grows beyond all bounds towards t = 1 s."""
+    monkeypatch.setattr("gauss_bench.integrate.adaptive.MOST", 500)
+    q, v = np.ones((2, 1)), np.zeros((2, 1))
+    with pytest.raises(StepFailure, match="more than 500 steps before t = 0"):
+        dop853(lambda t, q, v: -q / (1 - t) ** 6, np.array([0.0, 1.0]), q, v, 1e-9, 1e-11)

@@ -1,15 +1,11 @@
 """Scalar coordinates against differences, and the coordinate by which motions are compared."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.equations.links import parameter_values
-from gauss_bench.compiler.errors import KernelError
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.errors import LinkageError
@@ -17,7 +13,6 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Point
 from gauss_bench.mechanism.tree import spanning_tree
-from gauss_bench.reference.certify import Uncertified, certify
 
 LINKS = 3
 STEP = 1e-4  # fourth-order differences: truncation and rounding both near 1e-12
@@ -145,28 +140,6 @@ def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault:
     with pytest.raises(LinkageError) as error:
         load_document(slotted(measure=measure))
     assert fault in str(error.value)
-
-
-@dataclass(frozen=True)
-class Unheard:
-    """A kind of force that nobody knows."""
-
-    name: str = "unheard"
-
-
-def test_a_force_of_an_unknown_kind_is_refused_by_whoever_meets_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    mechanism = replace(load("four_bar", "torque"), forces=(Unheard(),))  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="unheard"):
-        Evaluator(mechanism)
-    for name in ("pinocchio", "exudyn", "mujoco"):
-        engine = get(name)
-        with pytest.raises(TypeError, match="unheard"):
-            engine.skip(mechanism, Choice())
-    with pytest.raises(KernelError, match="unheard"):
-        parameter_values(mechanism)
-    monkeypatch.setattr("gauss_bench.reference.certify.load", lambda *_: mechanism)
-    with pytest.raises(Uncertified, match="unheard is of the kind Unheard, which has no independent derivation"):
-        certify("four_bar", "torque")
 
 
 def test_a_coordinate_of_an_unknown_kind_is_refused() -> None:

@@ -81,16 +81,27 @@ def test_the_budget_counts_evaluations_and_is_never_exceeded(budget: int) -> Non
 def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
     scale = equal_steps(1.0, 50, 100_000)
     soft, slow, broken = Method(floor=1e-2), Method(1.0, order=1.0), Method(breaks_above=1.0)
-    trials, ended = explore(soft, scale, [COARSE], 24)
+    trials, ended = explore(soft, scale, [COARSE], 24, most=100_000)
     assert ended == f"no error fell in {search.STALLED} rungs"
     assert coarsest(trials, COARSE) is None
     trials, ended = explore(slow, scale, [FINE], 24, most=100_000)  # it would need a million steps
     assert ended == "errors fall too slowly for 100 000 steps"
-    assert len(trials) == 2
+    assert trials[-1].steps == 1600  # three rungs from SETTLED steps on tell the order
     trials, ended = explore(lambda size: Trial(size, {}, 0, Status.SKIP, "not for this"), scale, [FINE], 24)
     assert (len(trials), ended) == (1, "not for this")
     trials, ended = explore(broken, Scale((2.0, 0.5, 0.25), (0, 1, 2)), [Requirement("position", 0.1)], 24)
     assert [t.status for t in trials] == [Status.DIVERGED, Status.OK]  # a finer step mends what a coarse one breaks
+
+
+def test_what_begins_slowly_is_not_given_up() -> None:
+    """Errors as large as the motion until steps resolve it, at 640 a second, and of order four from there on."""
+
+    def late(size: float) -> Trial:
+        return Trial(size, {"position": min(0.3, 0.3 * (640 * size) ** 4)}, round(1 / size))
+
+    trials, ended = explore(late, equal_steps(1.0, 50, 100_000), [COARSE, FINE], 24, most=100_000)
+    assert ended == "every requirement is met"
+    assert coarsest(trials, FINE) is not None
 
 
 def test_an_error_that_is_not_determined_asks_for_no_further_rung() -> None:

@@ -1,6 +1,7 @@
 """One linkage moved through a law, without forces: the object that `gauss-bench kinematics --json` prints."""
 
 import copy
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,6 +141,8 @@ def kinematics(
     intervals: int = 360,
     points: list[str] | None = None,
     method: str = "loop",
+    *,
+    steps: int | None = None,
 ) -> Kinematics:
     """Positions, velocities and accelerations over the scenario's duration.
 
@@ -151,12 +154,16 @@ def kinematics(
         intervals: equal parts of the duration; one more position than that.
         points: "link.point" to report; those the file observes where not given.
         method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
+        steps: the former name of `intervals`, for one release.
 
     Raises:
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used.
     """
     if method not in METHODS:
         raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if steps is not None:
+        warnings.warn("kinematics(steps=) is now kinematics(intervals=)", DeprecationWarning, stacklevel=2)
+        intervals = steps
     if intervals < 1:
         raise ChoiceError(f"intervals must be at least 1, not {intervals}")
     mechanism = driven(linkage, scenario, driver)

@@ -23,11 +23,13 @@ from gauss_bench.trajectory import Status
 
 UNITS = {"position": "m", "angle": "rad", "force": "N"}  # of errors, by what they are errors of
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)  # by a finer size
+SETTLED = 400  # steps of a run: below, errors of quickly turning links are as large as the motion and say nothing of the method
 STALLED = 3  # rungs of a ladder without ...
 FALLS = 0.7  # ... any unmet error falling below so much of the least before: even order one at half the step falls to 0.5
 HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
+STEADY = 0.2  # two orders of convergence that differ by less are one
 NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
-FINALISTS = 6  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
+FINALISTS = 8  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
 
 K = TypeVar("K", bound=Hashable)
 
@@ -51,7 +53,7 @@ class Trial:
     Attributes:
         size: step [s] or tolerance.
         errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
-        steps: taken.
+        steps: taken, or asked for.
         status, message: OK, or why it failed.
     """
 
@@ -129,21 +131,13 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _undetermined(trials, w)]
     if not unmet:
         return "every requirement is met"
+    if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
+        return ""
     if all(_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
-    if most and all(_steps_needed(trials, w) > HOPE * most for w in unmet):
+    if all(_steps_needed(trials, w) > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
     return ""
-
-
-def _steps_needed(trials: Sequence[Trial], wanted: Requirement) -> float:
-    """Steps at which an error meets a requirement if it goes on falling as over the last two rungs; 0 where it did not fall."""
-    before, last = trials[-2:] if len(trials) > 1 else (trials[-1], trials[-1])
-    old, new = (t.errors.get(wanted.kind, math.nan) for t in (before, last))
-    if not (0 < new < old < math.inf and before.steps < last.steps):
-        return 0.0
-    order = math.log(old / new) / math.log(last.steps / before.steps)
-    return float(last.steps * (new / wanted.limit) ** (1 / order))
 
 
 def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
@@ -152,7 +146,18 @@ def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
 
 def _stalled(errors: Sequence[float]) -> bool:
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
-    return math.isfinite(before) and after > FALLS * before
+    return after > FALLS * before or (math.isinf(before) and math.isinf(after))
+
+
+def _steps_needed(trials: Sequence[Trial], wanted: Requirement) -> float:
+    """Steps at which an error meets a requirement if it goes on falling at the order of the last rungs; 0 where they have none."""
+    last = trials[-STALLED:]
+    errors, steps = np.array([t.errors.get(wanted.kind, math.nan) for t in last]), np.array([t.steps for t in last])
+    with np.errstate(all="ignore"):
+        orders = np.diff(np.log(errors)) / -np.diff(np.log(steps))
+    if not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
+        return 0.0
+    return float(steps[-1] * (errors[-1] / wanted.limit) ** (1 / orders[-1]))
 
 
 def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:

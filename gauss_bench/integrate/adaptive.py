@@ -14,6 +14,9 @@ from gauss_bench.integrate.fixed_step import Acceleration
 Array = NDArray[np.floating[Any]]
 
 
+MOST = 100_000  # steps: linkages take some hundred a second; one that locks takes ever smaller ones and would never end
+
+
 class StepFailure(ArithmeticError):
     """The error control could not continue."""
 
@@ -24,7 +27,7 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
     What is not reached, because an acceleration fails or the error control does, stays as it is.
 
     Raises:
-        StepFailure: with scipy's own reason.
+        StepFailure: with scipy's own reason, or after MOST steps.
     """
     n, done, steps = q.shape[1], 1, 0
 
@@ -37,6 +40,8 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
         if solver.status == "failed":
             raise StepFailure(message)
         steps += 1
+        if steps > MOST:
+            raise StepFailure(f"more than {MOST} steps before t = {solver.t:.6g} s")
         for state in _within(solver, times[done:]):
             q[done], v[done], done = state[:n], state[n:], done + 1
     return steps, int(solver.nfev)

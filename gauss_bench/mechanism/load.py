@@ -23,6 +23,7 @@ FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
 
 _known: dict[tuple[str, str, str | None], Mechanism] = {}  # by path, digest of the content, scenario; the last asked for comes last
+DEEPEST = 20  # tables in tables: the grammar needs 5
 
 
 def built_in_folder() -> Path | None:
@@ -86,6 +87,8 @@ def load_document(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load`, for a document that is already parsed."""
+    if place := too_deep(document):
+        raise LinkageError(source, [Fault(place, f"tables lie more than {DEEPEST} deep")])
     faults = document_faults(document, stem)
     if faults:
         raise LinkageError(source, faults)
@@ -100,6 +103,18 @@ def load_document(
         return assemble(mechanism, merged)
     except (BuildError, AssemblyError) as error:
         raise LinkageError(source, [error.fault]) from error
+
+
+def too_deep(document: dict[str, Any]) -> str:
+    """Where tables lie deeper than any of the grammar, or an empty text; no recursion, which such a file would exhaust."""
+    waiting: list[tuple[str, Any]] = [("", document)]
+    while waiting:
+        path, item = waiting.pop()
+        if isinstance(item, dict):
+            if path.count(".") >= DEEPEST:
+                return ".".join(path.split(".")[:4])
+            waiting += [(f"{path}.{key}" if path else str(key), x) for key, x in item.items()]
+    return ""
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:

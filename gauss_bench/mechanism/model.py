@@ -441,6 +441,26 @@ class Mechanism:
     dof: int = -1
     redundant: int = -1
 
+    def __post_init__(self) -> None:
+        """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.
+
+        Raises:
+            TypeError: naming it.
+        """
+        loads(self.forces)
+        parts: tuple[tuple[str, tuple[Any, ...], Any], ...] = (
+            ("joint", self.joints, Joint),
+            ("driver", self.drivers, Driver),
+            ("constraint", self.knife_edges, KnifeEdge),
+            ("friction", self.frictions, CoulombFriction),
+        )
+        for word, some, known in parts:
+            for x in some:
+                if not isinstance(x, known):
+                    raise TypeError(f"{word} {x.name}: nothing is known of the kind {type(x).__name__}")
+        if not isinstance(self.measured.coordinate, Coordinate):
+            raise TypeError(f"{self.measured.name}: nothing is known of the kind {type(self.measured.coordinate).__name__}")
+
     @property
     def driver(self) -> AngleDriver | None:
         """The prescribed rotation, where it is all that is prescribed."""

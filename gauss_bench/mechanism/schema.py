@@ -220,7 +220,7 @@ DriverTable = Annotated[
     | Annotated[RiseLaw, Tag("<cosine>")]
     | Annotated[RiseLaw, Tag("<poly345>")]
     | Annotated[TableLaw, Tag("<table law>")],
-    Discriminator(lambda v: {"table": "<table law>"}.get(v.get("law"), f"<{v.get('law')}>") if isinstance(v, dict) else "<>"),
+    Discriminator(lambda v: {"table": "<table law>"}.get(str(v.get("law")), f"<{v.get('law')}>") if isinstance(v, dict) else "<>"),
 ]
 
 

@@ -37,7 +37,7 @@ from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
 
 BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
-ROUGH_ROUNDS = 3  # of the estimate of a step
+ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 CANNOT = "cannot reach"
 
 
@@ -193,7 +193,7 @@ def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: 
     choice = choice_of(way, adaptive, run.until)
     found = run_of(Request(run.linkage, run.mechanism.scenario, way.engine, choice, wanted), run.mechanism, CASE_LIMIT)
     if found.trajectory is None:
-        return Trial(way.size, {}, 0, found.status, found.message)
+        return Trial(way.size, {}, steps, found.status, found.message)
     errors = state_errors(run.mechanism, found.trajectory, truth)
     force = joint_force_errors(judge, found.trajectory, truth)
     largest = {"position": errors.length, "angle": errors.angle, "force": force}

@@ -12,8 +12,12 @@ Lagrange: the n + m equations
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Newton's correction of a residual r moves the dependent coordinates alone, Jd dx = -r, or is the shortest in the mass metric, the
-KKT system with (0, -r) on the right: in both cases the factors are those of the acceleration.
+Newton's correction of a residual r is the shortest in the mass metric: that of the dependent coordinates alone, Jd x = -r, less its
+part along the free motions,
+
+    dx = x - N (N^T M N)^-1 N^T M x
+
+or the KKT system with (0, -r) on the right: in both cases the factors are those of the acceleration.
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
 """
 
@@ -110,7 +114,16 @@ class Gauss:
         return {j: x for j, x in a.items() if not x.zero}
 
     def correction(self, residual: Right) -> Right:
-        return self.factors.solve({r: -x for r, x in residual.items()})
+        graph, mass = self.terms.graph, self.terms.mass
+        moved = self.factors.solve({r: -x for r, x in residual.items()})
+        products = [graph.total([mass[j] * N[j] * x for j, x in moved.items() if j in N]) for N in self.N]
+        h = self.reduced.solve({k: -x for k, x in enumerate(products) if not x.zero})
+        change = {j: [x] for j, x in moved.items()}
+        for k, N in enumerate(self.N):
+            for j, x in N.items() if k in h else ():
+                change.setdefault(j, []).append(x * h[k])
+        sums = {j: graph.total(x) for j, x in sorted(change.items())}
+        return {j: x for j, x in sums.items() if not x.zero}
 
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms

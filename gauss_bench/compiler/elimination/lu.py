@@ -121,6 +121,7 @@ __all__ = ["GUARD", "RELATIVE", "SMALLEST", "Matrix", "Right", "Search", "lu"]
 
 RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
 SMALLEST = 1e-9
+SHARE = 0.25  # of the samples, at least: there a pivot must be usable
 GUARD = 1e-3  # of the largest entry in the pivot's row: below, a pivot costs more than three digits
 CROSSED = 3  # entries of a row that are multiplied by a pivot at most; once per row, since sizes multiply too
 LOOKED_AT = 8  # rows and columns with the fewest entries among which a pivot is sought
@@ -223,6 +224,7 @@ class _Markowitz:
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
         self.graph, self.search = graph, search
         self.random = np.random.default_rng(search.seed)
+        self.trusted = np.ones(graph.samples, bool)
         self.rows: dict[int, dict[int, _Entry]] = {r: {} for r in rows}
         self.columns: dict[int, set[int]] = {c: set() for c in columns}
         for (r, c), node in A.items():
@@ -252,6 +254,26 @@ class _Markowitz:
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper)
 
     def _choose(self) -> tuple[int, int, Array]:
+        """A pivot that is usable at all samples, else at as many as possible: at the others its guard will tell."""
+        chosen = self._usable()
+        while chosen is None:
+            self._trust_fewer()
+            chosen = self._usable()
+        return chosen
+
+    def _trust_fewer(self) -> None:
+        """Leave those samples to other programs at which no pivot serves that serves at most of them."""
+        best = np.zeros(self.graph.samples, bool)
+        for row in self.rows.values():
+            sizes = np.abs([e.at[: self.graph.samples] for e in row.values()])
+            scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
+            usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
+            best = max([best, *usable], key=lambda x: int(x.sum()))
+        if best.sum() < SHARE * self.graph.samples:
+            raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+        self.trusted, self.sizes = best, {}
+
+    def _usable(self) -> tuple[int, int, Array] | None:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
         everywhere = len(self.by_row)
         for reach, steady in ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False)):
@@ -269,14 +291,14 @@ class _Markowitz:
                         best = (*offer, r, c)
             if best is not None:
                 return best[2], best[3], self._row_sizes(best[2]).largest
-        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+        return None
 
     def _row_sizes(self, r: int) -> _Sizes:
         """A pivot is usable that is not small in its row at any sample, steady if it has one sign too: else it is zero between."""
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
-            values = np.array([e.at[: self.graph.samples] for e in row.values()])
+            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])
             sizes = np.abs(values)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)
@@ -385,6 +407,6 @@ def lu(graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable
     """Factors of A(rows, columns).
 
     Raises:
-        KernelError: no pivot is left that is usable at all samples.
+        KernelError: no pivot is left that is usable at a fair share of the samples.
     """
     return _Markowitz(graph, A, rows, columns, search).factors()

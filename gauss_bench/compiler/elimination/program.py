@@ -144,7 +144,8 @@ class Program:
         dropped: names of the redundant rows that were dropped.
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
-        position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q.
+        position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
+            the shortest in the mass metric.
         velocity_correction: (t, q, v, p) -> dv (n,).
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].

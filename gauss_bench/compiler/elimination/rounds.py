@@ -391,13 +391,9 @@ class _Functions:
         terms, n, plan = self.work.terms, len(self.work.terms.mass), self.work.plan
         b = {r: -x for r, x in residual.items()}
         if plan.formulation == "gauss":
-            dependent = [c for c in range(n) if c not in plan.independent]
-            solution = solve(terms.graph, self.J, [b], range(self.rows), dependent)
-        else:
-            size = n + self.rows
-            solution = solve(
-                terms.graph, _bordered(terms.mass, self.J), [{n + r: x for r, x in b.items()}], range(size), range(size)
-            )
+            return self._function(*_gauss(self.work, self.J, b, self.rows, loaded=False), inputs)
+        size, right = n + self.rows, {n + r: x for r, x in b.items()}
+        solution = solve(terms.graph, _bordered(terms.mass, self.J), [right], range(size), range(size))
         return self._function([solution], {k: x for k, x in solution.x[0].items() if k < n}, inputs)
 
     def _function(self, solutions: list[Solution], result: Right, inputs: tuple[str, ...]) -> RoundsFunction:
@@ -440,7 +436,8 @@ def total(graph: ExpressionGraph, terms: Sequence[Node]) -> Node:
     return graph.opaque("SUM", tuple(terms), sum((x.at for x in terms), start=0.0 * terms[0].at))
 
 
-def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solution], Right]:
+def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True) -> tuple[list[Solution], Right]:
+    """Accelerations for a bias; not `loaded`, without forces, the shortest change in the mass metric that meets it."""
     terms, graph, independent = work.terms, work.terms.graph, work.plan.independent
     dependent = [c for c in range(len(terms.mass)) if c not in independent]
     columns: list[Right] = [{r: -e for (r, c), e in J.items() if c == k} for k in independent]
@@ -451,7 +448,7 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solut
         for l, other in enumerate(motions[: k + 1]):
             products = [terms.mass[j] * left[j] * other[j] for j in sorted(left.keys() & other.keys())]
             A[k, l] = A[l, k] = total(graph, products)
-    b = {k: total(graph, [N[j] * _force(work, a0, j) for j in sorted(N)]) for k, N in enumerate(motions)}
+    b = {k: total(graph, [N[j] * _force(work, a0, j, loaded) for j in sorted(N)]) for k, N in enumerate(motions)}
     unknowns = range(len(motions))
     second = solve(graph, A, [b], unknowns, unknowns)
     h = second.x[0]
@@ -462,9 +459,10 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solut
     return [first, second], a
 
 
-def _force(work: Workspace, a0: Right, j: int) -> Node:
-    """Q_j - M_j a0_j."""
-    force = work.terms.Q.get(j, work.terms.graph.constant(0.0))
+def _force(work: Workspace, a0: Right, j: int, loaded: bool) -> Node:
+    """Q_j - M_j a0_j, or - M_j a0_j."""
+    zero = work.terms.graph.constant(0.0)
+    force = work.terms.Q.get(j, zero) if loaded else zero
     return force - work.terms.mass[j] * a0[j] if j in a0 else force
 
 

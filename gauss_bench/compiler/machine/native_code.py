@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ Flags = NDArray[np.bool_]
 
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
+_numbers = count()  # of modules
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
 
@@ -93,7 +94,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         code = bytes(machine.emit_object(module))
         if cached:
             object_cache.store(key, code)
-    call, owner = _loaded(code, listing, machine)
+    call, owner = _loaded(code, listing)
     return NativeCode(call, listing.signature, time.perf_counter() - start, cached_already, owner)
 
 
@@ -110,13 +111,18 @@ def _target_machine(level: int) -> Any:
     return target.create_target_machine(cpu=cpu, features=features, opt=level, reloc="pic", codemodel="small")
 
 
-def _loaded(code: bytes, listing: Listing, machine: Any) -> tuple[Any, Any]:
-    llvm = _binding()
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
+@cache
+def _linker() -> Any:
+    """What puts object code into memory: all of a module side by side, so that no reference is too far for the small code model."""
+    return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
+
+
+def _loaded(code: bytes, listing: Listing) -> tuple[Any, Any]:
+    unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(listing.name)
+    unit.add_current_process()  # where a processor has no fused multiply-add, that of the library
+    owner = unit.link(_linker(), f"{listing.name}{next(_numbers)}")
     prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in listing.signature))
-    return prototype(engine.get_function_address(listing.name)), engine
+    return prototype(owner[listing.name]), owner
 
 
 def in_lanes(x: Array, lanes: int) -> Array:

@@ -122,11 +122,19 @@ class Evaluator:
 
     def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
         """Accelerations (n,) of one state by native code, or None where a guard fails."""
+        out = self._one(t, q, v, parameters)
+        return out[:-1].copy() if out[-1] else None
+
+    def last(self, t: float, q: Array, v: Array, parameters: Array) -> float:
+        """What stands behind the accelerations of one state."""
+        return float(self._one(t, q, v, parameters)[-1])
+
+    def _one(self, t: float, q: Array, v: Array, parameters: Array) -> Array:
         one = self.loaded.single(2 * len(q), len(parameters), *self.work, 1, len(q) + 1)
         y, p, *_, at, out = one.arrays
         y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
         one.run()
-        return out[:-1].copy() if out[-1] else None
+        return out
 
 
 STEADY = 100.0  # thresholds: any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do
@@ -142,6 +150,7 @@ class StraightLinePrograms:
         self._multipliers: dict[int, Callable[..., list[Array]]] = {}
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._adaptive: dict[int, Adaptive] = {}
+        self._margins: dict[int, Evaluator] = {}
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
@@ -191,7 +200,12 @@ class StraightLinePrograms:
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
         """How far one program is from failing at a state; below 1 it does."""
-        return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
+        if self.target.backend != "llvm":
+            return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
+        if k not in self._margins:
+            code = read_code(self.codes[k].program, "none")
+            self._margins[k] = Evaluator(Loaded(lambda many: acceleration(code, margin=True), self.target))
+        return self._margins[k].last(t, state[: self.n], state[self.n :], p)
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""

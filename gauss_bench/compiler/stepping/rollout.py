@@ -294,12 +294,15 @@ def plain_body(code: Code, integrator: str) -> Registers:
     return WrittenOut(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
-def acceleration(code: Code, plain: bool = False) -> Routine:
-    """The routine that evaluates accelerations, every sine from nothing, or by the target."""
+def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routine:
+    """The routine that evaluates accelerations, every sine from nothing, or by the target.
+
+    With `margin`, how many times above its threshold the smallest pivot is stands behind them, 0 where anything is not finite.
+    """
     n, n_p = code.program.n, code.program.n_parameters
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
-    roots, g = [*a, b.g.flag(b.g.both([*b.pivots, b.within(a)]))], b.g
+    roots, g = [*a, b.margin(b.within(a)) if margin else b.g.flag(b.g.both([*b.pivots, b.within(a)]))], b.g
     if not plain:
         g, roots = rewrite(g, roots)
     values = live(g, roots) if plain else order(g, live(g, roots), {str(k): x for k, x in enumerate(roots)})

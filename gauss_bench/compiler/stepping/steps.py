@@ -229,6 +229,15 @@ class Builder:
             if g.number(pivot) is None:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
+    def margin(self, finite: int) -> int:
+        """How many times above its threshold the smallest pivot of all stages is; 0 where a mask does not hold."""
+        g, least = self.g, self.g.const(FINITE)
+        for mask in self.pivots:
+            threshold, size = g.operands[mask]
+            ratio = g.div(size, threshold)
+            least = g.make("select", g.make("lt", ratio, least), ratio, least)
+        return g.make("select", finite, least, g.const(0.0))
+
     def corrected_velocity(self) -> list[int]:
         if not self.code.projected:
             return self.v

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,12 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
 
 def unfit(mechanism: Mechanism) -> str | None:
-    """Why the equations have no closed solution, or None."""
+    """Why the equations have no closed solution, or None.
+
+    Raises:
+        TypeError: a force of a kind that does not say what it comes to.
+    """
+    loads(mechanism.forces)
     if mechanism.has_friction:
         return "dry friction follows from the multipliers, and these equations do not hold it"
     if mechanism.redundant > 0:

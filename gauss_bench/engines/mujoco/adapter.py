@@ -10,8 +10,9 @@ the torque A law''(t), moves so up to the share of the linkage's load in that to
     (A + m) theta'' = A law''(t) + load
 """
 
+import contextlib
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -186,14 +187,13 @@ class MujocoModel:
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
-        usual, control = self.mujoco.get_mju_user_warning(), self.mujoco.get_mjcb_control()
-        self.mujoco.set_mju_user_warning(self.complaints.append)  # MuJoCo would write them to a file
+        control = self.mujoco.get_mjcb_control()
         if self.drives:  # called at every stage of a step, with the time of that stage
             self.mujoco.set_mjcb_control(lambda model, data: self._push(data, data.time))
         try:
-            self._run()
+            with heard(self.mujoco, self.complaints):
+                self._run()
         finally:
-            self.mujoco.set_mju_user_warning(usual)
             self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
@@ -240,12 +240,24 @@ class MujocoModel:
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
-        found = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
+        with heard(self.mujoco, []):  # of accelerations at states that a run has lost: the judge finds those
+            found = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
         if finite(q, v) == len(q) and (said or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             told = f"MuJoCo warned before t = {self.times[-1]:.6g} s{said and '; '}{said}; {advice}"
             raise RunFailure(Status.WARNING, told, found)
         return found
+
+
+@contextlib.contextmanager
+def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
+    """Let MuJoCo's warnings be added to a list: it would write them to a file in the current folder."""
+    usual = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(complaints.append)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(usual)
 
 
 def verify(built: MujocoModel) -> None:

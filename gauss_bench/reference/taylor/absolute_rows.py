@@ -13,7 +13,7 @@ Source: Higham, Accuracy and Stability of Numerical Algorithms (2nd ed. 2002), s
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 
@@ -88,6 +88,7 @@ class AbsoluteRows:
                 gap = (far[0] - near[0], far[1] - near[1])
                 u = (gap[0] / length(gap), gap[1] / length(gap))
                 return [*self._velocity(driver.b, u, 1), *self._velocity(driver.a, u, -1)]
+        assert_never(driver)
 
     def dense(self) -> Array:
         """(k, m, n) in double precision."""

@@ -11,7 +11,7 @@ A row reads A x' = rate at the level of velocities and A x'' = gamma at that of 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, assert_never
 
 import numpy as np
 
@@ -124,3 +124,4 @@ def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
             return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
         case LengthDriver():
             return Prescribed(driver.name, NONE, 0, merged(coordinates.point(driver.b), coordinates.point(driver.a)))
+    assert_never(driver)

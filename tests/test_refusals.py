@@ -1,0 +1,124 @@
+"""What nobody knows is refused by whoever meets it, by its name: left out without a word it would be a force of zero."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import gauss_bench
+from gauss_bench.bench.one_run import one_run, sampling
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import compile_kernel
+from gauss_bench.engines import get, names
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.digest import physics_digest
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import built_in, document_of, load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference import certify as certifying
+from gauss_bench.report.drawings.pose import posed
+from gauss_bench.trajectory import Status
+
+
+@dataclass(frozen=True)
+class Unheard:
+    """A kind that nobody knows."""
+
+    name: str = "unheard"
+
+
+MEETS: dict[str, Callable[[Mechanism], object]] = {
+    "own terms": Evaluator,
+    "compiler": compile_kernel,
+    "compiler, looped": lambda x: compile_kernel(x, "lagrange"),
+    "certificates": lambda x: certifying.certify("four_bar", "torque"),
+}
+
+
+@pytest.fixture
+def smuggled() -> Mechanism:
+    """A four-bar with a force of an unknown kind, past the one place that lets none in."""
+    mechanism = copy.copy(load("four_bar", "torque"))
+    object.__setattr__(mechanism, "forces", (Unheard(),))
+    return mechanism
+
+
+@pytest.mark.parametrize("consumer", MEETS)
+def test_whoever_evaluates_forces_refuses_one_that_is_unknown(
+    consumer: str, smuggled: Mechanism, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(certifying, "load", lambda *_: smuggled)
+    with pytest.raises((TypeError, KernelError, certifying.Uncertified), match="unheard"):
+        MEETS[consumer](smuggled)
+
+
+@pytest.mark.parametrize("engine", names())
+def test_every_engine_refuses_a_force_that_is_unknown(engine: str, smuggled: Mechanism) -> None:
+    choice = Choice(integrator=get(engine).integrators[0])
+    run = one_run(get(engine), smuggled, choice, sampling(1e-3, 0.01))
+    assert run.status is Status.ERROR
+    assert "unheard" in run.message
+    assert run.trajectory is None
+
+
+@pytest.mark.parametrize("part", ["forces", "joints", "drivers", "knife_edges", "frictions"])
+def test_no_mechanism_holds_what_is_unknown(part: str) -> None:
+    mechanism = load("four_bar", "torque")
+    with pytest.raises(TypeError, match="unheard: nothing is known of the kind Unheard"):
+        replace(mechanism, **{part: (*getattr(mechanism, part), Unheard())})  # type: ignore[arg-type]
+
+
+def test_no_mechanism_is_measured_by_what_is_unknown() -> None:
+    mechanism = load("four_bar", "torque")
+    with pytest.raises(TypeError, match="nothing is known of the kind Unheard"):
+        replace(mechanism, measured=replace(mechanism.measured, coordinate=Unheard()))  # type: ignore[arg-type]
+
+
+READS: dict[str, Callable[[str, dict[str, Any]], object]] = {
+    "load": lambda path, document: load_document(document),
+    "digest": lambda path, document: physics_digest(document, "torque"),
+    "drawing": lambda path, document: posed(path),
+    "kinematics": lambda path, document: gauss_bench.kinematics(path),
+    "simulate": lambda path, document: gauss_bench.simulate(path),
+    "compare": lambda path, document: gauss_bench.compare(path),
+    "certify": lambda path, document: gauss_bench.certify(path),
+}
+PARTS = {
+    "forces": ("forces", "motor", "torque"),
+    "joints": ("joints", "A", "revolute"),
+}
+
+
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("reader", READS)
+def test_whoever_reads_a_file_refuses_a_kind_that_is_unknown(reader: str, part: str, tmp_path: Path) -> None:
+    table, name, kind = PARTS[part]
+    document = copy.deepcopy(document_of("four_bar")[0])
+    assert document[table][name]["type"] == kind
+    document[table][name]["type"] = "unheard"
+    path = tmp_path / "four_bar.toml"
+    before = built_in()["four_bar"].read_text(encoding="utf-8")
+    head, _, rest = before.partition(f"[{table}.{name}]")
+    path.write_text(f"{head}[{table}.{name}]{rest.replace(kind, 'unheard', 1)}", encoding="utf-8")
+    with pytest.raises((LinkageError, ValueError), match="unheard"):
+        READS[reader](str(path), document)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('law = "constant"', 'law = ["constant"]', "scenarios.driven.driver"),
+        ("[scenarios.torque]\n", f"[scenarios.torque]\noverride.forces{'.a' * 2000} = 1.0\n", "deep"),
+    ],
+)
+def test_a_file_of_odd_shape_is_refused_by_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
+    content = built_in()["four_bar"].read_text(encoding="utf-8")
+    assert old in content
+    path = tmp_path / "four_bar.toml"
+    path.write_text(content.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(LinkageError, match=said):
+        load(str(path))
