@@ -277,8 +277,8 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     assert first.key == same.key != changed.key
 
 
-def test_the_full_suite_searches_every_linkage_that_moves_freely_for_every_requirement() -> None:
-    (part,) = read_suite("full").search
+def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:
+    (part,) = read_suite("search").search
     assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in search.UNITS for x in (1e-3, 1e-6, 1e-9)}
     assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
     assert all(x % 10 == 0 for x in measured.BEATS)
