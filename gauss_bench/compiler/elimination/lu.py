@@ -264,7 +264,7 @@ class _Markowitz:
     def _trust_fewer(self) -> None:
         """Leave those samples to other programs at which no pivot serves that serves at most of them."""
         best = np.zeros(self.graph.samples, bool)
-        for row in self.rows.values():
+        for row in filter(None, self.rows.values()):  # a row may be empty by now
             sizes = np.abs([e.at[: self.graph.samples] for e in row.values()])
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
