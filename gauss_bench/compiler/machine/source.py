@@ -51,7 +51,6 @@ class Language:
     branch: str
     over: str
     close: str
-    element: str
 
 
 SAME_IN_BOTH = {
@@ -72,7 +71,6 @@ PYTHON = Language(
     branch="if {0}:",
     over="for k in range({0}):",
     close="",
-    element="{0}[{1}]",
 )  # fmt: skip
 C = Language(
     SAME_IN_BOTH
@@ -86,7 +84,6 @@ C = Language(
     branch="if ({0}) {{",
     over="for (long k = 0; k < {0}; ++k) {{",
     close="}",
-    element="{0}[{1}]",
 )  # fmt: skip
 
 
@@ -146,19 +143,18 @@ class Source(Emitter):
             self.names[x] = self.let(x, name, letter)
 
     def statement(self, s: Statement) -> None:
-        element = self.language.element
         match s:
             case Load():
                 for x, row in self.rows(s).items():
-                    self.names[x] = self.let(x, element.format(s.array, self._row(s.start, row)))
+                    self.names[x] = self.let(x, f"{s.array}[{self._row(s.start, row)}]")
             case Store():
                 held = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
                 for row, name in enumerate(held):
-                    self.line(self.language.assign.format(element.format(s.array, self._row(s.start, row)), name))
+                    self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
             case Scatter():
                 values, start = self.compute(s.values), self.need(s.start)
                 for row, name in enumerate(values):
-                    place = element.format(s.array, f"{s.places}[0] + {start} + {row}")
+                    place = f"{s.array}[{s.places}[0] + {start} + {row}]"
                     self.line(self.language.assign.format(place, name))
             case Loop():
                 carried = self.carried(s)
