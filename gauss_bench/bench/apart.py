@@ -6,7 +6,6 @@ found out on this side of the pipe, by code that the engine's process cannot rea
 
 import atexit
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -82,14 +81,9 @@ def kept(engine: str) -> Worker:
     return _kept[engine]
 
 
-@lru_cache(maxsize=8)
-def _mechanism(linkage: str, scenario: str) -> Mechanism:
-    return load(linkage, scenario or None)
-
-
 def performed_there(request: Request) -> dict[str, Any]:
     """The run as plain data, in the process of the engine; what is no sample is left out here already."""
-    mechanism = request.alter(_mechanism(request.linkage, request.scenario))
+    mechanism = request.alter(load(request.linkage, request.scenario or None))
     run = one_run(get(request.engine), mechanism, request.choice, request.wanted, request.ask, request.shortest)
     found = run.trajectory or run.reached
     told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
