@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import apart, search
+from gauss_bench.bench.clock import Measured
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import ladder, race, requirements, space
@@ -209,6 +210,7 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
         own = winners["gauss-native", limit]
+        assert own["seconds"] == pytest.approx(own["steps"] * 1e-7)
         assert own["own"] is True
         assert own["ratio"] == 1.0
         assert row["ratio"] == pytest.approx(row["seconds"] / own["seconds"])
@@ -235,6 +237,30 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert "by exact" in row["message"]
     assert "no error fell" in row["message"]
     assert row["raced"] == row["passing"] == 0
+
+
+def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`exact` is of second order here: 1e-4 rad at 1 ms, so that 1e-7 rad would need 3200 steps and all errors fall to the last."""
+    monkeypatch.setitem(WAYS, "exact", (1e-4, 2.0, 2e-6))
+    variant = offer("mujoco").variants["exact"]
+    rows = ladder("four_bar", "torque", "mujoco", variant, PART, str(tmp_path))["search_ladder"]
+    assert 0.8 * PART.most_steps < rows[-1]["steps"] <= PART.most_steps
+    assert rows[-1]["ended"] == "the finest size was tried"
+
+
+def test_an_aim_is_held_against_rivals_that_get_there() -> None:
+    """Ours in 1 ms, rivals in 15 and 25 where 20 times as long is aimed at; one that cannot get there has missed no aim."""
+    part = PART.model_copy(update={"aims": {"near": 20.0, "far": 20.0, "never": 20.0}, "aimed": (1e-6,)})
+    times = {"gauss-native": 1e-3, "near": 15e-3, "far": 25e-3}
+    place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
+    rows = [place | {"engine": e, "status": "ok", "seconds": x} for e, x in times.items()]
+    rows.append(place | {"engine": "never", "status": "cannot reach"})
+    raced = Measured({measured.way_of(r): np.full(3, times[r["engine"]]) for r in rows[:3]}, {})
+    found = {r["engine"]: r for r in measured.with_ratios(rows, raced, part)}
+    assert {e: r.get("met") for e, r in found.items()} == {"gauss-native": None, "near": False, "far": True, "never": None}
+    assert [found[e]["ours"] for e in found] == [True, False, False, False]
+    coarser = [r | {"accuracy": 1e-3} for r in rows]
+    assert not any("target" in r for r in measured.with_ratios(coarser, raced, part))
 
 
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:

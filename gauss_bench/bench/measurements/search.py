@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, common, ratio, row, spread, stepping
+from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, at_least, common, ratio, row, spread, stepping
 from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.offers import Offer, offer
@@ -383,7 +383,11 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
         if own is not None and r["status"] == Status.OK:
             values = ratio(*common(measured.of(way_of(r)), measured.of(way_of(own))))
             ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), values, strict=True))
-        told.append(r | ratios | {"own": r is own})
+        aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
+        told.append(
+            at_least(r | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)
+            | {"own": r is own, "ours": r["engine"] in part.own}
+        )
     return told
 
 
