@@ -2,9 +2,9 @@
 
 Every variant is run on its own, in a worker, at sizes from coarse to fine; errors are those of positions, angles and joint forces
 at every beat of the whole run, a fiftieth of it (or as near to that as the truth has samples), or where steps are longer at those
-beats that they meet: at a tenth of the run or oftener. Nothing is timed there. Then all that passed race in one process: first a
-step of each variant, which with the number of steps tells who is near the cheapest, then whole runs (or their first part, where
-steps are equal and a run takes longer than the lead).
+beats that they meet: at a fifth of the run or oftener, from 50 steps on at a tenth. Nothing is timed there. Then all that passed
+race in one process: first a step of each variant, which with the number of steps tells who is near the cheapest, then whole runs
+(or their first part, where steps are equal and a run takes longer than the lead).
 """
 
 import hashlib
