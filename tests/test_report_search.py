@@ -91,6 +91,15 @@ def test_what_is_left_out_stands_beside_the_figures() -> None:
     assert finding.text.endswith("Left out: `by_hand` on four_bar (no C compiler). Not searched: shaper.")
 
 
+def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
+    lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
+    crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV", "budget": float("nan")}
+    first, second = search.findings(run(*ROWS, lost, crashed))
+    assert (first.tone, "shaper: no answer within 600 s" in first.text) == ("bad", True)
+    assert "Left out: `exudyn` on six_bar (SIGSEGV)" in second.text
+    assert search.section(run(lost)) is None
+
+
 def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
     finer = [r | {"accuracy": 1e-9} for r in ROWS]
     findings = list(search.findings(run(*ROWS, *finer)))

@@ -58,7 +58,7 @@ KNOBS = ("engine", "knob", "meaning", "source")
 
 def section(run: Run) -> Section | None:
     """Winners, then the space and its knobs."""
-    rows = run.table("search_winners")
+    rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
@@ -118,13 +118,17 @@ def knob(row: Row) -> tuple[Cell, ...]:
 
 def findings(run: Run) -> Iterator[Finding]:
     """At each requirement: how much faster than each rival's searched best our own is, where it is not, and within which limits."""
-    for (kind, accuracy), group in grouped(run.table("search_winners"), _requirement).items():
+    lines = run.table("search_winners")
+    if lost_races := [r for r in lines if not r["required"]]:
+        said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
+        yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
+    for (kind, accuracy), group in grouped((r for r in lines if r["required"]), _requirement).items():
         lost = [*slower(group), *out_of_reach(group), *short(group)]
         rivals = grouped((r for r in group if not r.get("ours") and r["status"] in (OK, CANNOT)), lambda r: str(r["engine"]))
         said = "; ".join(f"`{engine}` {listed(map(_multiple, rows))}" for engine, rows in rivals.items())
         if not said:
             continue
-        budget, most = (int(max(number(r, x) for r in group)) for x in ("budget", "most_steps"))
+        budget, most = (int(max(number(r, x) for r in group if known(r.get(x)))) for x in ("budget", "most_steps"))
         text = (
             f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
             f"with {count(budget, 'evaluation')} of each variant and {most} steps of a run at most ({CANNOT_WORD}: not within "
