@@ -105,11 +105,20 @@ class Steps(Section):
     targets: Mapping[str, Mapping[str, Positive]] = {}
 
 
-class Claim(Section):
-    """Few unknowns against many, taken from the races: compiled, in a batch, and in numpy (few, many)."""
+class Claim(OnLinkages):
+    """Few unknowns against many.
+
+    Attributes:
+        compiled: engines, few and many: a step, one with projection, and one of many trajectories.
+        step: [s].
+        rounds: of a race.
+        processes: each with a race of its own on every linkage.
+    """
 
     compiled: tuple[str, str]
-    numpy: tuple[str, str]
+    step: Positive
+    rounds: Count
+    processes: Count
 
 
 class RightHandSide(Section):
