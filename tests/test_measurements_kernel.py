@@ -24,6 +24,7 @@ from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.compiled import CompiledModel
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Cost
@@ -82,6 +83,7 @@ def costs() -> dict[str, Rows]:
         clock = clocked(patched)
         charge(patched, clock, Kernel, "rollout", rolled(STEP))
         charge(patched, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
+        charge(patched, clock, CompiledModel, "__init__", lambda *arguments: 5e-3)
         replace_engine(patched, "mujoco", clock, Costs(native_step=MUJOCO))
         replace_engine(patched, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
         engines = ("gauss-native", "lagrange-native", "mujoco", "pinocchio")

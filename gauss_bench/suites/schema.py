@@ -74,6 +74,7 @@ class Cost(OnLinkages):
         step: [s] of the steps that are timed.
         rounds: of the race.
         batch: engines whose steps of many trajectories at once are timed too.
+        cold: engines whose first build in a new process is timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
     """
@@ -84,6 +85,7 @@ class Cost(OnLinkages):
     step: Positive
     rounds: Count
     batch: tuple[str, ...] = ()
+    cold: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
     processor: bool = False
 
