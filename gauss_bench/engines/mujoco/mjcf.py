@@ -4,7 +4,7 @@ MuJoCo writes a model itself, but with six digits, by which loops would be open;
 written is read back by MuJoCo and compared with the adapter's model.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -60,14 +60,14 @@ def mjcf(mechanism: Mechanism, choice: Choice) -> Element:
         _points(node, mechanism, link)
         for a, b in lines[link]:
             look = {"size": said(thickness), "contype": "0", "conaffinity": "0", "group": "1"}
-            SubElement(node, "geom", type="capsule", fromto=said([*spatial(a), *spatial(b)]), **look)
+            SubElement(node, "geom", look, type="capsule", fromto=said([*spatial(a), *spatial(b)]))
 
     _body(world, draft.spec.worldbody, built.mujoco, decorate)
     _list(root, "equality", _closures(draft.spec, built.model))
     _list(root, "tendon", _tendons(draft.spec, built.mujoco))
     _list(root, "actuator", _actuators(draft.spec, built.mujoco))
     key = {"qpos": said(built.y0), "qvel": said(built.dy0)}
-    SubElement(SubElement(root, "keyframe"), "key", name=START, **key)
+    SubElement(SubElement(root, "keyframe"), "key", key, name=START)
     _verify(root, built)
     return root
 
@@ -108,7 +108,7 @@ def _option(built: MujocoModel) -> Element:
     )
     bits = {name: int(bit) for name, bit in mujoco.mjtDisableBit.__members__.items() if name.startswith("mjDSBL_")}
     off = {name.removeprefix("mjDSBL_").lower(): "disable" for name, bit in sorted(bits.items()) if opt.disableflags & bit}
-    SubElement(option, "flag", **off)
+    SubElement(option, "flag", off)
     return option
 
 
@@ -119,7 +119,7 @@ def _body(node: Element, body: Any, mujoco: Any, decorate: Callable[[Element], N
         more = {"stiffness": said(joint.stiffness[0]), "springref": said(joint.springref)} if joint.stiffness[0] else {}
         more |= {"damping": said(joint.damping[0])} if joint.damping[0] else {}
         where = {"axis": said(joint.axis), "pos": said(joint.pos), "ref": said(joint.ref)}
-        SubElement(node, "joint", name=joint.name, type=kinds[joint.type], **where, **more)
+        SubElement(node, "joint", where | more, name=joint.name, type=kinds[joint.type])
     for site in body.sites:
         SubElement(node, "site", name=site.name, pos=said(site.pos))
     decorate(node)
@@ -132,14 +132,14 @@ def _body(node: Element, body: Any, mujoco: Any, decorate: Callable[[Element], N
 def _closures(spec: Any, model: Any) -> Iterator[Element]:
     for k, closure in enumerate(spec.equalities):
         softness = {"solref": said(model.eq_solref[k]), "solimp": said(model.eq_solimp[k])}
-        yield Element("connect", site1=closure.name1, site2=closure.name2, **softness)
+        yield Element("connect", softness, site1=closure.name1, site2=closure.name2)
 
 
 def _tendons(spec: Any, mujoco: Any) -> Iterator[Element]:
     for tendon in spec.tendons:
         fixed = tendon.path[0].type == mujoco.mjtWrap.mjWRAP_JOINT
         force = {"stiffness": said(tendon.stiffness[0]), "damping": said(tendon.damping[0])}
-        node = Element("fixed" if fixed else "spatial", springlength=said(tendon.springlength), **force)
+        node = Element("fixed" if fixed else "spatial", force, springlength=said(tendon.springlength))
         node.attrib |= {"name": tendon.name} if tendon.name else {}
         for part in tendon.path:
             if fixed:
@@ -153,10 +153,9 @@ def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
     """Forces without control: bias . [1, L, dL/dt]."""
     on = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon", mujoco.mjtTrn.mjTRN_SITE: "site"}
     for actuator in spec.actuators:
-        where: Mapping[str, str] = {on[actuator.trntype]: actuator.target, "gear": said(actuator.gear)}
-        where = {**where, **({"name": actuator.name} if actuator.name else {})}
-        where = {**where, **({"refsite": actuator.refsite} if actuator.refsite else {})}
-        yield Element("general", gainprm="0", biastype="affine", biasprm=said(actuator.biasprm[:3]), **where)
+        where = {on[actuator.trntype]: actuator.target, "gear": said(actuator.gear)}
+        where |= {key: x for key, x in (("name", actuator.name), ("refsite", actuator.refsite)) if x}
+        yield Element("general", where, gainprm="0", biastype="affine", biasprm=said(actuator.biasprm[:3]))
 
 
 def _list(root: Element, name: str, items: Iterator[Element]) -> None:
