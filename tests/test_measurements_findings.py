@@ -160,17 +160,6 @@ def test_a_compiled_step_is_held_against_the_faster_of_mujocos_settings() -> Non
         assert "100" not in text
 
 
-def test_what_others_take_to_an_accuracy_is_their_best_ways() -> None:
-    def way(mechanism: str, ratio: float, best: bool) -> dict[str, Any]:
-        return {"mechanism": mechanism, "engine": "mujoco", "accuracy": 1e-6, "ratio": ratio, "best": best, "status": "ok"}
-
-    rows = [way("four_bar", 40.0, True), way("four_bar", 900.0, False), way("six_bar", 70.0, True)]
-    rows.append({"mechanism": "eight_bar", "engine": "mujoco", "accuracy": 1e-6, "best": False, "status": "cannot reach"})
-    text = kernels("Equal accuracy", accuracy=rows)
-    assert "within 1e-06 rad" in text
-    assert "`mujoco` 40.0 to 70.0 and does not reach it on 1 linkage" in text
-
-
 def test_a_share_of_the_machines_limit_is_in_per_cent() -> None:
     rows = [{"mechanism": x, "quantity": "a batch", "share": y, "status": "ok"} for x, y in (("four_bar", 0.42), ("six_bar", 0.5))]
     assert "42 to 50 % for a batch" in kernels("What is left to be gained", bounds=rows)

@@ -1,6 +1,5 @@
 """What the kernel suite makes of known costs: every divisor, ratio and bound, with kernels and rivals whose time is given."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import batch
 from gauss_bench.bench.measurements.cost import BARE, race
-from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, ladder, lead_time
 from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
 from gauss_bench.bench.measurements.limits import bounded
 from gauss_bench.bench.measurements.long_runs import judged
@@ -25,7 +23,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
-from gauss_bench.suites.schema import Cost, Method
+from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled
 
 Rows = list[dict[str, Any]]
@@ -33,8 +31,6 @@ SUITE = read_suite("kernel")
 BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
 TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360})
 LONG = SUITE.long_runs[0]
-OWN = Method(engine="gauss-native")
-RIVAL = Method(engine="mujoco", settings="tuned")
 
 
 @pytest.fixture
@@ -181,61 +177,6 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
     assert one["share"] == pytest.approx(one["bound"] / 1e-6)
     assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))
     assert many["share"] == pytest.approx(many["bound"] / 1e-7)
-
-
-def rung(step: float, error: float, seconds: float) -> dict[str, Any]:
-    errors = {"measured": "angle of crank", "measured_unit": "rad", "error": error, "length_error": error, "angle_error": error}
-    return {"step": step, "seconds": seconds, "status": "ok", "message": ""} | errors
-
-
-@pytest.mark.parametrize("lead", [10.0, 0.01])
-def test_time_to_solution_is_that_of_the_whole_second_at_the_step_that_reaches_it(
-    lead: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The kernel: 1000 steps of 2 us; the rival: 10,000 steps of 30 us. Cut to a lead of 10 ms, both are scaled back."""
-    replace_engine(monkeypatch, OWN.engine, clock, Costs(native_step=2e-6))
-    replace_engine(monkeypatch, RIVAL.engine, clock, Costs(native_step=30e-6))
-    rungs = [rung(1e-3, 1e-10, 2e-3) | OWN.model_dump(), rung(1e-4, 1e-10, 0.3) | RIVAL.model_dump()]
-    part = SUITE.equal_accuracy[0].model_copy(update={"methods": (OWN, RIVAL), "rounds": 3, "lead": lead})
-    rows = equal_accuracy("four_bar", "torque", part, rungs)["kernel_accuracy"]
-    assert len(rows) == 4
-    for row in rows:
-        own = row["engine"] == OWN.engine
-        assert row["seconds"] == pytest.approx(2e-3 if own else 0.3)
-        assert row["ratio"] == pytest.approx(1.0 if own else 150.0)
-        assert row["best"]
-
-
-def test_a_lead_is_about_as_long_as_asked_for() -> None:
-    """A second of motion takes 2 s: of a lead of 0.5 s a quarter is run."""
-    assert lead_time(rung(1e-3, 0.0, 2.0), 0.5) == pytest.approx(0.25)
-
-
-def test_a_rung_tells_the_error_at_one_second_and_the_time_it_took(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """An engine whose crank is 3e-6 rad off at 1 ms, and whose error falls with the square of the step."""
-    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=20e-6), truth="gauss-native", off_position=3e-6, order=2.0)
-    found = ladder("four_bar", "torque", RIVAL, 1e-9, 4.0, str(tmp_path))
-    rows = [row for row in found["kernel_ladder"] if 1e-4 < row["step"] <= 1e-2 / 2**3]
-    assert len(rows) > 2
-    for row in rows:
-        # the motion of the model it is taken from is exact to 1e-9 there
-        assert row["error"] == pytest.approx(3e-6 * (row["step"] / 1e-3) ** 2, rel=0.05)
-        assert row["seconds"] == pytest.approx(20e-6 / row["step"], rel=1e-3)
-    steps = [row["step"] for row in found["kernel_ladder"]]
-    assert np.ptp(np.divide(steps[:-1], steps[1:])) < 1e-12
-    assert steps[0] / steps[1] == 2.0
-
-
-def test_a_ladder_goes_on_as_long_as_half_the_step_is_within_the_cap(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """A run of 100 steps takes 0.1 s, so that 1600 take 1.6 s and 3200 would take more than 2 s; the error falls all the while."""
-    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=1e-3), truth="gauss-native", off_position=1e-2, order=1.0)
-    found = ladder("four_bar", "torque", RIVAL, 1e-9, 2.0, str(tmp_path))
-    assert found["kernel_ladder"][-1]["ended"] == "half the step would take longer than 2 s"
-    assert [round(1 / row["step"]) for row in found["kernel_ladder"]] == [100, 200, 400, 800, 1600]
 
 
 def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

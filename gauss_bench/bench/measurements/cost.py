@@ -6,7 +6,7 @@ call", "empty call") and steps of many trajectories at once ("batch step") race 
 rate. Every other table of times on these linkages is worked out from the same samples, so that a quantity has one value.
 """
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -17,7 +17,8 @@ from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common,
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.survived import Watch, survived, watching
+from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.mechanism.load import load
@@ -30,6 +31,7 @@ BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_ste
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 TRAJECTORIES = 128  # in a batch: enough that a call from Python does not count
 BATCH_STEPS = 1000  # of each of them
+RACES = 3  # of a linkage at most: who brings two of them down is a bug to be found, not a result
 
 Make = Callable[[], Block]
 
@@ -43,15 +45,31 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             name = load(linkage, scenario or None).name
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
-            tasks.append(context.task("untimed", race, (linkage, scenario, chosen), linkage, scenario))
+            task = context.task("untimed", raced, (linkage, scenario, chosen), linkage, scenario)
+            tasks.append(task._replace(limit=RACES * LIMIT))
     return tasks
 
 
-def race(linkage: str, scenario: str, part: Cost) -> Tables:
+def raced(linkage: str, scenario: str, part: Cost) -> Tables:
+    """What `race` tells; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
+    tables, lost = survived(_race_of, (linkage, scenario, part), part.engines)
+    mechanism = load(linkage, scenario or None)
+    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    for engine, failure in lost.items():
+        told = {"status": str(failure.status), "message": str(failure)}
+        tables["untimed"] += [start | key._asdict() | told for key, _ in entries(mechanism, part) if key.engine == engine]
+    return tables
+
+
+def _race_of(linkage: str, scenario: str, part: Cost, engines: Sequence[str], path: str) -> Tables:
+    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), watching(path))
+
+
+def race(linkage: str, scenario: str, part: Cost, watch: Watch = id) -> Tables:
     """Seconds per repetition of every entry in every round, and what could not be timed. Call it in a process of its own."""
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    entered = Race()
+    entered = Race(watch)
     for key, make in entries(mechanism, part):
         entered.add(key, make)
     for key, make in processor() if part.processor else ():
