@@ -46,6 +46,7 @@ WORKING = {
     "show": ["show", "four_bar", "--svg", "drawing.svg"],
     "simulate": ["simulate", "four_bar", "--at", "0,0.01"],
     "kinematics": ["kinematics", "four_bar", "--steps", "12", "--plot", "plot.svg", "--animate", "animation.svg"],
+    "export": ["export", "four_bar", "--engine", "c", "--out", "four_bar.c"],
     "verify": ["verify", str(CERTIFICATE), "--linkage", "pendulum", "--jobs", "1"],
 }
 
@@ -97,6 +98,7 @@ def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bar
 NEEDING = {
     "certify": (["certify", "pendulum", "--until", "0.01"], 1, "certify"),
     "kernel suite": (["run", "--suite", "kernel", "four_bar", "--out", "kernel"], 2, "kernel"),
+    "MJCF": (["export", "four_bar", "--engine", "mujoco", "--out", "four_bar.xml"], 2, "mujoco"),
     "compiled kinematics": (["kinematics", "four_bar", "--method", "native"], 2, "kernel"),
 }
 
