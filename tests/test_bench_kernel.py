@@ -89,6 +89,7 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
     assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
 
 
+@pytest.mark.slow
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
     before = (folder / ".run" / "journal.jsonl").read_bytes()
     steps = (folder / "kernel_steps.csv").read_bytes()
