@@ -31,15 +31,8 @@ SPREAD = ("seconds", "seconds_low", "seconds_high")
 RATIO = ("ratio", "ratio_low", "ratio_high")
 PROMISED = {
     "kernel_steps": ("mechanism", "formulation", "stabilization", "settings", *SPREAD, "rival_seconds", *RATIO),
-    "kernel_claim": (
-        "unknowns_gauss",
-        "unknowns_lagrange",
-        "operations_gauss",
-        "divisions_gauss",
-        "critical_gauss",
-        *SPREAD,
-        *RATIO,
-    ),
+    "kernel_claim": ("unknowns_gauss", "unknowns_lagrange", "operations_gauss", "divisions_gauss", "critical_gauss", *RATIO),
+    "claim_races": ("process", "what", *SPREAD, "rival_seconds", *RATIO),
     "kernel_rhs": ("own", "rival", "settings", *SPREAD, "rival_seconds", *RATIO),
     "kernel_bounds": ("quantity", "cycles", "flops", "bound", "share", *SPREAD),
     "kernel_agreement": ("formulation", "place", "error", "numpy_error", "target", "met"),
@@ -55,6 +48,7 @@ def small() -> Suite:
     engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
     less: dict[str, dict[str, Any]] = {
         "cost": {"rounds": 2, "integrators": 1, "engines": engines},
+        "claim": {"processes": 2, "rounds": 2},
         "agreement": {"states": 20},
         "long_runs": {"duration": 0.5},
         "turns": {"rounds": 2, "samples": 360},
@@ -89,6 +83,7 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
     assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
 
 
+@pytest.mark.slow
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
     before = (folder / ".run" / "journal.jsonl").read_bytes()
     steps = (folder / "kernel_steps.csv").read_bytes()

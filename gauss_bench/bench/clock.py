@@ -221,9 +221,12 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compared(own: Array, rival: Array) -> Row:
-    """The own time over all its rounds, and how many times longer the rival takes in the rounds that both have."""
+    """Both times, each over all its rounds, and how many times longer the rival takes in the rounds that both have.
+
+    A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.
+    """
     mine, theirs = common(own, rival)
-    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(theirs, 0.25))}
+    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
     return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(theirs, mine), strict=True))
 
 

@@ -74,6 +74,7 @@ class Cost(OnLinkages):
         step: [s] of the steps that are timed.
         rounds: of the race.
         batch: engines whose steps of many trajectories at once are timed too.
+        cold: engines whose first build in a new process is timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
     """
@@ -84,6 +85,7 @@ class Cost(OnLinkages):
     step: Positive
     rounds: Count
     batch: tuple[str, ...] = ()
+    cold: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
     processor: bool = False
 
@@ -105,11 +107,20 @@ class Steps(Section):
     targets: Mapping[str, Mapping[str, Positive]] = {}
 
 
-class Claim(Section):
-    """Few unknowns against many, taken from the races: compiled, in a batch, and in numpy (few, many)."""
+class Claim(OnLinkages):
+    """Few unknowns against many.
+
+    Attributes:
+        compiled: engines, few and many: a step, one with projection, and one of many trajectories.
+        step: [s].
+        rounds: of a race.
+        processes: each with a race of its own on every linkage.
+    """
 
     compiled: tuple[str, str]
-    numpy: tuple[str, str]
+    step: Positive
+    rounds: Count
+    processes: Count
 
 
 class RightHandSide(Section):
