@@ -221,7 +221,7 @@ def test_a_run_that_no_coordinate_can_go_on_with_ends_with_a_reason() -> None:
 
 
 def test_a_derivation_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = adapter.write_equation
+    from gauss_bench.engines.minimal.equation import write_equation as right
 
     def wrong(mechanism: Mechanism, *rest: Any) -> Any:
         links = tuple(replace(link, inertia=1.05 * link.inertia) for link in mechanism.links)

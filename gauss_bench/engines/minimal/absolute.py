@@ -57,7 +57,7 @@ def _followed(mechanism: Mechanism, equation: Equation, start: float, at: Array,
     turning = not slides and high - low > TURN
     if turning:
         low, high = start, start + TURN
-    below, above = (int(np.ceil((x - 0.0) / fine)) + 1 for x in (start - low, high - start))
+    below, above = (int(np.ceil(x / fine)) + 1 for x in (start - low, high - start))
     fine = TURN / above if turning else fine
     grid = start + fine * np.arange(0 if turning else -below, above + 1)
     states = np.zeros((len(grid), equation.program.n))
@@ -69,4 +69,4 @@ def _followed(mechanism: Mechanism, equation: Equation, start: float, at: Array,
     turns = np.floor((at - start) / TURN) if turning else np.zeros(len(at))
     winding = lines[-1] - lines[0]
     found = np.array([np.interp(at - TURN * turns, grid, line) for line in lines.T]).T
-    return found + turns[:, None] * winding
+    return np.asarray(found + turns[:, None] * winding)

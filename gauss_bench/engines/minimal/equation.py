@@ -297,7 +297,7 @@ class _Motion:
 
     def acceleration(self) -> list[Node]:
         """Of the coordinate and of the angles followed."""
-        m, h, Q = [], [], []
+        m, h, Q = list[Node](), list[Node](), list[Node]()
         for k, link in enumerate(self.mechanism.links):
             masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *masses], [*h, *halves]

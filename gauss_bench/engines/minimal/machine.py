@@ -88,8 +88,8 @@ def compiled(function: Function, n: int) -> Callable[[Array], Array]:
     new, roots = rewrite(g, [x for row in results for x in row])
     values = order(new, live(new, roots), {})
     load = Load("y", {new.leaf(f"%y{k}"): k for k in range(2 * n)})
-    rows, statements = {"y": Rows(2 * n), "out": Rows(len(roots))}, [load, Compute(values), Store("out", roots)]
-    routine = Routine("evaluate", new, rows, (), (), statements, new.all(True), count_operations(new, values))
+    rows, steps = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
+    routine = Routine("evaluate", new, rows, (), (), steps, new.all(True), count_operations(new, values))
     loaded = Loaded(lambda many: routine, TARGET)
     loaded.call(1)
 

@@ -17,7 +17,7 @@ from itertools import permutations
 
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import rate, value
+from gauss_bench.mechanism.coordinates import Vectors, rate, value
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -157,27 +157,27 @@ def _opening(dyad: Dyad, q: Array) -> Array:
             a = _vector(q, dyad.first.own, dyad.middle[0])
             c = _vector(q, dyad.second.own, dyad.middle[1])
             r1, r2 = dyad.lengths()
-            return (a.conj() * c).imag / (r1 * r2)
+            return np.asarray((a.conj() * c).imag / (r1 * r2))
         case RRP():
             along = np.exp(1j * (_angle(q, dyad.line.link) + dyad.angle))
-            return (along.conj() * _vector(q, dyad.first.own, dyad.middle[0])).real / dyad.length
+            return np.asarray((along.conj() * _vector(q, dyad.first.own, dyad.middle[0])).real / dyad.length)
         case RPR():
             along = np.exp(1j * (_angle(q, dyad.guide.link) + dyad.angle))
-            return (along.conj() * (_place(q, dyad.block.own) - _place(q, dyad.guide.own))).real
+            return np.asarray((along.conj() * (_place(q, dyad.block.own) - _place(q, dyad.guide.own))).real)
 
 
 def _angle(q: Array, link: int) -> Array:
     return np.zeros(q.shape[:-1]) if link == GROUND else q[..., 3 * link + 2]
 
 
-def _vector(q: Array, a: Point, b: Point) -> Array:
+def _vector(q: Array, a: Point, b: Point) -> Vectors:
     """From a to b of one link, in world axes."""
-    return np.exp(1j * _angle(q, a.link)) * complex(*(b.local - a.local))
+    return np.asarray(np.exp(1j * _angle(q, a.link)) * complex(*(b.local - a.local)))
 
 
-def _place(q: Array, point: Point) -> Array:
+def _place(q: Array, point: Point) -> Vectors:
     centre = 0.0 if point.link == GROUND else q[..., 3 * point.link] + 1j * q[..., 3 * point.link + 1]
-    return centre + np.exp(1j * _angle(q, point.link)) * complex(*point.local)
+    return np.asarray(centre + np.exp(1j * _angle(q, point.link)) * complex(*point.local))
 
 
 def _length(a: Point, b: Point) -> float:
@@ -259,7 +259,8 @@ def _closed_from(mechanism: Mechanism, link: int) -> tuple[list[Dyad], set[int]]
     joints, placed = _Joints(mechanism), {GROUND, link}
     left, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
     while left:
-        dyad = next(filter(None, (_dyad(joints, pair, placed) for pair in permutations(sorted(left), 2))), None)
+        tried = (_dyad(joints, (a, b), placed) for a, b in permutations(sorted(left), 2))
+        dyad = next((x for x in tried if x is not None), None)
         if dyad is None:
             break
         dyads.append(dyad)
