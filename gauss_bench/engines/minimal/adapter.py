@@ -41,7 +41,7 @@ class Minimal:
     """The engine."""
 
     name = "minimal"
-    integrators = ("rk4", "dop853_fixed", ADAPTIVE, "semi_implicit_euler")
+    integrators = ("rk4", ADAPTIVE, "dop853_fixed", "semi_implicit_euler")
     stabilizations = ("none",)
     settings = VARIANTS.settings
     variants, knobs = VARIANTS.space, VARIANTS.knobs
