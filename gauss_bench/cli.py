@@ -54,6 +54,7 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.bench.journal import Busy
     from gauss_bench.bench.offers import ChoiceError
     from gauss_bench.engines.extras import MissingExtra
+    from gauss_bench.exchange.errors import ExchangeError
     from gauss_bench.mechanism.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
@@ -62,7 +63,8 @@ def is_bad_input(error: Exception) -> bool:
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(
-        error, (LinkageError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError)
+        error,
+        (LinkageError, ExchangeError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError),
     )
 
 
@@ -164,6 +166,32 @@ def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
     if options.animate:
         write_text(options.animate, animate(mechanism, states.t, states.q, points))
+
+
+def export(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.api.exchange import export as exported
+    from gauss_bench.api.results import plain
+
+    asked = (options.scenario, options.tuned, options.step, options.replace, options.budget)
+    result = exported(options.linkage, options.engine, options.out, *asked, told=tell)
+    print(result.to_json() if options.json else text.format_export(plain(result.as_dict())))
+    return 0 if result.tuning is None or result.tuning.met else 1
+
+
+def bring_in(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.api.exchange import import_model
+    from gauss_bench.api.results import plain
+
+    result = import_model(options.model, options.out, options.close, options.replace, tell)
+    print(result.to_json() if options.json else text.format_import(plain(result.as_dict())))
+    return 0
+
+
+def tell(sentence: str) -> None:
+    """How far things are, to people."""
+    print(sentence, file=sys.stderr)
 
 
 def certify(options: argparse.Namespace) -> int:
@@ -289,6 +317,8 @@ ACTIONS: dict[str, Verb] = {
     "show": show,
     "simulate": simulate,
     "kinematics": kinematics,
+    "export": export,
+    "import": bring_in,
     "certify": certify,
     "verify": verify,
     "run": run,

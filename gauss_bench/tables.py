@@ -126,6 +126,16 @@ def _levels(meaning: str) -> tuple[Column, ...]:
     return tuple(number(level, f"{meaning} of {level}s") for level in ("position", "velocity", "acceleration"))
 
 
+def _over_processes(begins: str, meaning: str) -> tuple[Column, ...]:
+    """A ratio from several processes, and whether it is above 1 in all of them, below 1, or neither."""
+    return (
+        number(f"{begins}ratio", f"{meaning}: median of the processes"),
+        number(f"{begins}ratio_low", f"{meaning}: least of them"),
+        number(f"{begins}ratio_high", f"{meaning}: largest of them"),
+        text(f"{begins}verdict", "holds, open or reversed"),
+    )
+
+
 RESULTS = Table(
     "one case of the accuracy suites: a linkage, an engine and everything that was chosen for it",
     (
@@ -161,7 +171,8 @@ RESULTS = Table(
         number("acceleration_residual", "largest second rate of it", "m/s^2, rad/s^2"),
         number("energy_error", "largest error of the balance of energy, work and losses", "J"),
         number("energy_error_bar", "of that balance's quadrature", "J"),
-        number("build_time", "of the model, generated code taken from the store", "s"),
+        number("build_time", "of the model and its first step, generated code taken from the store", "s"),
+        number("cold_build_time", "the same of the first model in a new process, with nothing stored", "s"),
         *(
             column
             for name, words in (
@@ -401,6 +412,18 @@ TABLES: dict[str, Table] = {
         ),
         6,
     ),
+    "claim_races": Table(
+        "n - m unknowns against n + m in one process",
+        (
+            *WHERE,
+            number("process", "its number"),
+            text("what", "is raced: step, projected step or batch"),
+            *OUTCOME,
+            *SECONDS,
+            *RIVALS,
+        ),
+        4,
+    ),
     "kernel_claim": Table(
         "n - m unknowns against n + m, with nothing else that differs",
         (
@@ -415,48 +438,12 @@ TABLES: dict[str, Table] = {
                 for what, words in (("operations", "count"), ("divisions", "count"), ("critical", "cycles of the longest chain"))
             ),
             *OUTCOME,
-            *SECONDS,
-            *RIVALS,
-            text("verdict", "holds, open or reversed"),
-            *spread("projected_ratio", "the same of steps that end on the constraints"),
-            *spread("batch_ratio", "the same of many trajectories in lanes"),
-            *spread("numpy_ratio", "the same of one acceleration of the textbook's form"),
+            number("processes", "that raced to an end"),
+            *_over_processes("", "time with n + m / with n - m unknowns, of a step"),
+            *_over_processes("projected_", "the same of steps that end on the constraints"),
+            *_over_processes("batch_", "the same of many trajectories in lanes"),
         ),
         2,
-    ),
-    "kernel_ladder": Table(
-        "a method at one step: what it reaches after one second, and for how long it runs",
-        (
-            *WHERE,
-            *METHOD,
-            number("step", "of the integration", "s"),
-            number("seconds", "processor time of the run", "s"),
-            *MEASURED,
-            number("error", "of the measured coordinate after one second", "measured_unit"),
-            number("error_bar", "of the reference's positions", "m, rad"),
-            *_apart("after one second"),
-            *OUTCOME,
-            text("ended", "why no smaller step was tried, at the last one"),
-        ),
-        7,
-    ),
-    "kernel_accuracy": Table(
-        "what a method takes to reach an accuracy",
-        (
-            *WHERE,
-            number("accuracy", "wanted of the measured coordinate after one second", "measured_unit"),
-            *METHOD,
-            text("ended", "why no smaller step was tried"),
-            number("step", "the largest that reaches it", "s"),
-            *MEASURED,
-            number("error", "of the measured coordinate there", "measured_unit"),
-            *_apart("there"),
-            *OUTCOME,
-            *SECONDS,
-            flag("best", "whether it is the fastest way of its engine"),
-            *spread("ratio", "seconds / those of the compiled formulation's fastest way"),
-        ),
-        7,
     ),
     "search_knobs": Table(
         "something about an engine that searches may turn",
@@ -507,6 +494,8 @@ TABLES: dict[str, Table] = {
             *SECONDS,
             *spread("ratio", "seconds / those of the cheapest own way"),
             flag("own", "whether it is that way"),
+            flag("ours", "whether the engine is the suite's own"),
+            *AIM,
             text("options", "JSON: the winner's knobs"),
             number("variants", "in the engine's space"),
             number("evaluations", "of all of them together"),

@@ -53,7 +53,7 @@ def linkages() -> dict[str, Mechanism]:
 
 def test_default_settings_are_the_shipped_ones(linkages):
     shipped = exu.SimulationSettings()
-    own = simulation_settings(linkages["four_bar"], Choice("default", "generalized_alpha"))
+    own = simulation_settings(library()[0], linkages["four_bar"], Choice("default", "generalized_alpha"))
     assert shipped.timeIntegration.adaptiveStep, "the one deviation that the settings admit"
     own.timeIntegration.adaptiveStep = True
     own.solution.file.write = True  # nothing but speed

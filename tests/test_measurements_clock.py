@@ -2,12 +2,20 @@
 
 import gc
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Block, interleaved, lasting, ratio, timed
+from gauss_bench.bench.clock import BLOCK, Block, Key, Measured, interleaved, lasting, ratio, stepping, timed
+from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import race
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
 
@@ -49,10 +57,65 @@ def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch:
     replace_engine(monkeypatch, "mujoco", clock, costs)
     found = race("four_bar", "torque", MUJOCO)
     assert not found["untimed"]
-    for quantity, seconds in vars(costs).items():
+    for quantity, seconds in (vars(costs) | {"build": costs.build + costs.native_step}).items():  # a model and its first step
         measured = [x["seconds"] for x in found["samples"] if x["quantity"] == quantity]
         assert quantity == "call" or measured
         assert measured == pytest.approx([seconds] * len(measured), rel=1e-6), quantity
+
+
+class Handed(SyntheticModel):
+    """A run costs 5 us beside its steps: the hand-over from Python, which is no part of a step."""
+
+    def run(self) -> None:
+        super().run()
+        self.clock.spend(5e-6)
+
+
+@pytest.mark.parametrize("step", [5e-8, 1e-7, 5e-7, 2e-6, 3e-5, 1e-3, 5e-3])
+def test_blocks_are_long_enough_for_every_engine(step: float, clock: Clock) -> None:
+    """From compiled steps of 50 ns to interpreted ones of 5 ms, a step costs what it costs to 1 %, in blocks of 2 ms and more."""
+    choice = Choice("default", "rk4", "none", 1e-4)
+    model = Handed(load("four_bar", "torque"), choice, clock, Costs(native_step=step))
+    block = stepping("steps", model, choice.step, native=True)
+    assert block.seconds() == pytest.approx(step, rel=0.0101)
+    before = clock.now
+    block.seconds()
+    assert clock.now - before >= 0.99 * BLOCK * 1e9
+
+
+class Compiles:
+    """Whatever builds a model runs a compiler."""
+
+    def __init__(self, clock: Clock):
+        self.clock = clock
+        self.stores: list[str] = []
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> SyntheticModel:
+        self.stores.append(os.environ["XDG_CACHE_HOME"])
+        self.clock.spend(0.3)
+        subprocess.run([sys.executable, "-c", "import time\nwhile time.process_time() < 0.2: pass"], check=True)
+        return SyntheticModel(mechanism, choice, self.clock, Costs(native_step=0.1))
+
+
+def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_compilers(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.3 s of our own, a step of 0.1 s, and a compiler that takes 0.2 s and a little to start."""
+    monkeypatch.setenv("XDG_CACHE_HOME", "what the user has")
+    made = Compiles(clock)
+    monkeypatch.setattr(type(get("mujoco")), "build", made.build)
+    found = cost.cold("four_bar", "torque", "mujoco", Choice("default", "rk4", "none", 1e-4))
+    assert 0.6 - 0.02 <= found["seconds"] < 1.0
+    assert made.stores != ["what the user has"]
+
+
+def test_warm_and_cold_builds_stand_in_columns_of_their_own() -> None:
+    times = {"build": 0.02, "cold build": 2.0}
+    measured = Measured({Key(quantity, "gauss-native"): np.full(3, x) for quantity, x in times.items()}, {})
+    row = {"mechanism": "four_bar", "scenario": "torque", "engine": "gauss-native", "settings": "default"}
+    row |= {"integrator": "dop853", "stabilization": "none"}
+    cost.with_costs([row], {("four_bar", "torque"): measured})
+    assert (row["build_time"], row["cold_build_time"]) == (0.02, 2.0)
 
 
 def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -160,15 +160,52 @@ def test_a_compiled_step_is_held_against_the_faster_of_mujocos_settings() -> Non
         assert "100" not in text
 
 
-def test_what_others_take_to_an_accuracy_is_their_best_ways() -> None:
-    def way(mechanism: str, ratio: float, best: bool) -> dict[str, Any]:
-        return {"mechanism": mechanism, "engine": "mujoco", "accuracy": 1e-6, "ratio": ratio, "best": best, "status": "ok"}
+def claimed(mechanism: str, unknowns: int, verdicts: tuple[str, str, str], *ratios: float) -> dict[str, Any]:
+    found: dict[str, Any] = {"mechanism": mechanism, "unknowns_gauss": unknowns, "processes": 5.0, "status": "ok", "message": ""}
+    for way, verdict, x in zip(("", "projected_", "batch_"), verdicts, ratios, strict=True):
+        found |= {f"{way}ratio": x, f"{way}ratio_low": 0.98 * x, f"{way}ratio_high": 1.02 * x, f"{way}verdict": verdict}
+    return found
 
-    rows = [way("four_bar", 40.0, True), way("four_bar", 900.0, False), way("six_bar", 70.0, True)]
-    rows.append({"mechanism": "eight_bar", "engine": "mujoco", "accuracy": 1e-6, "best": False, "status": "cannot reach"})
-    text = kernels("Equal accuracy", accuracy=rows)
-    assert "within 1e-06 rad" in text
-    assert "`mujoco` 40.0 to 70.0 and does not reach it on 1 linkage" in text
+
+def test_one_sentence_tells_the_papers_claim_for_every_linkage_and_way() -> None:
+    rows = [
+        claimed("four_bar", 1, ("holds", "holds", "holds"), 1.5, 1.2, 2.0),
+        claimed("eight_bar", 1, ("holds", "open", "reversed"), 1.3, 1.01, 0.9),
+        claimed("pendulums_2", 2, ("reversed", "reversed", "reversed"), 0.9, 0.8, 0.7),
+        claimed("pendulums_16", 16, ("reversed", "reversed", "reversed"), 0.4, 0.5, 0.3),
+        {"mechanism": "sleigh", "unknowns_gauss": 3, "status": "skip", "message": "no kernel"},
+    ]
+    text = said("The paper's claim", kernel_claim=tuple(rows))
+    assert text.startswith("In part. Compiled by the same eliminator, n - m unknowns against n + m, as the median of 5 processes: ")
+    first, second = text.split(": ", 1)[1].split("; with 2 to 16")
+    assert first.startswith("with 1 free coordinate a step is faster on 2 of 2 linkages (ratio 1.30 to 1.50)")
+    assert "a step with projection is faster on 1 of 2 linkages (ratio 1.01 to 1.20; no difference on eight_bar)" in first
+    assert "a step in a batch is faster on 1 of 2 linkages (ratio 0.900 to 2.00; slower on eight_bar)" in first
+    assert "a step is faster on 0 of 2 linkages (ratio 0.400 to 0.900; slower on pendulums_2 and pendulums_16)" in second
+    assert text.endswith("Left out: sleigh (no kernel).")
+
+
+@pytest.mark.parametrize(
+    ("title", "table", "told"),
+    [
+        ("A step in its own loop", "steps", {"formulation": "gauss", "stabilization": "none", "settings": "tuned", "ratio": 5.0}),
+        ("Many trajectories", "batch", {"ratio": 5.0, "lanes_error": 0.0, "states": 9.0}),
+        ("What is left to be gained", "bounds", {"quantity": "a batch", "share": 0.5}),
+        ("The same accelerations", "agreement", {"error": 1e-15, "formulation": "gauss", "place": "random", "met": True}),
+        ("Long runs", "long", {"position_drift": 1e-16, "velocity_drift": 1e-16, "t_end": 100.0}),
+        ("The paper's claim", "claim", claimed("four_bar", 1, ("holds", "holds", "holds"), 1.5, 1.2, 2.0)),
+    ],
+)
+def test_what_a_headline_leaves_out_stands_beside_it(title: str, table: str, told: dict[str, Any]) -> None:
+    whole = told | {"mechanism": "four_bar", "status": "ok", "message": ""}
+    lost = {k: x for k, x in whole.items() if isinstance(x, str)} | {
+        "mechanism": "shaper",
+        "status": "skip",
+        "message": "no compiler",
+    }
+    text = kernels(title, **{table: [whole, lost]})
+    assert text.endswith("Left out: shaper (no compiler).")
+    assert "Left out" not in kernels(title, **{table: [whole]})
 
 
 def test_a_share_of_the_machines_limit_is_in_per_cent() -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared
+from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import batch
 from gauss_bench.bench.measurements.cost import BARE, race
-from gauss_bench.bench.measurements.equal_accuracy import equal_accuracy, ladder, lead_time
 from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
 from gauss_bench.bench.measurements.limits import bounded
 from gauss_bench.bench.measurements.long_runs import judged
@@ -18,14 +18,16 @@ from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, proc
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
 from gauss_bench.bench.measurements.turns import turn
 from gauss_bench.bench.runner import completed
+from gauss_bench.bench.survived import ROOM, at_work
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.compiled import CompiledModel
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
-from gauss_bench.suites.schema import Cost, Method
+from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled
 
 Rows = list[dict[str, Any]]
@@ -33,8 +35,6 @@ SUITE = read_suite("kernel")
 BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
 TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360})
 LONG = SUITE.long_runs[0]
-OWN = Method(engine="gauss-native")
-RIVAL = Method(engine="mujoco", settings="tuned")
 
 
 @pytest.fixture
@@ -83,17 +83,16 @@ def costs() -> dict[str, Rows]:
         clock = clocked(patched)
         charge(patched, clock, Kernel, "rollout", rolled(STEP))
         charge(patched, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
+        charge(patched, clock, CompiledModel, "__init__", lambda *arguments: 5e-3)
         replace_engine(patched, "mujoco", clock, Costs(native_step=MUJOCO))
         replace_engine(patched, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
-        replace_engine(patched, "gauss", clock, Costs(acceleration=50e-6))
-        replace_engine(patched, "lagrange", clock, Costs(acceleration=40e-6))
-        engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
+        engines = ("gauss-native", "lagrange-native", "mujoco", "pinocchio")
         both = ("gauss-native", "lagrange-native")
         part = Cost(
             linkages={}, engines=engines, integrators=1, step=1e-4, rounds=2, batch=both, bare=("pinocchio",), processor=True
         )
         found: dict[str, Rows] = race("four_bar", "torque", part)
-        found |= claim.counted("four_bar", "torque") | limits.counted("four_bar", "torque")
+        found |= limits.counted("four_bar", "torque")
     completed(SUITE, found)
     return found
 
@@ -127,31 +126,59 @@ def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> 
     assert all(0 < row["rival_seconds"] < 1e-8 for row in net)
 
 
-def test_the_claim_compares_formulations_and_nothing_else(costs: dict[str, Rows]) -> None:
-    (row,) = costs["kernel_claim"]
-    assert (row["seconds"], row["rival_seconds"], row["ratio"]) == pytest.approx((STEP, STEP, 1.0))
-    assert row["verdict"] == "open"
-    assert row["batch_ratio"] == pytest.approx(1.0)
-    assert row["numpy_ratio"] == pytest.approx(0.8)  # dense numpy: Lagrange's 40 us against Gauss's 50
-    assert (row["unknowns_gauss"], row["unknowns_lagrange"]) == (1, 17)  # 9 coordinates, 8 rows
+CLAIM = SUITE.claim[0].model_copy(update={"rounds": 3, "linkages": {}})
 
 
-def test_every_ratio_of_the_claim_is_of_its_own_pair() -> None:
-    seconds = {
-        Key("native_step", "gauss-native"): 2e-6,
-        Key("native_step", "lagrange-native"): 3e-6,
-        Key("native_step", "gauss-native", stabilization="projection"): 4e-6,
-        Key("native_step", "lagrange-native", stabilization="projection"): 5e-6,
-        Key("batch step", "gauss-native"): 1e-6,
-        Key("batch step", "lagrange-native"): 1e-7,
-        Key("acceleration", "gauss"): 5e-5,
-        Key("acceleration", "lagrange"): 1e-5,
-    }
-    measured = Measured({key: np.full(5, x) for key, x in seconds.items()}, {})
-    row = claim.claim_row({"mechanism": "four_bar", "scenario": "torque"}, SUITE.claim[0], measured)
-    ratios = [row[f"{x}ratio"] for x in ("", "projected_", "batch_", "numpy_")]
-    assert ratios == pytest.approx([1.5, 1.25, 0.1, 0.2])
-    assert row["verdict"] == "holds"
+def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Few unknowns: 2 us a step, 4 with projection, 10 ns in a batch; many: 3, 5 and 40."""
+    seconds = {("gauss", "none"): 2e-6, ("gauss", "projection"): 4e-6, ("lagrange", "none"): 3e-6, ("lagrange", "projection"): 5e-6}
+    true = Kernel.rollout
+
+    def charged(self: Kernel, q: np.ndarray, v: np.ndarray, h: float, n: int, *rest: Any, **options: Any) -> Any:
+        found = true(self, q, v, h, n, *rest, **options)
+        formulation = self.options.formulation
+        each = seconds[formulation, self.options.stabilization] if q.ndim == 1 else {"gauss": 1e-8, "lagrange": 4e-8}[formulation]
+        clock.spend(each * n * len(np.atleast_2d(q)))
+        return found
+
+    monkeypatch.setattr(Kernel, "rollout", charged)
+    memory = tmp_path / "memory"
+    memory.write_bytes(bytes(ROOM))
+    rows = claim.race("four_bar", "torque", CLAIM, 3, CLAIM.compiled, str(memory))["claim_races"]
+    told = {r["what"]: (r["seconds"], r["rival_seconds"], r["ratio"]) for r in rows}
+    assert told.keys() == set(claim.COLUMNS)
+    assert told["step"] == pytest.approx((2e-6, 3e-6, 1.5))
+    assert told["projected"] == pytest.approx((4e-6, 5e-6, 1.25))
+    assert told["batch"] == pytest.approx((1e-8, 4e-8, 4.0))
+    assert {r["process"] for r in rows} == {3}
+    assert at_work(str(memory)) in CLAIM.compiled
+
+
+def raced(**ratios: list[float]) -> Rows:
+    """The races of a linkage: for each thing that is raced the ratio of every process."""
+    return [{"what": what, "status": "ok", "message": "", "ratio": x} for what, values in ratios.items() for x in values]
+
+
+def test_the_claim_is_the_median_of_processes_with_their_range_as_its_spread() -> None:
+    start = {"mechanism": "four_bar", "scenario": "torque"}
+    row = claim.claim_row(start, raced(step=[1.5, 1.1, 1.9, 1.4, 1.6], projected=[0.97, 1.02, 1.01], batch=[0.8, 0.9, 0.7]))
+    assert [row[x] for x in ("ratio", "ratio_low", "ratio_high")] == [1.5, 1.1, 1.9]
+    assert [row[f"projected_{x}"] for x in ("ratio", "ratio_low", "ratio_high")] == [1.01, 0.97, 1.02]
+    assert [row[f"{x}verdict"] for x in ("", "projected_", "batch_")] == ["holds", "open", "reversed"]
+    assert (row["status"], row["processes"]) == ("ok", 5)
+    lost = claim.claim_row(start, [{"what": "step", "status": "crashed", "message": "SIGSEGV"}])
+    assert (lost["status"], lost["message"], lost["processes"]) == ("crashed", "SIGSEGV", 0)
+    assert claim.claim_row(start, [])["status"] == "skip"
+
+
+def test_every_linkage_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
+    part = CLAIM.model_copy(update={"linkages": {"four_bar": "torque", "pendulums_2": "swing"}, "processes": 3})
+    suite = SUITE.model_copy(update={"claim": (part,)})
+    tasks = claim.timed(suite, Context("", "stamp"), {})
+    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
+        (name, k) for k in range(3) for name in ("four_bar", "pendulums_2")
+    ]
+    assert len({t.key for t in tasks}) == 6
 
 
 def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Rows]) -> None:
@@ -181,61 +208,6 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
     assert one["share"] == pytest.approx(one["bound"] / 1e-6)
     assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))
     assert many["share"] == pytest.approx(many["bound"] / 1e-7)
-
-
-def rung(step: float, error: float, seconds: float) -> dict[str, Any]:
-    errors = {"measured": "angle of crank", "measured_unit": "rad", "error": error, "length_error": error, "angle_error": error}
-    return {"step": step, "seconds": seconds, "status": "ok", "message": ""} | errors
-
-
-@pytest.mark.parametrize("lead", [10.0, 0.01])
-def test_time_to_solution_is_that_of_the_whole_second_at_the_step_that_reaches_it(
-    lead: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The kernel: 1000 steps of 2 us; the rival: 10,000 steps of 30 us. Cut to a lead of 10 ms, both are scaled back."""
-    replace_engine(monkeypatch, OWN.engine, clock, Costs(native_step=2e-6))
-    replace_engine(monkeypatch, RIVAL.engine, clock, Costs(native_step=30e-6))
-    rungs = [rung(1e-3, 1e-10, 2e-3) | OWN.model_dump(), rung(1e-4, 1e-10, 0.3) | RIVAL.model_dump()]
-    part = SUITE.equal_accuracy[0].model_copy(update={"methods": (OWN, RIVAL), "rounds": 3, "lead": lead})
-    rows = equal_accuracy("four_bar", "torque", part, rungs)["kernel_accuracy"]
-    assert len(rows) == 4
-    for row in rows:
-        own = row["engine"] == OWN.engine
-        assert row["seconds"] == pytest.approx(2e-3 if own else 0.3)
-        assert row["ratio"] == pytest.approx(1.0 if own else 150.0)
-        assert row["best"]
-
-
-def test_a_lead_is_about_as_long_as_asked_for() -> None:
-    """A second of motion takes 2 s: of a lead of 0.5 s a quarter is run."""
-    assert lead_time(rung(1e-3, 0.0, 2.0), 0.5) == pytest.approx(0.25)
-
-
-def test_a_rung_tells_the_error_at_one_second_and_the_time_it_took(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """An engine whose crank is 3e-6 rad off at 1 ms, and whose error falls with the square of the step."""
-    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=20e-6), truth="gauss-native", off_position=3e-6, order=2.0)
-    found = ladder("four_bar", "torque", RIVAL, 1e-9, 4.0, str(tmp_path))
-    rows = [row for row in found["kernel_ladder"] if 1e-4 < row["step"] <= 1e-2 / 2**3]
-    assert len(rows) > 2
-    for row in rows:
-        # the motion of the model it is taken from is exact to 1e-9 there
-        assert row["error"] == pytest.approx(3e-6 * (row["step"] / 1e-3) ** 2, rel=0.05)
-        assert row["seconds"] == pytest.approx(20e-6 / row["step"], rel=1e-3)
-    steps = [row["step"] for row in found["kernel_ladder"]]
-    assert np.ptp(np.divide(steps[:-1], steps[1:])) < 1e-12
-    assert steps[0] / steps[1] == 2.0
-
-
-def test_a_ladder_goes_on_as_long_as_half_the_step_is_within_the_cap(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """A run of 100 steps takes 0.1 s, so that 1600 take 1.6 s and 3200 would take more than 2 s; the error falls all the while."""
-    replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=1e-3), truth="gauss-native", off_position=1e-2, order=1.0)
-    found = ladder("four_bar", "torque", RIVAL, 1e-9, 2.0, str(tmp_path))
-    assert found["kernel_ladder"][-1]["ended"] == "half the step would take longer than 2 s"
-    assert [round(1 / row["step"]) for row in found["kernel_ladder"]] == [100, 200, 400, 800, 1600]
 
 
 def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,11 +276,13 @@ def test_a_target_that_is_just_reached_is_met() -> None:
     assert at_most({"x": 1.0}, "x", 1.0)["met"]
 
 
-def test_only_rounds_that_both_have_are_compared() -> None:
-    """A slow rival sat the later rounds out, in which the machine was slower."""
-    row = compared(np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0]))
+def test_only_rounds_that_both_have_are_compared_and_a_time_has_one_value() -> None:
+    """A slow one sat the later rounds out, in which the machine was slower."""
+    long, short = np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0])
+    row, turned = compared(long, short), compared(short, long)
     assert row["ratio"] == 5.0
-    assert row["seconds"] == 3.0  # the lower quartile of all own rounds: one time has one value, whoever it is compared with
+    assert row["seconds"] == turned["rival_seconds"] == 3.0  # the lower quartile of all rounds, whoever it is compared with
+    assert row["rival_seconds"] == turned["seconds"] == 5.0
 
 
 def test_mujocos_rigid_setting_spends_no_more_iterations_than_three() -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from gauss_bench.report.content import Table
+from gauss_bench.report.content import Picture, Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 
@@ -16,7 +16,15 @@ def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, 
         "unit": "m",
         "engine": engine,
     }
-    row |= {"settings": "lean", "integrator": "rk4", "stabilization": "none", "budget": 24.0, "most_steps": 1e5, "own": own}
+    row |= {
+        "settings": "lean",
+        "integrator": "rk4",
+        "stabilization": "none",
+        "budget": 24.0,
+        "most_steps": 1e5,
+        "own": own,
+        "ours": "native" in engine,
+    }
     row |= {"step": 1e-3, "error": accuracy / 2, "evaluations": 30.0, "passing": 2.0, "message": ""}
     if ratio is None:
         return row | {"status": "cannot reach", "message": "came to 1e-3 m", "seconds": float("nan")}
@@ -32,32 +40,64 @@ ROWS = (
     winner("four_bar", "gauss-native", 1.0, own=True),
     winner("four_bar", "mujoco", 40.0),
     winner("four_bar", "pinocchio", 20.0),
+    winner("four_bar", "lagrange-native", 1.3),
     winner("six_bar", "lagrange-native", 1.0, own=True),
     winner("six_bar", "mujoco", None),
     winner("six_bar", "pinocchio", 7.0),
 )
 
 
-def test_each_engine_is_told_by_its_least_and_largest_ratio() -> None:
+def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentence() -> None:
     (finding,) = search.findings(run(*ROWS))
-    assert finding.title == "Within 1e-06 m over the whole run"
-    assert "`mujoco` takes 40.0 (four_bar) times as long on 1 linkage, cannot reach it on six_bar" in finding.text
-    assert "`pinocchio` takes 7.00 (six_bar) to 20.0 (four_bar) times as long on 2 linkages" in finding.text
-    assert "24 evaluations" in finding.text
+    assert finding.title == "Within 1e-06 m of position over the whole run"
+    (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
+    assert "`mujoco` four_bar 40.0 (39.2..40.8) and six_bar cannot" in sentence
+    assert "`pinocchio` four_bar 20.0 (19.6..20.4) and six_bar 7.00 (6.86..7.14)" in sentence
+    assert all(x in sentence for x in ("24 evaluations", "100000 steps", "5..95 %"))
     assert finding.tone == ""
-    assert "gauss-native` takes" not in finding.text  # what is own is no rival
+    assert "`lagrange-native`" not in finding.text  # what is the suite's own is no rival
 
 
 def test_where_an_engine_wins_stands_first() -> None:
     (finding,) = search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), winner("shaper", "pinocchio", 0.5)))
-    assert finding.text.startswith("Faster than our own best: pinocchio on shaper.")
+    assert finding.text.startswith("**Slower than `pinocchio` on shaper 0.500 (0.490..0.510).**")
+    assert finding.tone == "warn"
+    level = winner("shaper", "pinocchio", 0.99)  # its spread goes up to 1.0098: nobody is faster
+    assert "Slower" not in next(search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), level))).text
+
+
+def test_where_we_cannot_stands_first_with_who_can() -> None:
+    lost = winner("jansen", "gauss-native", None)
+    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", None)))
+    assert finding.text.startswith("**Our own ways cannot reach it on jansen**. ")
+    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}))
+    assert finding.text.startswith("**Our own ways cannot reach it on jansen**, `pinocchio` can. ")
+    assert finding.tone == "warn"
+    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "lagrange-native", 1.0, own=True)))
+    assert "Our own" not in finding.text
+
+
+def test_an_aim_that_is_missed_stands_first() -> None:
+    aimed = [r | ({"target": 20.0, "met": r["ratio"] >= 20} if r["engine"] == "pinocchio" else {}) for r in ROWS]
+    (finding,) = search.findings(run(*aimed))
+    assert finding.text.startswith("**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. ")
     assert finding.tone == "warn"
 
 
-def test_where_we_cannot_stands_in_the_same_sentence() -> None:
-    (finding,) = search.findings(run(*ROWS, winner("jansen", "gauss-native", None), winner("jansen", "pinocchio", None)))
-    assert "Our own ways cannot reach it on jansen" in finding.text
-    assert finding.tone == "warn"
+def test_what_is_left_out_stands_beside_the_figures() -> None:
+    skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
+    cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
+    (finding,) = search.findings(Run({}, {"search_winners": (*ROWS, skipped), "results": cases}))
+    assert finding.text.endswith("Left out: `by_hand` on four_bar (no C compiler). Not searched: shaper.")
+
+
+def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
+    lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
+    crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV", "budget": float("nan")}
+    first, second = search.findings(run(*ROWS, lost, crashed))
+    assert (first.tone, "shaper: no answer within 600 s" in first.text) == ("bad", True)
+    assert "Left out: `exudyn` on six_bar (SIGSEGV)" in second.text
+    assert search.section(run(lost)) is None
 
 
 def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
@@ -67,5 +107,7 @@ def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
     section = search.section(run(*ROWS, *finer))
     assert section is not None
     (table,) = (block for block in section.blocks if isinstance(block, Table))
-    assert len(table.rows) == 12
+    assert len(table.rows) == 14
+    (drawn,) = (block for block in section.blocks if isinstance(block, Picture))
+    assert all(f">{x}<" in drawn.svg for x in ("four_bar", "six_bar", "cannot", "40.0", "7.00", "1.30"))
     assert search.section(run()) is None

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import apart, search
+from gauss_bench.bench.clock import Measured
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import ladder, race, requirements, space
@@ -58,16 +59,36 @@ def test_the_largest_step_that_is_exact_enough_is_found_within_a_fifth() -> None
     assert len(method.asked) == len(set(method.asked)) == len(trials)
 
 
-def test_sizes_are_finer_than_a_factor_of_two() -> None:
-    counts = np.array([round(1 / x) for x in equal_steps(1.0, 50, 100_000).sizes])
+@pytest.mark.parametrize("beats", measured.BEATS)
+def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -> None:
+    scale = equal_steps(1.0, beats, 100_000)
+    counts = np.array([round(1 / x) for x in scale.sizes])
     assert counts[0] == 10
-    assert counts[-1] <= 100_000
-    assert (counts[1:] / counts[:-1]).max() <= 2.0
-    assert (counts[1:] / counts[:-1])[counts[:-1] >= 250].max() <= 1.25
-    assert all(math.gcd(int(x), 50) >= 10 for x in counts)  # samples at every tenth of the run at least
-    scale = tolerances()
-    assert (scale.sizes[0], scale.sizes[-1]) == pytest.approx((1e-2, 1e-13))
-    assert np.diff(np.log10(scale.sizes)) == pytest.approx(np.full(len(scale.sizes) - 1, -0.5))
+    assert 84_000 < counts[-1] <= 100_000
+    assert (counts[1:] / counts[:-1]).max() <= 1.5
+    assert (counts[1:] / counts[:-1])[counts[:-1] >= 50].max() <= 1.34
+    met = np.gcd(counts, beats)  # samples that errors are taken at
+    assert met.min() >= 5
+    assert met[counts >= 50].min() >= 10
+    assert (met[counts >= 5 * beats] == beats).all()
+    walked = counts[list(scale.rungs)]
+    assert walked[0] == 10
+    assert walked[-1] == counts[-1]
+    assert (walked[1:] / walked[:-1]).max() < 2.5  # octaves, as near as beats allow
+    tolerated = tolerances()
+    assert (tolerated.sizes[0], tolerated.sizes[-1]) == pytest.approx((1e-2, 1e-13))
+    assert np.diff(np.log10(tolerated.sizes)) == pytest.approx(np.full(len(tolerated.sizes) - 1, -0.5))
+
+
+@pytest.mark.parametrize(("exact_from", "found"), [(11.0, 15), (33.0, 35), (41.0, 50), (52.0, 60), (90.0, 100), (700.0, 750)])
+def test_a_requirement_is_met_within_a_half_even_by_few_steps(exact_from: float, found: int) -> None:
+    """A method of order eight that meets 1e-6 from so many steps a second on, and not with fewer."""
+    trials, ended = explore(Method(1e-6 * exact_from**8, 8.0), equal_steps(1.0, 50, 10_000), [COARSE, FINE], 24)
+    best = coarsest(trials, FINE)
+    assert best is not None
+    assert best.steps == found
+    assert found < 1.5 * exact_from
+    assert ended == "every requirement is met"
 
 
 @pytest.mark.parametrize("budget", [1, 3, 7])
@@ -86,7 +107,7 @@ def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
     assert coarsest(trials, COARSE) is None
     trials, ended = explore(slow, scale, [FINE], 24, most=100_000)  # it would need a million steps
     assert ended == "errors fall too slowly for 100 000 steps"
-    assert trials[-1].steps == 1600  # three rungs from SETTLED steps on tell the order
+    assert trials[-1].steps == 1300  # three rungs from SETTLED steps on tell the order
     trials, ended = explore(lambda size: Trial(size, {}, 0, Status.SKIP, "not for this"), scale, [FINE], 24)
     assert (len(trials), ended) == (1, "not for this")
     trials, ended = explore(broken, Scale((2.0, 0.5, 0.25), (0, 1, 2)), [Requirement("position", 0.1)], 24)
@@ -209,6 +230,7 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
         own = winners["gauss-native", limit]
+        assert own["seconds"] == pytest.approx(own["steps"] * 1e-7)
         assert own["own"] is True
         assert own["ratio"] == 1.0
         assert row["ratio"] == pytest.approx(row["seconds"] / own["seconds"])
@@ -235,6 +257,30 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert "by exact" in row["message"]
     assert "no error fell" in row["message"]
     assert row["raced"] == row["passing"] == 0
+
+
+def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`exact` is of second order here: 1e-4 rad at 1 ms, so that 1e-7 rad would need 3200 steps and all errors fall to the last."""
+    monkeypatch.setitem(WAYS, "exact", (1e-4, 2.0, 2e-6))
+    variant = offer("mujoco").variants["exact"]
+    rows = ladder("four_bar", "torque", "mujoco", variant, PART, str(tmp_path))["search_ladder"]
+    assert 0.8 * PART.most_steps < rows[-1]["steps"] <= PART.most_steps
+    assert rows[-1]["ended"] == "the finest size was tried"
+
+
+def test_an_aim_is_held_against_rivals_that_get_there() -> None:
+    """Ours in 1 ms, rivals in 15 and 25 where 20 times as long is aimed at; one that cannot get there has missed no aim."""
+    part = PART.model_copy(update={"aims": {"near": 20.0, "far": 20.0, "never": 20.0}, "aimed": (1e-6,)})
+    times = {"gauss-native": 1e-3, "near": 15e-3, "far": 25e-3}
+    place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
+    rows = [place | {"engine": e, "status": "ok", "seconds": x} for e, x in times.items()]
+    rows.append(place | {"engine": "never", "status": "cannot reach"})
+    raced = Measured({measured.way_of(r): np.full(3, times[r["engine"]]) for r in rows[:3]}, {})
+    found = {r["engine"]: r for r in measured.with_ratios(rows, raced, part)}
+    assert {e: r.get("met") for e, r in found.items()} == {"gauss-native": None, "near": False, "far": True, "never": None}
+    assert [found[e]["ours"] for e in found] == [True, False, False, False]
+    coarser = [r | {"accuracy": 1e-3} for r in rows]
+    assert not any("target" in r for r in measured.with_ratios(coarser, raced, part))
 
 
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:

@@ -72,6 +72,28 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
 
 
+def _export(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--engine", required=True, metavar="KIND", help="mujoco (MJCF), pinocchio, exudyn, casadi (Python), or c")
+    verb.add_argument("--out", required=True, type=Path, metavar="FILE", help="to write")
+    verb.add_argument("--replace", action="store_true", help="write over FILE if it is there already")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--tuned", action="store_true", help="find the largest step that holds, and say what was measured")
+    verb.add_argument("--step", type=float, metavar="H", help="of the file's integration, in seconds (default 0.001)")
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds to look for a step with --tuned (default 60)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _import(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("model", metavar="FILE", help="MJCF (read by MuJoCo's compiler) or URDF, planar")
+    verb.add_argument("--out", required=True, type=Path, metavar="NAME.toml", help="the linkage file to write")
+    verb.add_argument("--replace", action="store_true", help="write over NAME.toml if it is there already")
+    verb.add_argument(
+        "--close", action="append", default=[], metavar="LINK.FRAME=LINK.FRAME", help="join two frames of a URDF; may be repeated"
+    )
+    verb.add_argument("--json", action="store_true")
+
+
 def _certify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="default: the first with a start")
@@ -142,6 +164,8 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
+    "export": ("write one linkage as a model, script or program that runs without this package", _export),
+    "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
     "verify": ("check certificates in double precision", _verify),
     "run": ("run a suite and write its tables; finished cases are not repeated", _run),

@@ -110,6 +110,100 @@ class Kinematics(Result):
     observed: dict[str, list[str]]
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """The step that was found for an exported file, and what was measured with it.
+
+    Attributes:
+        settings, integrator: of the engine.
+        step: [s]; until: how long was measured [s].
+        loops_open: largest gap of any joint [m, rad].
+        motion_error: largest error of any link's place or angle [m, rad], against the suite's own DOP853.
+        reference_change: of that reference, when its tolerance is a hundred times larger [m, rad].
+        loops_wanted, motion_wanted: what was aimed at; a step is taken that needs half of it.
+    """
+
+    settings: str
+    integrator: str
+    step: float
+    until: float
+    loops_open: float
+    motion_error: float
+    reference_change: float
+    loops_wanted: float
+    motion_wanted: float
+
+    @property
+    def met(self) -> bool:
+        """Whether half of what was aimed at is enough, for the reference too."""
+        known = self.reference_change <= self.motion_wanted / 10
+        return known and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """For the head of a file."""
+        how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
+        held = "held with half of it" if self.met else "NOT HELD by any step that was tried"
+        return (
+            f"Measured over {self.until:g} s with {how}:",
+            f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
+            "Errors are against the DOP853 of gauss-bench at relative tolerance 1e-12; at 1e-10 that changes by "
+            f"{self.reference_change:.1e}.",
+            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {held}.",
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {"met": self.met}
+
+
+@dataclass(frozen=True)
+class Export(Result):
+    """A linkage, written for another program.
+
+    Attributes:
+        engine: kind of the file; what: in words.
+        mechanism, scenario: that it holds.
+        file: that was written; bytes: its size.
+        step: that it is written with [s].
+        left_out: what of the linkage file it does not hold.
+        tuning: how the step was found, or None.
+    """
+
+    engine: str
+    mechanism: str
+    scenario: str
+    file: str
+    what: str
+    bytes: int
+    step: float
+    left_out: tuple[str, ...]
+    tuning: Tuning | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name; plain."""
+        return super().as_dict() | {"tuning": self.tuning and self.tuning.as_dict()}
+
+
+@dataclass(frozen=True)
+class Import(Result):
+    """A linkage file, made of a model of another program.
+
+    Attributes:
+        model: the file that was read; kind: "MJCF" or "URDF".
+        file: that was written; name: of the linkage.
+        links, dof: how many it has.
+        left_out: what of the model it does not hold, or has otherwise.
+    """
+
+    model: str
+    kind: str
+    file: str
+    name: str
+    links: int
+    dof: int
+    left_out: tuple[str, ...]
+
+
 def plain(item: Any) -> Any:
     """Arrays, numpy numbers and tuples as what JSON knows."""
     if hasattr(item, "tolist"):

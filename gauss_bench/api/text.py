@@ -131,6 +131,23 @@ def _input(singular: Mapping[str, Any]) -> str:
     return f"crank angle {singular['crank_deg']:.8f} deg"
 
 
+def format_export(result: dict[str, Any]) -> str:
+    step = f"step {result['step']:g} s"
+    lines = [f"{result['file']}: {result['mechanism']} / {result['scenario']} as {result['what']}, {step}, {result['bytes']} bytes"]
+    lines += [f"not in it: {x}" for x in result["left_out"]]
+    if tuning := result["tuning"]:
+        found = f"joints open by {tuning['loops_open']:.1e}, links off by {tuning['motion_error']:.1e} (m, rad)"
+        aim = f"{tuning['loops_wanted']:g} and {tuning['motion_wanted']:g}"
+        lines.append(f"measured over {tuning['until']:g} s: {found}; {'held' if tuning['met'] else 'NOT HELD'}: {aim}")
+    return "\n".join(lines)
+
+
+def format_import(result: dict[str, Any]) -> str:
+    counts = f"{result['links']} links, {result['dof']} degrees of freedom"
+    lines = [f"{result['file']}: {counts}, from {result['model']} ({result['kind']})"]
+    return "\n".join([*lines, *(f"not taken over: {x}" for x in result["left_out"])])
+
+
 def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) -> str:
     """How the cases of a run ended, and which of its targets were missed."""
     lines = []

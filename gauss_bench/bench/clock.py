@@ -106,7 +106,9 @@ def _starting(model: Model, times: Array, native: bool) -> Callable[[], None]:
     return lambda: model.prepare(times, native=native)
 
 
-def interleaved(blocks: list[Block], rounds: int, seed: int = 1) -> Iterator[tuple[Block, int, float]]:
+def interleaved(
+    blocks: list[Block], rounds: int, seed: int = 1, watch: Callable[[Hashable], object] = id
+) -> Iterator[tuple[Block, int, float]]:
     """Each block once a round, in a new random order every round: the block, the round, and seconds per repetition.
 
     A block that takes long, such as generating code, sits out the later rounds.
@@ -119,6 +121,7 @@ def interleaved(blocks: list[Block], rounds: int, seed: int = 1) -> Iterator[tup
             for item in order.sample(blocks, len(blocks)):
                 if id(item) in slow and number >= SLOW_ROUNDS:
                     continue
+                watch(item.entry)
                 seconds = item.seconds()
                 if seconds * item.count * item.again > SLOW:
                     slow.add(id(item))
@@ -166,14 +169,19 @@ def _words(key: Hashable) -> tuple[Any, ...]:
 
 
 class Race:
-    """Entries to be timed against each other; one that cannot be built drops out with its reason."""
+    """Entries to be timed against each other; one that cannot be built drops out with its reason.
 
-    def __init__(self) -> None:
+    Before anything is done for an entry, `watch` is told, so that others know whose fault a crash is.
+    """
+
+    def __init__(self, watch: Callable[[Hashable], object] = id) -> None:
+        self.watch = watch
         self.blocks: list[Block] = []
         self.failed: dict[Hashable, Missing] = {}
 
     def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
         """Enter the block that make(*arguments) returns, under the key."""
+        self.watch(key)
         try:
             block = make(*arguments)
         except RunFailure as failure:
@@ -186,7 +194,7 @@ class Race:
 
     def run(self, rounds: int) -> Measured:
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
-        for block, _, seconds in interleaved(self.blocks, rounds):
+        for block, _, seconds in interleaved(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
         return Measured({key: np.array(x) for key, x in samples.items()}, self.failed)
 
@@ -213,9 +221,12 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compared(own: Array, rival: Array) -> Row:
-    """The own time over all its rounds, and how many times longer the rival takes in the rounds that both have."""
+    """Both times, each over all its rounds, and how many times longer the rival takes in the rounds that both have.
+
+    A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.
+    """
     mine, theirs = common(own, rival)
-    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(theirs, 0.25))}
+    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
     return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(theirs, mine), strict=True))
 
 

@@ -100,7 +100,7 @@ def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
     """Every file of a run: the tables that it filled, their schema, and the environment."""
-    engines = dict.fromkeys(r["engine"] for table in ("results", "kernel_ladder") for r in tables.get(table, []) if r.get("engine"))
+    engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
     where = environment() | {
         "suite": name,
         "baseline_engine": BASELINE,

@@ -23,7 +23,10 @@ from gauss_bench.trajectory import Status
 
 UNITS = {"position": "m", "angle": "rad", "force": "N"}  # of errors, by what they are errors of
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)  # by a finer size
-SETTLED = 400  # steps of a run: below, errors of quickly turning links are as large as the motion and say nothing of the method
+COARSEST = 10  # steps of a run
+PER_OCTAVE = 4  # sizes: neighbours differ by a fifth where they need not meet beats, and by a half at most
+FIFTHS = 50  # steps of a run: fewer are multiples of five
+SETTLED = 300  # steps of a run: below, errors of quickly turning links are as large as the motion and say nothing of the method
 STALLED = 3  # rungs of a ladder without ...
 FALLS = 0.7  # ... any unmet error falling below so much of the least before: even order one at half the step falls to 0.5
 HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
@@ -76,15 +79,16 @@ class Scale:
 
 
 def equal_steps(until: float, beats: int, most: int) -> Scale:
-    """Steps [s] that divide a run of `beats` beats into 10, 20, ... equal parts, and every beat into 1, 2, 3 ...: `most` at most.
+    """Steps [s] that divide a run of `beats` beats, a multiple of ten, into COARSEST to `most` equal parts, PER_OCTAVE an octave.
 
-    From five parts of a beat on, neighbours differ by a fifth or less; the ladder halves the beat again and again, and ends with
-    the finest.
+    Each meets a fifth of the beats or more: below FIFTHS parts they are multiples of five, below five a beat of ten, and beyond
+    every beat is met. The ladder walks over the octaves, and ends with the finest.
     """
-    parts = {round(2 ** (octave + k / 4)) for octave in range(max(1, most // beats).bit_length()) for k in range(4)}
-    above = [x for x in range(10, beats, 10) if beats % 10 == 0]
-    counts = [*above, *sorted(beats * x for x in parts if beats * x <= max(most, beats))]
-    rungs = [k for k, x in enumerate(counts) if x in above[:2] or (x % beats == 0 and (x // beats) & (x // beats - 1) == 0)]
+    wanted = [COARSEST * 2 ** (k / PER_OCTAVE) for k in range(math.floor(PER_OCTAVE * math.log2(most / COARSEST)) + 1)]
+    units = [5 if x < FIFTHS else 10 if x < 5 * beats else beats for x in wanted]
+    near = [unit * round(x / unit) for x, unit in zip(wanted, units, strict=True)]
+    counts = sorted({x for x in near if x <= most})
+    rungs = {counts.index(x) for x in near[::PER_OCTAVE] if x <= most}
     return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
 
 

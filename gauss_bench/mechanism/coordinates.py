@@ -106,14 +106,12 @@ class _Pair:
 class AlongState(_Pair):
     """The way of b along an axis from a at a state; n is the axis, a unit vector that turns with a's link.
 
-    `entries` belong to x, y, theta of a's link, then of b's. Where the value is known to be another expression, as on a
-    constraint, it may be given: the bias is then written with it.
+    `entries` belong to x, y, theta of a's link, then of b's.
     """
 
-    def __init__(self, n: Vector, a: End, b: End, known: Real = None):
+    def __init__(self, n: Vector, a: End, b: End):
         super().__init__(n, a, b)
         self.gap = self.towards * (b.z + b.r - (a.z + a.r))
-        self.known = known
 
     @property
     def value(self) -> Real:
@@ -132,7 +130,7 @@ class AlongState(_Pair):
     def bias(self) -> Real:
         """In axes that turn with a: Coriolis' and the centrifugal term of b's centre, and what b's link turns relative to them."""
         omega, relative = self.a.omega, self.b.omega - self.a.omega
-        ahead = (self.value if self.known is None else self.known) - (self.b_arm - self.a_arm).real
+        ahead = self.value - (self.b_arm - self.a_arm).real
         return omega * (self.slip.imag * 2.0 - omega * ahead) - relative * relative * self.b_arm.real
 
 
@@ -292,12 +290,12 @@ def loss(x: State, law: Linear) -> Real:
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """A coordinate at a state of the linkage; `known` is what its value is known to be, if anything."""
+    """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at, a, b)
         case Along(origin, point, angle, across):
-            return AlongState(at.direction(origin.link, angle, across), at.end(origin), at.end(point), known)
+            return AlongState(at.direction(origin.link, angle, across), at.end(origin), at.end(point))
         case Distance(a, b):
             return DistanceState(at.end(a), at.end(b), at.arithmetic, known)
         case _:

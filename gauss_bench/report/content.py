@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from gauss_bench.report.rows import KEYS, Row, known, label, number, ok, own_steps
+from gauss_bench.report.rows import KEYS, Row, grouped, known, label, number, ok, own_steps
 
 NOTHING = "-"
 RANGE = "5..95 %"
@@ -265,6 +265,15 @@ def part(
     if shown is not None and len(shown) < len(rows):
         blocks.append(titled_table(f"{title}: all of it", head, first, rows, line, folded=True))
     return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
+
+
+def unmeasured(rows: Sequence[Row], column: str) -> str:
+    """A sentence about the linkages that a figure leaves out, each with its reason; nothing where it leaves out none."""
+    told = {str(r["mechanism"]) for r in rows if known(r.get(column))}
+    missing = [r for r in rows if r.get("mechanism") and str(r["mechanism"]) not in told]
+    reasons = grouped(missing, lambda r: str(r.get("message") or "no reason was told"))
+    said = [f"{listed(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
+    return f" Left out: {'; '.join(said)}." if said else ""
 
 
 def run_of_numbers(values: Sequence[float]) -> str:

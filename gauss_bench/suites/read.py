@@ -103,7 +103,7 @@ def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:
                 chosen = {x: s for x, s in linkages.items() if part.any_linkage or x in part.linkages}
                 if chosen:
                     kept.append(part.model_copy(update={"linkages": chosen if part.any_linkage else _own(part, chosen)}))
-            elif name in ("left_out", "steps", "claim", "right_hand_side", "bounds"):
+            elif name in ("left_out", "steps", "right_hand_side", "bounds"):
                 kept.append(part)
         content[name] = tuple(kept)
     return suite.model_copy(update=content)

@@ -74,6 +74,7 @@ class Cost(OnLinkages):
         step: [s] of the steps that are timed.
         rounds: of the race.
         batch: engines whose steps of many trajectories at once are timed too.
+        cold: engines whose first build in a new process is timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
     """
@@ -84,6 +85,7 @@ class Cost(OnLinkages):
     step: Positive
     rounds: Count
     batch: tuple[str, ...] = ()
+    cold: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
     processor: bool = False
 
@@ -105,11 +107,20 @@ class Steps(Section):
     targets: Mapping[str, Mapping[str, Positive]] = {}
 
 
-class Claim(Section):
-    """Few unknowns against many, taken from the races: compiled, in a batch, and in numpy (few, many)."""
+class Claim(OnLinkages):
+    """Few unknowns against many.
+
+    Attributes:
+        compiled: engines, few and many: a step, one with projection, and one of many trajectories.
+        step: [s].
+        rounds: of a race.
+        processes: each with a race of its own on every linkage.
+    """
 
     compiled: tuple[str, str]
-    numpy: tuple[str, str]
+    step: Positive
+    rounds: Count
+    processes: Count
 
 
 class RightHandSide(Section):
@@ -149,26 +160,6 @@ class Method(Section):
     stabilization: str = "none"
 
 
-class EqualAccuracy(OnLinkages):
-    """Time to solution: ladders of halved steps, then a race at the largest steps that reach an accuracy.
-
-    Attributes:
-        own: the engine to whose fastest way ratios are taken.
-        methods: that race.
-        accuracies: of the measured coordinate after one second, in its unit [rad or m].
-        cap: [s] that a run may take; the next halving would take twice as long.
-        rounds: of the race.
-        lead: [s] of a run that is timed; longer ones are cut and scaled.
-    """
-
-    own: str
-    methods: tuple[Method, ...]
-    accuracies: tuple[Positive, ...]
-    cap: Positive
-    rounds: Count
-    lead: Positive
-
-
 class Search(OnLinkages):
     """The cheapest way of every engine to be as exact as required over the whole run, searched for among its variants.
 
@@ -181,6 +172,8 @@ class Search(OnLinkages):
         most_steps: of a run: smaller steps are not tried.
         rounds: of the race of what passed.
         lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
+        aims: engine -> how many times as long as our own cheapest way its searched best should take, at least ...
+        aimed: ... at these requirements of position [m].
     """
 
     engines: tuple[str, ...] = ()
@@ -193,6 +186,8 @@ class Search(OnLinkages):
     most_steps: Count
     rounds: Count
     lead: Positive
+    aims: Mapping[str, Positive] = {}
+    aimed: tuple[Positive, ...] = ()
 
 
 class Batch(OnLinkages):
@@ -290,7 +285,6 @@ class Suite(Section):
     right_hand_side: tuple[RightHandSide, ...] = ()
     bounds: tuple[Bounds, ...] = ()
     agreement: tuple[Agreement, ...] = ()
-    equal_accuracy: tuple[EqualAccuracy, ...] = ()
     search: tuple[Search, ...] = ()
     batch: tuple[Batch, ...] = ()
     growth: tuple[Growth, ...] = ()

@@ -1,23 +1,30 @@
 """Costs: everything that is timed on a linkage, in one interleaved race of one process, and its columns in the results.
 
-Each engine at its variants is asked for a model ("build"), an acceleration from Python ("acceleration"), a step called from Python
-("step") and one in its own loop ("native_step"). Where an engine has them, its bare library call and what calling costs ("bare
-call", "empty call") and steps of many trajectories at once ("batch step") race along, and so may the processor's own latency and
-rate. Every other table of times on these linkages is worked out from the same samples, so that a quantity has one value.
+Each engine at its variants is asked for a model and its first step ("build"), an acceleration from Python ("acceleration"), a step
+called from Python ("step") and one in its own loop ("native_step"). Where engines have them, the bare library call and what calling
+costs ("bare call", "empty call") and steps of many trajectories at once ("batch step") race along, and so may the processor's own
+latency and rate. The first model that an engine builds in a new process, with no generated code stored ("cold build"), has that
+process to itself. Every other table of times on these linkages is worked out from the same samples, so that a quantity has one
+value.
 """
 
-from collections.abc import Callable, Hashable, Iterator
+import os
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache, partial
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common, lasting, ratio, stepping
+from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.survived import Watch, survived, watching
+from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
+from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.mechanism.load import load
@@ -27,9 +34,11 @@ from gauss_bench.trajectory import RunFailure, Status
 
 BASELINE = "gauss"  # costs are ratios to this engine: the formulation the suite is about, and the one its authors wrote
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
+COLD = "cold build"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 TRAJECTORIES = 128  # in a batch: enough that a call from Python does not count
 BATCH_STEPS = 1000  # of each of them
+RACES = 3  # of a linkage at most: who brings two of them down is a bug to be found, not a result
 
 Make = Callable[[], Block]
 
@@ -43,15 +52,66 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             name = load(linkage, scenario or None).name
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
-            tasks.append(context.task("untimed", race, (linkage, scenario, chosen), linkage, scenario))
+            task = context.task("untimed", raced, (linkage, scenario, chosen), linkage, scenario)
+            tasks.append(task._replace(limit=RACES * LIMIT))
+            for engine in (x for x in part.cold if x in fit):
+                asked = (linkage, scenario, engine, part.step)
+                tasks.append(context.task("untimed", first_build, asked, linkage, scenario, engine=engine, quantity=COLD))
     return tasks
 
 
-def race(linkage: str, scenario: str, part: Cost) -> Tables:
+def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
+    """Seconds until an engine's first model has taken its first step, in a process of its own; or why there are none."""
+    told, mechanism = offer(engine), load(linkage, scenario or None)
+    key = Key(COLD, engine, next(iter(told.settings)), told.integrators[0])
+    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | key._asdict()
+    try:
+        with Worker() as worker:
+            found = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
+    except WorkerFailure as failure:
+        found = {"status": str(failure.status), "message": str(failure)}
+    if "status" in found:
+        return {"untimed": [start | found]}
+    return {"samples": [start | {"step": step, "round": 0} | found]}
+
+
+def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:
+    """Processor time of a build, with no generated code stored: that of this process and of compilers that it runs.
+
+    The engine's library is imported before. Call it in a new process.
+    """
+    asked, mechanism = get(engine), load(linkage, scenario or None)
+    asked.version()
+    with TemporaryDirectory() as empty:
+        os.environ["XDG_CACHE_HOME"] = empty
+        compilers = sum(os.times()[2:4])
+        try:
+            seconds = processor_time(lambda: _first_step(asked, mechanism, choice))
+        except RunFailure as failure:
+            return {"status": str(failure.status), "message": str(failure)}
+    return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
+
+
+def raced(linkage: str, scenario: str, part: Cost) -> Tables:
+    """What `race` tells; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
+    tables, lost = survived(_race_of, (linkage, scenario, part), part.engines)
+    mechanism = load(linkage, scenario or None)
+    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    for engine, failure in lost.items():
+        told = {"status": str(failure.status), "message": str(failure)}
+        tables["untimed"] += [start | key._asdict() | told for key, _ in entries(mechanism, part) if key.engine == engine]
+    return tables
+
+
+def _race_of(linkage: str, scenario: str, part: Cost, engines: Sequence[str], path: str) -> Tables:
+    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), watching(path))
+
+
+def race(linkage: str, scenario: str, part: Cost, watch: Watch = id) -> Tables:
     """Seconds per repetition of every entry in every round, and what could not be timed. Call it in a process of its own."""
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    entered = Race()
+    entered = Race(watch)
     for key, make in entries(mechanism, part):
         entered.add(key, make)
     for key, make in processor() if part.processor else ():
@@ -102,7 +162,14 @@ def _model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
 
 
 def _building(engine: Engine, mechanism: Mechanism, choice: Choice) -> Block:
-    return lasting(None, lambda: _model(engine, mechanism, choice))
+    return lasting(None, lambda: _first_step(engine, mechanism, choice))
+
+
+def _first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
+    """What is generated or compiled when it is first needed is there after a step."""
+    model = _model(engine, mechanism, choice)
+    model.prepare(np.array([0.0, choice.step]))
+    model.run()
 
 
 def _accelerating(model: Callable[[], Any], mechanism: Mechanism) -> Block:
@@ -163,15 +230,15 @@ def _columns(
     """The cost columns of a variant."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     found: dict[str, float] = {}
-    for quantity in (BUILD, ACCELERATION, STEP, NATIVE):
+    for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         keys = [k for k in samples if isinstance(k, Key) and k[:3] == (quantity, engine, settings)]
-        own = keys if quantity in (BUILD, ACCELERATION) else [k for k in keys if k[3:] == rest]
+        own = keys if quantity in (BUILD, COLD, ACCELERATION) else [k for k in keys if k[3:] == rest]
         if not own:
             continue
         seconds = samples[own[0]]
-        found[f"{quantity}_time"] = float(np.quantile(seconds, 0.25))
+        found[f"{quantity.replace(' ', '_')}_time"] = float(np.quantile(seconds, 0.25))
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
-        if baseline is not None and quantity != BUILD:
+        if baseline is not None and quantity not in (BUILD, COLD):
             names = (f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high"))
             found |= dict(zip(names, ratio(*common(seconds, baseline)), strict=True))
     return found

@@ -2,9 +2,9 @@
 
 Every variant is run on its own, in a worker, at sizes from coarse to fine; errors are those of positions, angles and joint forces
 at every beat of the whole run, a fiftieth of it (or as near to that as the truth has samples), or where steps are longer at those
-beats that they meet: at a tenth of the run or oftener. Nothing is timed there. Then all that passed race in one process: first a
-step of each variant, which with the number of steps tells who is near the cheapest, then whole runs (or their first part, where
-steps are equal and a run takes longer than the lead).
+beats that they meet: at a fifth of the run or oftener, from 50 steps on at a tenth. Nothing is timed there. Then all that passed
+race in one process: first a step of each variant, which with the number of steps tells who is near the cheapest, then whole runs
+(or their first part, where steps are equal and a run takes longer than the lead).
 """
 
 import hashlib
@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, common, ratio, row, spread, stepping
+from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, at_least, common, ratio, row, spread, stepping
 from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.survived import Watch, survived, watching
+from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
@@ -39,6 +40,7 @@ from gauss_bench.trajectory import Reference, Status
 BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
 ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 CANNOT = "cannot reach"
+RACES = 3  # of a linkage at most
 
 
 class Way(NamedTuple):
@@ -109,7 +111,8 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             rows = [r for r in tables.get("search_ladder", []) if (r["mechanism"], r["scenario"]) == place]
             seen = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
             only = part.model_copy(update={"linkages": {linkage: scenario}})
-            tasks.append(context.task("search_winners", race, (linkage, scenario, only, rows), linkage, scenario, seen))
+            task = context.task("search_winners", raced, (linkage, scenario, only, rows), linkage, scenario, seen)
+            tasks.append(task._replace(limit=RACES * LIMIT))
     return tasks
 
 
@@ -216,14 +219,29 @@ def trial_of(r: Row) -> Trial:
 # The race: what is cheapest
 
 
-def race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
+def raced(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
+    """What `race` tells; an engine that crashes or hangs in it is left out, and has that reason in the place of a winner."""
+    tables, lost = survived(_race_of, (linkage, scenario, part, rows), [x.name for x in searched(part)])
+    mechanism = load(linkage, scenario or None)
+    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    for w in requirements(part):
+        wanted = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
+        tables["search_winners"] += [wanted | {"engine": x, "status": str(y.status), "message": str(y)} for x, y in lost.items()]
+    return tables
+
+
+def _race_of(linkage: str, scenario: str, part: Search, rows: Rows, engines: Sequence[str], path: str) -> Tables:
+    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), rows, watching(path))
+
+
+def race(linkage: str, scenario: str, part: Search, rows: Rows, watch: Watch = id) -> Tables:
     """Winners of every engine for every requirement; `rows` are the ladders of the linkage. Call it in a process of its own."""
     run, found = over(linkage, scenario, part), Ladders(rows)
     wanted, engines = requirements(part), [x.name for x in searched(part)]
     passing = {(w, e): found.passing(e, w) for w in wanted for e in engines}
-    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found)
+    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found, watch)
     best = {key: finalists({w: costs[w] for w in ways if w in costs}) for key, ways in passing.items()}
-    final = Race()
+    final = Race(watch)
     raced = dict.fromkeys(way for ways in best.values() for way in ways)
     for way in raced:
         final.add(way, whole_run, run, way, found.steps[way], costs[way], part.lead)
@@ -276,13 +294,13 @@ def built(run: Run, way: Way) -> Model:
     return get(way.engine).build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
 
 
-def steps_timed(run: Run, ways: Sequence[Way], found: Ladders) -> dict[Way, float]:
+def steps_timed(run: Run, ways: Sequence[Way], found: Ladders, watch: Watch = id) -> dict[Way, float]:
     """Estimated seconds of whole runs: of a step of each variant at its finest way, times the steps of each of its ways.
 
     What cannot be timed is left out.
     """
     finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
-    rough = Race()
+    rough = Race(watch)
     for variant, way in finest.items():
         rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, found.steps[way])
     seconds = {variant: float(np.quantile(x, 0.25)) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
@@ -383,7 +401,11 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
         if own is not None and r["status"] == Status.OK:
             values = ratio(*common(measured.of(way_of(r)), measured.of(way_of(own))))
             ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), values, strict=True))
-        told.append(r | ratios | {"own": r is own})
+        aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
+        told.append(
+            at_least(r | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)
+            | {"own": r is own, "ours": r["engine"] in part.own}
+        )
     return told
 
 

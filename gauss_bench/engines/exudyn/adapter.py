@@ -79,9 +79,8 @@ class Exudyn:
         return ExudynModel(mechanism, choice)
 
 
-def simulation_settings(mechanism: Mechanism, choice: Choice) -> Any:
-    """Exudyn's settings for a choice; times and numbers of steps are filled in by the run."""
-    exu, _ = library()
+def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
+    """The settings of the module `exu` for a choice; times and numbers of steps are filled in by the run."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
@@ -149,7 +148,7 @@ class ExudynModel:
             self.system = System(self.exu, items, mechanism)
             self.readout = Readout(self.system)
             verify(self.system, self.readout, self.evaluator)
-            self.simulation = simulation_settings(mechanism, choice)
+            self.simulation = simulation_settings(self.exu, mechanism, choice)
             self.built_in = BuiltIn(self.system, self.simulation)
         except self.exu.ExudynError as error:
             raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {sentence(error)}") from error

@@ -35,6 +35,7 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     loads,
 )
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.tree import ends
 from gauss_bench.terms import Array
 
@@ -123,13 +124,17 @@ class System:
         self.mbs.AddObject(slide)
 
     def _driver(self, driver: AngleDriver) -> None:
-        law, start = driver.law, float(value(driver.coordinate, self.mechanism.q0))
+        start = float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
             markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
-            offsetUserFunction=lambda mbs, t, item, offset: float(law(t)[0]) - start,
-            offsetUserFunction_t=lambda mbs, t, item, offset: float(law(t)[1]),
+            offsetUserFunction=self._offset(driver.law, 0, start),
+            offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
         )
         self.mbs.AddObject(drive)
+
+    def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+        """A user function of time: a law's value (rate 0) or rate (1), from `start`."""
+        return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _load(self, load: Load) -> None:
         match load:

@@ -126,7 +126,7 @@ class MujocoModel:
             self.model: Any = draft.spec.compile()
         except ValueError as error:
             raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
-        self.torque = draft.torque
+        self.torque, self.bodies = draft.torque, [draft.bodies[i].id for i in range(len(mechanism.links))]
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
@@ -287,7 +287,7 @@ def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) ->
     mass, own_mass = np.zeros((n, n)), (speeds * evaluator.mass) @ speeds.T
     built.mujoco.mj_fullM(built.still, data, mass)
     gaps = np.array([position(q, a) - position(q, b) for a, b in closing_pins(tree)]).reshape(-1, 2)
-    centres = np.array([data.body(f"link{i}").xipos[:2] for i in range(tree.links)])
+    centres = np.array(data.xipos[built.bodies])[:, :2]
     extent, load = float(np.abs(q).max()), float(np.abs(Q).max() + np.abs(inertial).max())
     return {
         "positions of links": (centres, q.reshape(-1, 3)[:, :2], extent),

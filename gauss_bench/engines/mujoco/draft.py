@@ -1,9 +1,11 @@
 """A linkage as a MuJoCo model under construction: bodies, joints, closures and forces.
 
 Every link is a body whose frame is that of its centre of mass; its coordinate is the tree coordinate y, with the start of the
-mechanism as MuJoCo's reference pose, so that the loops are closed where the compiler measures body_invweight0.
+mechanism as MuJoCo's reference pose, so that the loops are closed where the compiler measures body_invweight0. Names are those of
+the linkage.
 """
 
+from itertools import count
 from typing import Any, assert_never
 
 import numpy as np
@@ -32,7 +34,8 @@ class Draft:
         self.torque = np.zeros(tree.n)
         self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
         self.joints: dict[int, Any] = {}
-        self.sites = 0
+        self.names: set[tuple[str, str]] = {("body", "world")}
+        self.sites: dict[tuple[Any, ...], str] = {}
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._link(b, mechanism.links[b.link], y)
@@ -44,29 +47,37 @@ class Draft:
     def _link(self, b: Branch, link: Link, y: Array) -> None:
         """A body without geometry, placed at the tree coordinates y (n,), with its joints."""
         origin, angle = rest_pose(b, y)
-        body = self.bodies[b.parent].add_body(
-            name=f"link{b.link}", pos=spatial(origin), quat=[np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
-        )
+        quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+        body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
         body.explicitinertial = True
         body.mass, body.ipos, body.inertia = link.mass, [0.0] * 3, [link.inertia] * 3  # only the last moment of inertia acts
         self.bodies[b.link] = body
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
-        def joint(at: int, kind: Any, axis: list[float], anchor: Array) -> None:
-            self.joints[at] = body.add_joint(name=f"y{at}", type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
+        def joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
+            self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
         free: list[Array] = list(np.eye(2)) if b.kind == "free" else []
         slides = [b.axis] if b.kind == "prismatic" else free
-        for i, axis in enumerate(slides):
-            joint(b.at + i, slide, spatial(rotated(axis, np.array(-angle))), np.zeros(2))  # axes are given in the child's frame
+        names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
+        for i, axis in enumerate(slides):  # axes are given in the child's frame
+            joint(b.at + i, names[i], slide, spatial(rotated(axis, np.array(-angle))), np.zeros(2))
         if b.kind != "prismatic":
-            joint(b.at + len(slides), hinge, [0.0, 0.0, 1.0], b.anchor)
+            joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
+
+    def _name(self, kind: str, wanted: str) -> str:
+        """A name that nothing else of that kind has."""
+        name = next(x for k in count(1) if (kind, x := f"{wanted} {k}" if k > 1 else wanted) not in self.names)
+        self.names.add((kind, name))
+        return name
 
     def _site(self, point: Point) -> str:
-        name = f"site{self.sites}"
-        self.sites += 1
-        self.bodies[point.link].add_site(name=name, pos=spatial(point.local))
-        return name
+        """The name of the site in a point's place."""
+        key = point.link, point.name, tuple(point.local)
+        if key not in self.sites:
+            self.sites[key] = self._name("site", point.name)
+            self.bodies[point.link].add_site(name=self.sites[key], pos=spatial(point.local))
+        return self.sites[key]
 
     def _closure(self, a: Point, b: Point) -> None:
         connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
@@ -92,13 +103,20 @@ class Draft:
 
     def _spatial_tendon(self, f: Tendon) -> None:
         """A spring on a distance; what is constant in its law is an actuator without control."""
-        tendon = self.spec.add_tendon(name=f"tendon{len(self.spec.tendons)}")
+        tendon = self.spec.add_tendon(name=self._name("tendon", f"{f.a.name} to {f.b.name}"))
         tendon.wrap_site(self._site(f.a))
         tendon.wrap_site(self._site(f.b))
         set_spring(tendon, f.law.k, f.law.c)
         tendon.springlength = [f.law.rest] * 2
         if f.law.bias:
             self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+
+    def hold_torque(self) -> None:
+        """Have the model itself hold what MuJoCo keeps outside it, for those who have the model alone."""
+        for at in np.flatnonzero(self.torque):
+            name = self.joints[int(at)].name
+            target = {"trntype": self.mujoco.mjtTrn.mjTRN_JOINT, "target": name}
+            self._actuator((float(self.torque[at]), 0.0, 0.0), name=self._name("actuator", f"torque on {name}"), **target)
 
     def _actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
         """A force bias . [1, L, dL/dt] on the length L of a transmission."""
@@ -120,7 +138,7 @@ class Draft:
         sign = -1.0 if rest < 0 else 1.0
         tendon = self.spec.add_tendon()
         for at in np.flatnonzero(f.row):
-            tendon.wrap_joint(f"y{at}", sign * f.row[at])
+            tendon.wrap_joint(self.joints[int(at)].name, sign * f.row[at])
         set_spring(tendon, f.k, f.c)
         tendon.springlength = [sign * rest] * 2
 

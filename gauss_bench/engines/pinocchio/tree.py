@@ -45,25 +45,28 @@ class Multibody:
 
     def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
         pin, link = self.pin, mechanism.links[b.link]
+        name = b.joint.name if b.joint else ""
         parent, centre = self.carriers[b.parent]
         match b.kind:
             case "revolute":
-                joint = self._joint(parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
+                joint = self._joint(name, parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
                 own = self.planar(-b.anchor)
             case "prismatic":
                 direction = float(np.arctan2(b.axis[1], b.axis[0]))
-                joint = self._joint(parent, pin.JointModelPX(), centre * self.planar(b.parent_anchor + b.base, direction))
+                placement = centre * self.planar(b.parent_anchor + b.base, direction)
+                joint = self._joint(name, parent, pin.JointModelPX(), placement)
                 own = self.planar(np.zeros(2), b.turn - direction) * self.planar(-b.anchor)
             case _:
                 joint, own = 0, pin.SE3.Identity()
-                for kind in (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()):
-                    joint = self._joint(joint, kind, pin.SE3.Identity())
+                for axis, kind in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("theta", pin.JointModelRZ())):
+                    joint = self._joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
         lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])  # only the last acts in the plane
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
-    def _joint(self, parent: int, kind: Any, placement: Any) -> int:
-        return int(self.model.addJoint(parent, kind, placement, f"joint{self.model.njoints}"))
+    def _joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
+        joint: int = self.model.addJoint(parent, kind, placement, name)
+        return joint
 
     def planar(self, origin: Array, angle: float = 0.0) -> Any:
         """SE3 of a planar displacement (2,) and rotation [rad]; without a rotation, free of rounding."""

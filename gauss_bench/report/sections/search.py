@@ -5,15 +5,20 @@ Every figure is the searched best of its engine; what was searched, with which b
 
 from collections.abc import Iterator, Sequence
 
+from matplotlib.axes import Axes
+
 from gauss_bench.report.content import (
+    RANGE,
     Block,
     Cell,
     Finding,
+    Picture,
     Section,
     Text,
     count,
     counts,
     error_cell,
+    goal,
     listed,
     ratio_cells,
     remark,
@@ -24,6 +29,8 @@ from gauss_bench.report.content import (
     times,
     titled_table,
 )
+from gauss_bench.report.palette import INK, engine_colours
+from gauss_bench.report.plotting import legend, logarithmic, panels, svg, titled
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
 PLACE = 15
@@ -37,18 +44,26 @@ SEARCH = (
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *("step [s] or tolerance", "error", "time", "ratio", "spread", "tried", "passing", "remark"),
+    *("step [s] or tolerance", "steps", "error", "time", "ratio", "spread", "target", "met", "tried", "passing", "remark"),
 )
+CAPTION = (
+    "Each engine's searched best with its multiple of our own; cannot: no variant reached it within the budget. Bars are the range "
+    "from the 5 to the 95 percent point of the rounds."
+)
+OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
+LANES = 0.85  # of a linkage's height is for its engines
 SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
 KNOBS = ("engine", "knob", "meaning", "source")
 
 
 def section(run: Run) -> Section | None:
     """Winners, then the space and its knobs."""
-    rows = run.table("search_winners")
+    rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
+    if drawn := figure_of([r for r in rows if r["required"] == "position"]):
+        blocks.append(Picture("search_winners", drawn, "Time of the searched best of every engine", CAPTION))
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
         blocks.append(
             titled_table(f"Searched best, by error of {kind}", HEAD, 6, in_order(group), winner, folded=kind != "position")
@@ -83,9 +98,11 @@ def winner(row: Row) -> tuple[Cell, ...]:
         text_cell(f"{row['engine']}{' (own)' if row.get('own') else ''}", "engine"),
         *texts(row, "settings", "integrator", "stabilization"),
         Cell("-") if size is None else Cell(f"{size:.3g}", size),
+        *counts(row, "steps"),
         error_cell(row, "error"),
         time_of(row),
         *ratio_cells(row, "ratio"),
+        *goal(row),
         *counts(row, "evaluations", "passing"),
         remark(row),
     )
@@ -100,35 +117,113 @@ def knob(row: Row) -> tuple[Cell, ...]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """At each accuracy of positions: how the other engines' best compares with the suite's own best, where they win or cannot."""
-    rows = [r for r in run.table("search_winners") if r["required"] == "position"]
-    for accuracy, group in sorted(grouped(rows, lambda r: number(r, "accuracy")).items(), reverse=True):
-        owned = {str(r["mechanism"]): str(r["engine"]) for r in group if r.get("own")}
-        if not owned:
+    """At each requirement: how much faster than each rival's searched best our own is, where it is not, and within which limits."""
+    lines = run.table("search_winners")
+    if lost_races := [r for r in lines if not r["required"]]:
+        said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
+        yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
+    for (kind, accuracy), group in grouped((r for r in lines if r["required"]), _requirement).items():
+        lost = [*slower(group), *out_of_reach(group), *short(group)]
+        rivals = grouped((r for r in group if not r.get("ours") and r["status"] in (OK, CANNOT)), lambda r: str(r["engine"]))
+        said = "; ".join(f"`{engine}` {listed(map(_multiple, rows))}" for engine, rows in rivals.items())
+        if not said:
             continue
-        everywhere = {str(r["mechanism"]) for r in group}
-        rivals = [r for r in group if str(r["engine"]) not in set(owned.values())]
-        parts = [told(name, lines) for name, lines in grouped(rivals, lambda r: str(r["engine"])).items()]
-        faster = sorted({f"{r['engine']} on {r['mechanism']}" for r in rivals if number(r, "ratio_high") < 1})
-        lost = sorted(everywhere - owned.keys())
-        first = f"Faster than our own best: {listed(faster)}. " if faster else ""
-        missing = f" Our own ways cannot reach it on {listed(lost)}." if lost else ""
-        text = f"{first}Each engine's searched best against the suite's own: {'; '.join(parts)}.{missing} {scope(group)}"
-        title = f"Within {small(accuracy)} m over the whole run"
-        yield Finding(title, text, "warn" if faster or lost else "")
+        budget, most = (int(max(number(r, x) for r in group if known(r.get(x)))) for x in ("budget", "most_steps"))
+        text = (
+            f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
+            f"with {count(budget, 'evaluation')} of each variant and {most} steps of a run at most ({CANNOT_WORD}: not within "
+            f"these), and in brackets the {RANGE} range of resampled rounds.{''.join(not_told(run, group))}"
+        )
+        title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
+        yield Finding(title, text, "warn" if lost else "")
 
 
-def told(engine: str, rows: Sequence[Row]) -> str:
-    """An engine's least and largest ratio, and where it has none."""
-    reached = sorted((r for r in rows if known(r.get("ratio"))), key=lambda r: number(r, "ratio"))
-    cannot = sorted(str(r["mechanism"]) for r in rows if r["status"] == "cannot reach")
-    skipped = sorted(str(r["mechanism"]) for r in rows if r["status"] not in ("ok", "cannot reach"))
-    parts = []
-    if reached:
-        ends = dict.fromkeys(f"{times(number(r, 'ratio'))} ({r['mechanism']})" for r in (reached[0], reached[-1]))
-        parts.append(f"takes {' to '.join(ends)} times as long on {count(len(reached), 'linkage')}")
-    if cannot:
-        parts.append(f"cannot reach it on {listed(cannot)}")
-    if skipped:
-        parts.append(f"does not run on {listed(skipped)}")
-    return f"`{engine}` {', '.join(parts)}"
+def _requirement(row: Row) -> tuple[str, float]:
+    return str(row["required"]), number(row, "accuracy")
+
+
+def _multiple(row: Row) -> str:
+    """A rival's time over our own on a linkage, with its spread."""
+    if row["status"] == CANNOT:
+        return f"{row['mechanism']} {CANNOT_WORD}"
+    x, low, high = (times(number(row, f"ratio{end}")) for end in ("", "_low", "_high"))
+    return f"{row['mechanism']} {x} ({low}..{high})" if known(row.get("ratio")) else f"{row['mechanism']} (ours {CANNOT_WORD})"
+
+
+def slower(group: Sequence[Row]) -> Iterator[str]:
+    """Who is faster than our own best."""
+    faster = [f"`{r['engine']}` on {_multiple(r)}" for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    if faster:
+        yield f"**Slower than {listed(faster)}.** "
+
+
+def out_of_reach(group: Sequence[Row]) -> Iterator[str]:
+    """Where none of our own ways reaches it, and who does there."""
+    reached = {str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == OK}
+    for place in sorted({str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == CANNOT} - reached):
+        others = listed(f"`{r['engine']}`" for r in group if r["mechanism"] == place and r["status"] == OK)
+        yield f"**Our own ways cannot reach it on {place}**{f', {others} can' if others else ''}. "
+
+
+def short(group: Sequence[Row]) -> Iterator[str]:
+    """Who is nearer than what was aimed at."""
+    missed = [r for r in group if known(r.get("target")) and not r["met"]]
+    near = [f"`{r['engine']}` on {_multiple(r)} of {times(number(r, 'target'))}" for r in missed]
+    if near:
+        yield f"**Short of the aim**: {listed(near)}. "
+
+
+def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
+    """What the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
+    for message, rows in grouped((r for r in group if r["status"] not in (OK, CANNOT)), lambda r: str(r["message"])).items():
+        engines = listed(dict.fromkeys(f"`{r['engine']}`" for r in rows))
+        yield f" Left out: {engines} on {listed(sorted({str(r['mechanism']) for r in rows}))} ({message})."
+    if rest := sorted(set(run.linkages) - {str(r["mechanism"]) for r in group}):
+        yield f" Not searched: {listed(rest)}."
+
+
+# The figure
+
+
+def figure_of(rows: Sequence[Row]) -> str:
+    """SVG text: the time each engine's winner takes, a panel for each requirement of positions; empty without rows."""
+    drawn = [row for row in rows if row["status"] == OK and known(row.get("seconds"))]
+    if not drawn:
+        return ""
+    targets = sorted({number(row, "accuracy") for row in rows}, reverse=True)
+    linkages = sorted({str(row["mechanism"]) for row in rows}, reverse=True)
+    engines = sorted({str(row["engine"]) for row in rows}, key=lambda x: (not x.endswith("-native"), x))
+    colours = engine_colours(engines)
+    figure, (grid,) = panels(len(targets), width=4.1, height=0.24 * len(engines) * len(linkages) + 0.5)
+    seconds = [number(row, "seconds") for row in drawn]
+    for target, axes in zip(targets, grid, strict=True):
+        for place, linkage in enumerate(linkages):
+            for lane, engine in enumerate(engines):
+                y = place + LANES * ((len(engines) - 1) / 2 - lane) / len(engines)
+                here = [r for r in rows if (r["mechanism"], r["engine"], number(r, "accuracy")) == (linkage, engine, target)]
+                if here:
+                    _reached(axes, y, here[0], colours[engine], max(seconds))
+        logarithmic(axes, "x")
+        axes.set_xlim(min(seconds) / 2, max(seconds) * 12)
+        titled(axes, f"within {target:.0e} m")
+        axes.set_xlabel("time of the run [s], and its multiple")
+        axes.grid(False, axis="y")
+    grid[0].set_yticks(range(len(linkages)), linkages)
+    grid[0].set_ylim(-0.55, len(linkages) - 0.45)
+    figure.subplots_adjust(left=1.1 / figure.get_size_inches()[0])
+    marks = [(name, {"color": colours[name], "marker": "o", "linestyle": ""}) for name in engines]
+    legend(figure, [("engine, its searched best", marks)])
+    return svg(figure)
+
+
+def _reached(axes: Axes, y: float, row: Row, colour: str, longest: float) -> None:
+    """A mark with the multiple of our own best at height y, or the word that there is none; nothing of what does not run."""
+    if row["status"] == CANNOT:
+        axes.text(longest * 11, y, CANNOT_WORD, color=colour, va="center", ha="right", fontsize=8)
+    if row["status"] != OK:
+        return
+    x, low, high = (number(row, f"seconds{end}") for end in ("", "_low", "_high"))
+    if known(low) and known(high):
+        axes.plot([low, high], [y, y], color=colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
+    axes.plot(x, y, marker="o", markersize=5, color=colour)
+    axes.annotate(times(number(row, "ratio")), (x, y), (6, 0), textcoords="offset points", va="center", fontsize=8, color=INK)

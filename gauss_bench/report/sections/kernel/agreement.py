@@ -2,7 +2,20 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Cell, Finding, Section, counts, error, exact_cell, goal, part, remark, small, texts
+from gauss_bench.report.content import (
+    Cell,
+    Finding,
+    Section,
+    counts,
+    error,
+    exact_cell,
+    goal,
+    part,
+    remark,
+    small,
+    texts,
+    unmeasured,
+)
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
 PLACE = 50
@@ -22,7 +35,8 @@ def findings(run: Run) -> Iterator[Finding]:
             f"Accelerations of the compiled formulations differ from those in numpy by {error(number(worst, 'error'))} at most, on "
         )
         tone = "good" if all(r.get("met") for r in rows) else "warn"
-        yield Finding("The same accelerations", f"{text}{worst['mechanism']} ({worst['formulation']}, {worst['place']}).", tone)
+        where = f"{worst['mechanism']} ({worst['formulation']}, {worst['place']})"
+        yield Finding("The same accelerations", f"{text}{where}.{unmeasured(run.table('kernel_agreement'), 'error')}", tone)
 
 
 def section(run: Run) -> Section | None:

@@ -19,6 +19,7 @@ from gauss_bench.report.content import (
     texts,
     time_of,
     times,
+    unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, known, number
 
@@ -37,8 +38,9 @@ def findings(run: Run) -> Iterator[Finding]:
         text = (
             f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout: {said}; "
         )
+        rest = unmeasured(run.table("kernel_batch"), "ratio")
         apart = "nothing" if off == 0 else f"{error(off)} at most"
-        yield Finding("Many trajectories", f"{text}lanes and single runs differ by {apart}.")
+        yield Finding("Many trajectories", f"{text}lanes and single runs differ by {apart}.{rest}")
 
 
 def section(run: Run) -> Section | None:

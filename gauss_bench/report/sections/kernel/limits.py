@@ -15,6 +15,7 @@ from gauss_bench.report.content import (
     texts,
     time_of,
     titled_table,
+    unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
@@ -34,7 +35,8 @@ def findings(run: Run) -> Iterator[Finding]:
         said = listed(f"{_percent([number(r, 'share') for r in some])} for {what}" for what, some in groups.items())
         yield Finding(
             "What is left to be gained",
-            f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {said}.",
+            f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {said}."
+            f"{unmeasured(run.table('kernel_bounds'), 'share')}",
         )
 
 

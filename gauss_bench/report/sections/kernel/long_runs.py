@@ -16,6 +16,7 @@ from gauss_bench.report.content import (
     run_of_numbers,
     small,
     texts,
+    unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, known, number
 
@@ -38,7 +39,9 @@ def findings(run: Run) -> Iterator[Finding]:
             f"Over {number(rows[0], 't_end'):g} s with projection the compiled kernel leaves the constraints by {error(drifts[0])} "
         )
         text += f"in position and {error(drifts[1])} in velocity at most"
-        yield Finding("Long runs", f"{text}; its energy error falls with order {run_of_numbers(orders)}." if orders else f"{text}.")
+        rest = unmeasured(run.table("kernel_long"), "position_drift")
+        energy = f"; its energy error falls with order {run_of_numbers(orders)}" if orders else ""
+        yield Finding("Long runs", f"{text}{energy}.{rest}")
 
 
 def section(run: Run) -> Section | None:

@@ -14,6 +14,7 @@ from gauss_bench.report.content import (
     run_of_numbers,
     texts,
     time_of,
+    unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, known, number
 
@@ -33,12 +34,15 @@ def findings(run: Run) -> Iterator[Finding]:
     called = [r for r in rows if r["own"] == "called from Python" and r["rival"] == "as called"]
     if inside and called:
         slower = sorted({str(r["mechanism"]) for r in called if number(r, "ratio") < 1})
+        rest = unmeasured(run.table("kernel_rhs"), "ratio")
         outside = [number(r, "ratio") for r in called]
         text = (
             f"Pinocchio's right-hand side, without its call from Python, takes {run_of_numbers(inside)} times as long as the "
             f"kernel's in its own loop. Called from Python for one state, it takes {run_of_numbers(outside)} times as long"
         )
-        yield Finding("One right-hand side", f"{text}{f': there the kernel is slower on {listed(slower)}' if slower else ''}.")
+        yield Finding(
+            "One right-hand side", f"{text}{f': there the kernel is slower on {listed(slower)}' if slower else ''}.{rest}"
+        )
 
 
 def section(run: Run) -> Section | None:

@@ -2,7 +2,20 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import RANGE, Cell, Finding, Section, error, exact_cell, goal, listed, part, remark, texts
+from gauss_bench.report.content import (
+    RANGE,
+    Cell,
+    Finding,
+    Section,
+    error,
+    exact_cell,
+    goal,
+    listed,
+    part,
+    remark,
+    texts,
+    unmeasured,
+)
 from gauss_bench.report.rows import Row, Run, known, number
 
 PLACE = 80
@@ -18,7 +31,8 @@ def findings(run: Run) -> Iterator[Finding]:
         off = max(number(r, f"{x}_error") for r in rows for x in ("position", "velocity", "acceleration"))
         yield Finding(
             "Kinematics",
-            f"Positions with velocities and accelerations per second on one core: {said}; errors {error(off)} at most.",
+            f"Positions with velocities and accelerations per second on one core: {said}; errors {error(off)} at most."
+            f"{unmeasured(run.table('kernel_kinematics'), 'rate')}",
         )
 
 

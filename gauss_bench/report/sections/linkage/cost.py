@@ -31,7 +31,7 @@ HEAD = (
     *("step µs", "ratio", "spread"),
     *("own loop µs", "ratio", "spread"),
     *("acceleration µs", "ratio", "spread"),
-    "build ms",
+    *("warm build ms", "cold build ms"),
 )
 
 
@@ -42,7 +42,9 @@ def section(run: Run, name: str) -> Section | None:
     baseline = run.environment.get("baseline_engine", "")
     words = (
         f"Lower quartiles of interleaved samples, and their ratio to `{baseline}` with its spread. **Step** is a step called from "
-        "Python, **own loop** a step inside the engine's compiled loop. A ratio above 1 is slower."
+        "Python, **own loop** a step inside the engine's compiled loop. A ratio above 1 is slower. **Warm build** is a model and "
+        "its first step where what is generated is stored, **cold build** the first one in a new process with nothing stored, "
+        "once; engines without one generate no code."
     )
     head, numeric = columns(HEAD, 3)
     lines = []
@@ -51,7 +53,8 @@ def section(run: Run, name: str) -> Section | None:
         step = (time_cell(row, "step_time"), *ratio_cells(row, "step_ratio"))
         own = (time_cell(row, "native_step_time"), *ratio_cells(row, "native_step_ratio"))
         one = (time_cell(row, "acceleration_time"), *ratio_cells(row, "acceleration_ratio"))
-        lines.append((engine_cell(row), *names, *step, *own, *one, milliseconds(row)))
+        built = (milliseconds(row, x) for x in ("build_time", "cold_build_time"))
+        lines.append((engine_cell(row), *names, *step, *own, *one, *built))
     note = "A spread is the range of the ratio from its 5 to its 95 percent point over resampled rounds."
     table = Table(f"{name}: cost", head, tuple(lines), numeric, note=note)
     svg = cost_ratios(rows, str(baseline))
@@ -59,8 +62,8 @@ def section(run: Run, name: str) -> Section | None:
     return Section("Cost", f"{name}-cost", (Text(words), *pictures, table))
 
 
-def milliseconds(row: Row) -> Cell:
-    x = number(row, "build_time")
+def milliseconds(row: Row, column: str) -> Cell:
+    x = number(row, column)
     return Cell(f"{1e3 * x:.2f}", x) if known(x) else Cell("-")
 
 

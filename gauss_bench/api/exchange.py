@@ -1,0 +1,245 @@
+"""Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.api.results import Export, Import, Tuning
+from gauss_bench.bench.apart import Request, run_of
+from gauss_bench.bench.asked import checked_budget
+from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.bench.one_run import sampling_at
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import MissingExtra, not_installed
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS, Kind, exported
+from gauss_bench.exchange.imports import imported
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.tables import write_text
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+
+LIMIT = 120.0  # [s] to build a model and write it
+BUDGET = 60.0  # [s] to look for a step
+STEP = 1e-3  # [s] of a file where nothing is measured
+STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s] that are tried, from large to small
+LOOPS, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
+SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
+ROWS_PER_SECOND = 200  # compared
+EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the run that says how good it is
+
+Told = Callable[[str], object]
+
+
+def nobody(sentence: str) -> None:
+    """Tell nobody how far things are."""
+
+
+def export(
+    linkage: str,
+    engine: str,
+    out: str | Path,
+    scenario: str | None = None,
+    tuned: bool = False,
+    step: float | None = None,
+    replace: bool = False,
+    budget: float | None = None,
+    told: Told = nobody,
+) -> Export:
+    """Write a linkage as a file that runs without this package: MJCF, a script for Pinocchio, Exudyn or CasADi, or plain C.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        engine: one of `gauss_bench.exchange.export.KINDS`: "mujoco", "pinocchio", "exudyn", "casadi" or "c".
+        out: the file to write.
+        scenario: of the linkage; the first with a start where not given.
+        tuned: find the largest step that holds the loops to 1e-6 m and the motion to 1e-4 (m, rad), and say in the file what was
+            measured.
+        step: of the file's integration [s] where it is not tuned (0.001).
+        replace: whether a file that is there already may be replaced.
+        budget: seconds to look for a step (60).
+        told: is told how far things are.
+
+    Raises:
+        LinkageError: the linkage file has faults.
+        ExchangeError: the format cannot hold the linkage, naming what; or a file is there already.
+        ChoiceError: an unknown kind, or a step that is none.
+        MissingExtra: the library that builds the model is not installed.
+        OSError: the file cannot be written.
+    """
+    if engine not in KINDS:
+        raise ChoiceError(f"no export for {engine!r}; there are {', '.join(KINDS)}")
+    if step is not None and not (np.isfinite(step) and step > 0):
+        raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
+    if step is not None and tuned:
+        raise ChoiceError("either a step, or tuned, which finds one")
+    path, seconds = writable(out, replace), checked_budget(budget, BUDGET)
+    mechanism = load(linkage, scenario)
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
+    found = written(linkage, mechanism.scenario, engine, step or STEP)
+    tuning = None
+    if tuned:
+        tuning = tune(linkage, mechanism, KINDS[engine], seconds, told)
+        found = written(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
+    write_text(path, found["text"])
+    return Export(
+        engine=engine,
+        mechanism=mechanism.name,
+        scenario=mechanism.scenario,
+        file=str(path),
+        what=KINDS[engine].what,
+        bytes=len(found["text"].encode()),
+        step=tuning.step if tuning else step or STEP,
+        left_out=tuple(found["left_out"]),
+        tuning=tuning,
+    )
+
+
+def writable(out: str | Path, replace: bool) -> Path:
+    """The path of a file that may be written.
+
+    Raises:
+        ExchangeError: it is a folder, lies in no folder, or is there already and may not be replaced.
+    """
+    path = Path(out)
+    if path.is_dir() or not path.name:
+        raise ExchangeError(f"{out}: is a folder; --out takes a file")
+    if not path.parent.is_dir():
+        raise ExchangeError(f"{out}: there is no folder {path.parent}")
+    if path.exists() and not replace:
+        raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+    return path
+
+
+def written(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The text and what is left out, made in a process of its own: libraries may crash or hang.
+
+    Raises:
+        ExchangeError, MissingExtra: as `export`.
+    """
+    with Worker() as worker:
+        return answered(worker, written_there, (linkage, scenario, engine, step, remarks), linkage)
+
+
+def answered(worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], file: str) -> dict[str, Any]:
+    """What a function of this room answers from a worker.
+
+    Raises:
+        ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
+    """
+    try:
+        found = worker.call(function, arguments, LIMIT)
+    except WorkerFailure as failure:
+        raise ExchangeError(f"{file}: {failure}") from failure
+    match found:
+        case {"refused": str(sentence)}:
+            raise ExchangeError(sentence)
+        case {"missing": str(sentence), "library": str(library)}:
+            raise MissingExtra(sentence, name=library)
+        case dict():
+            return found
+    raise ExchangeError(f"{file}: the process that should answer did not")
+
+
+def written_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
+    """`exported` as plain data."""
+    return told_plainly(lambda: asdict(exported(load(linkage, scenario), engine, step, tuple(remarks))))
+
+
+def told_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What is made, or why it is not, as plain data for the way out of a worker."""
+    try:
+        return made()
+    except ExchangeError as error:
+        return {"refused": str(error)}
+    except ImportError as error:
+        return {"missing": not_installed(error), "library": error.name or ""}
+
+
+def import_model(
+    model: str | Path, out: str | Path, close: Sequence[str] = (), replace: bool = False, told: Told = nobody
+) -> Import:
+    """Write a linkage file from a planar model in MJCF or URDF.
+
+    Args:
+        model: the file, which is read by MuJoCo's own compiler where it is MJCF.
+        out: the linkage file to write; the linkage is called as it is, without the ending.
+        close: LINK.FRAME=LINK.FRAME, the loops of a URDF.
+        replace: whether a file that is there already may be replaced.
+        told: is told how far things are.
+
+    Raises:
+        ExchangeError: what is not planar, or no linkage can have: with file, element and reason; or a file is there already.
+        MissingExtra: MuJoCo is not installed.
+        OSError: the file cannot be written.
+    """
+    path = writable(out, replace)
+    told(f"{model}")
+    with Worker() as worker:
+        found = answered(worker, read_there, (str(model), path.stem, list(close)), str(model))
+    write_text(path, found["text"])
+    return Import(str(model), found["kind"], str(path), path.stem, found["links"], found["dof"], tuple(found["left_out"]))
+
+
+def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
+    """`imported` as plain data."""
+    return told_plainly(lambda: asdict(imported(Path(model), name, close)))
+
+
+def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:
+    """The largest of STEPS that holds LOOPS and MOTION by half, or else the one with the smallest error within the budget."""
+    until = min(max(mechanism.duration, SHORTEST), LONGEST)
+    times = np.linspace(0.0, until, int(until * ROWS_PER_SECOND) + 1)
+    started = time.monotonic()
+    told(f"reference over {until:g} s")
+    truth, bar = reference(linkage, mechanism, times, budget)
+    evaluator, best = Evaluator(mechanism), None
+    with Worker() as worker:
+        for step in STEPS:
+            left = budget - (time.monotonic() - started)
+            if left <= 0 and best is not None:
+                break
+            choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
+            request = Request(linkage, mechanism.scenario, kind.engine, choice, sampling_at(step, times))
+            run = run_of(request, mechanism, max(left, 1.0), worker)
+            if run.trajectory is None:
+                told(f"step {step:g} s: {run.status} {run.message}")
+                if run.status is Status.TIMEOUT:
+                    break
+                continue
+            x = run.trajectory
+            open_by = float(np.abs(evaluator.constraints(x.t, x.q, x.v).phi).max(initial=0.0))
+            off_by = float(np.abs(x.q - truth).max())
+            found = Tuning(kind.settings, kind.integrator, step, until, open_by, off_by, bar, LOOPS, MOTION)
+            told(f"step {step:g} s: loops open by {open_by:.1e}, motion off by {off_by:.1e}")
+            best = found if best is None or off_by < best.motion_error else best
+            if found.met:
+                return found
+    if best is None:
+        raise ExchangeError(f"{mechanism.source}: {mechanism.name}: no step of {kind.engine} came to an end within {budget:g} s")
+    return best
+
+
+def reference(linkage: str, mechanism: Mechanism, times: Array, budget: float) -> tuple[Array, float]:
+    """Positions (k, n) by the suite's own DOP853, and how much they change with its tolerance.
+
+    Raises:
+        ExchangeError: it comes to no end.
+    """
+    engine = "gauss-native" if find_spec("llvmlite") else "gauss"
+    found = []
+    for tolerance in (EXACT, NEARLY):
+        choice = Choice("default", "dop853", "none", float(times[1]), tolerance)
+        run = run_of(Request(linkage, mechanism.scenario, engine, choice, sampling_at(float(times[1]), times)), mechanism, budget)
+        if run.trajectory is None:
+            raise ExchangeError(f"{mechanism.source}: {mechanism.name}: nothing to measure against: {run.message}")
+        found.append(run.trajectory.q)
+    return found[0], float(np.abs(found[0] - found[1]).max())

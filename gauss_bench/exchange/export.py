@@ -1,0 +1,102 @@
+"""What every export shares: what is asked for, what comes back, what is told at the head of a file, and what no file holds."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+
+from gauss_bench import __version__
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.trajectory import RunFailure, in_a_sentence
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file.
+
+    Attributes:
+        writer: module:function, (mechanism, choice, head) -> text.
+        engine: of the suite whose model it is.
+        settings, integrator, stabilization: of that engine, that the file is written with.
+        what: the file is, in words.
+        suffix: that such files usually have.
+    """
+
+    writer: str
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+    what: str
+    suffix: str
+
+
+KINDS: Mapping[str, Kind] = {
+    "mujoco": Kind("to_mjcf:written", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
+    "pinocchio": Kind("to_pinocchio:written", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
+    "exudyn": Kind("to_exudyn:written", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
+    "casadi": Kind("to_casadi:written", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
+    "c": Kind("to_c:written", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
+}
+OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file that is not written yet, and what it lacks of the linkage file: sentences."""
+
+    text: str
+    left_out: tuple[str, ...]
+
+
+def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = ()) -> Exported:
+    """A linkage as a file of one of KINDS.
+
+    Args:
+        step: of the file's integration [s].
+        remarks: sentences for the head of the file, such as what was measured.
+
+    Raises:
+        ExchangeError: the kind cannot hold the linkage; naming what.
+        ImportError: the library that builds the model is not installed.
+    """
+    kind = KINDS[name]
+    choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
+    where = f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}"
+    if reason := get(kind.engine).skip(mechanism, choice):
+        raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(reason)}")
+    module, _, function = kind.writer.partition(":")
+    write: Callable[[Mechanism, Choice, list[str]], str] = getattr(import_module(f"gauss_bench.exchange.{module}"), function)
+    missing = left_out(mechanism)
+    head = [
+        f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
+        OWNED,
+        f"Linkage {mechanism.name}, scenario {mechanism.scenario}: {mechanism.title}",
+        "Units are SI: m, kg, s, N, rad. The plane is x-y, gravity as the linkage file says.",
+        *remarks,
+        *(f"Not in this file: {x}" for x in missing),
+    ]
+    try:
+        return Exported(write(mechanism, choice, head), missing)
+    except RunFailure as failure:
+        raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(failure)}") from failure
+
+
+def left_out(mechanism: Mechanism) -> tuple[str, ...]:
+    """What of the linkage file no exported file holds."""
+    others = [x for x in mechanism.scenarios if x != mechanism.scenario]
+    found = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
+    still = [f.name for f in mechanism.frictions if f.mu == 0]
+    return (*found, *(f"force {name}, dry friction without a coefficient" for name in still))
+
+
+def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:
+    """The names of q in order, LINK.x, LINK.y, LINK.theta, as they may head the columns of a table."""
+    return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
+
+
+def heading(name: str) -> str:
+    """A name without what would end a column."""
+    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)

@@ -1,0 +1,78 @@
+"""Text of a file in other languages: escaping, comments, identifiers. Whatever a user wrote passes here on its way into a file.
+
+A text in a comment becomes one printable line first, so that no language's end of line or end of comment is in it.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from gauss_bench.trajectory import in_a_sentence
+
+C_WORDS = """auto break case char const continue default do double else enum extern float for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+main accelerate rollout names start end step none rows every"""
+
+
+def xml_comment(lines: Iterable[str]) -> str:
+    """The lines as what may stand between <!-- and -->, where two hyphens may not."""
+    told = "\n".join(_hyphens_apart(in_a_sentence(line)) for line in lines)
+    return f"\n{told}\n"
+
+
+def _hyphens_apart(line: str) -> str:
+    return re.sub(r"-(?=-|$)", "- ", line)
+
+
+def c_comment(lines: Iterable[str]) -> str:
+    """The lines as a comment of C."""
+    told = (re.sub(r"/(?=\*)", "/ ", re.sub(r"\*(?=/)", "* ", in_a_sentence(line))) for line in lines)
+    return "/*\n" + "".join(f" * {line}".rstrip().rstrip("\\") + "\n" for line in told) + " */\n"
+
+
+def c_string(text: str) -> str:
+    """The text as a string of C: bytes outside plain letters in octal, question marks too (three letters of C begin with two)."""
+    plain = frozenset(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 _.,:;()[]{}+-*/=<>!&|^~#$%'@")
+    encoded = text.encode("utf-8", errors="replace")
+    return '"' + "".join(chr(x) if x in plain else f"\\{x:03o}" for x in encoded) + '"'
+
+
+def python_comment(lines: Iterable[str]) -> str:
+    """The lines as comments of Python."""
+    return "".join(f"# {in_a_sentence(line)}".rstrip() + "\n" for line in lines)
+
+
+def python_value(x: Any) -> str:
+    """A text, number, list or array as Python writes it; texts in plain letters, whatever stands in them."""
+    if hasattr(x, "tolist"):
+        x = x.tolist()
+    if isinstance(x, (list, tuple)):
+        inner = ", ".join(python_value(y) for y in x)
+        return f"[{inner}]"
+    return ascii(x)
+
+
+def toml_string(text: str) -> str:
+    """The text as a basic string of TOML."""
+    short = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+    return '"' + "".join(short.get(c) or (c if c.isprintable() else _code_point(c)) for c in text) + '"'
+
+
+def _code_point(c: str) -> str:
+    return "\\uFFFD" if 0xD800 <= ord(c) <= 0xDFFF else f"\\u{ord(c):04x}" if ord(c) < 0x10000 else f"\\U{ord(c):08x}"
+
+
+def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
+    """Name -> an identifier of C and Python, each once, and none of the reserved words (blanks between them)."""
+    found: dict[str, str] = {}
+    taken = set(reserved.split())
+    for name in names:
+        base = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        base = base if re.match("[A-Za-z]", base) else f"n{base}"
+        k, chosen = 1, base
+        while chosen in taken:
+            k += 1
+            chosen = f"{base}_{k}"
+        taken.add(chosen)
+        found[name] = chosen
+    return found

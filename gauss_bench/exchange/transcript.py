@@ -1,0 +1,106 @@
+"""A script from what an adapter does: it builds its model in a stand-in for the library, which writes down every call.
+
+An adapter that is given the library as a module builds the same model in the stand-in, and the calls it has made, in order, are the
+script that makes the model alone. So there is one translation of a linkage, and the script cannot differ from what was compared
+with the linkage.
+
+    mbs = Script({"AddNode": "node_"}).thing("mbs")
+    mbs.AddNode(items.NodePoint(name="A"))                       writes: node_1 = mbs.AddNode(items.NodePoint(name='A'))
+"""
+
+from collections.abc import Mapping
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.exchange.text import python_comment, python_value
+
+
+class Script:
+    """Lines of Python.
+
+    Attributes:
+        lines: written so far.
+    """
+
+    def __init__(self, statements: Mapping[str, str]):
+        """Begin.
+
+        Args:
+            statements: name of a function or method -> the variable that holds what it returns, with a number after it where
+                it ends with an underscore, or "" where nothing holds it. Other calls are written where what they return is used.
+        """
+        self.lines: list[str] = []
+        self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
+
+    def thing(self, source: str) -> "Thing":
+        """What the script calls `source`, such as an imported module."""
+        return Thing(self, source)
+
+    def comment(self, text: str) -> None:
+        self.lines.append(python_comment([text]).rstrip("\n"))
+
+    def called(self, source: str, text: str) -> "Thing":
+        """What a call returns, whose function is `source`."""
+        name = source.rpartition(".")[2]
+        if name not in self._statements:
+            return Thing(self, text)
+        prefix = self._statements[name]
+        if not prefix:
+            self.lines.append(text)
+            return Thing(self, "None")
+        variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix
+        self.lines.append(f"{variable} = {text}")
+        return Thing(self, variable)
+
+    def text(self) -> str:
+        return "\n".join(self.lines) + "\n"
+
+
+class Thing:
+    """An object of the library, known by how it is written."""
+
+    _script: Script
+    _source: str
+
+    def __init__(self, script: Script, source: str):
+        object.__setattr__(self, "_script", script)
+        object.__setattr__(self, "_source", source)
+
+    def __getattr__(self, name: str) -> "Thing":
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Thing(self._script, f"{self._source}.{name}")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._script.lines.append(f"{self._source}.{name} = {python(value)}")
+
+    def __call__(self, *given: Any, **named: Any) -> "Thing":
+        arguments = [*map(python, given), *(f"{key}={python(x)}" for key, x in named.items())]
+        return self._script.called(self._source, f"{self._source}({', '.join(arguments)})")
+
+    def __mul__(self, other: Any) -> "Thing":
+        return Thing(self._script, f"{self._source} * {python(other)}")
+
+    def __repr__(self) -> str:
+        return self._source
+
+
+def python(x: Any) -> str:
+    """A value as a script writes it.
+
+    Raises:
+        TypeError: a value that no script can hold, such as a function.
+    """
+    if isinstance(x, Thing):
+        return x._source
+    if isinstance(x, np.ndarray):
+        return f"np.array({python_value(x)})"
+    if isinstance(x, (list, tuple)):
+        return f"[{', '.join(map(python, x))}]"
+    if hasattr(x, "in_python"):
+        return str(x.in_python)
+    if x is None or isinstance(x, (str, bool, int, float, np.generic)):
+        return python_value(x)
+    raise TypeError(f"a script cannot hold {type(x).__name__}")

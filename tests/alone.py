@@ -1,0 +1,51 @@
+"""Running exported files where the package cannot be imported, and reading what they print."""
+
+import csv
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from gauss_bench.engines.c_code import compiler
+from gauss_bench.terms import Array
+from tests.bare import ENVIRONMENT
+
+LIMIT = 300.0
+BLOCKED = """
+import runpy, sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "gauss_bench":
+            raise ImportError("gauss_bench is blocked")
+
+sys.meta_path.insert(0, Blocker())
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def python_alone(file: Path, *arguments: object) -> str:
+    """What a script prints in a process that cannot import gauss_bench and has nothing on its path but what is installed."""
+    command = [sys.executable, "-I", "-c", BLOCKED, str(file), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, cwd=file.parent, env=ENVIRONMENT, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def c_alone(file: Path, *arguments: object) -> str:
+    """What a program in C prints."""
+    program = file.with_suffix(".exe")
+    warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
+    subprocess.run([str(compiler()), "-O1", *warnings, str(file), "-o", str(program), "-lm"], check=True)
+    done = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, timeout=LIMIT, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def rows_of(printed: str) -> tuple[list[str], Array]:
+    """Heading and numbers of a printed table."""
+    heading, *rows = csv.reader(io.StringIO(printed))
+    return heading, np.array(rows, dtype=float)

@@ -1,0 +1,68 @@
+"""An engine that brings the process of a race down is a row with a reason, and the others are timed all the same."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import pytest
+
+from gauss_bench.bench.survived import survived, watching
+from gauss_bench.bench.worker import WorkerFailure
+from gauss_bench.trajectory import Status
+from tests.plugin import installed
+
+
+class Entry(NamedTuple):
+    engine: str
+
+
+def race_of(engines: Sequence[str], path: str) -> dict[str, list[dict[str, str]]]:
+    """A race in which some come to grief."""
+    watch, rows = watching(path), []
+    for engine in engines:
+        watch(Entry(engine))
+        if engine == "aborts":
+            os.abort()
+        if engine == "hangs":
+            time.sleep(60)
+        if engine == "raises":
+            raise ValueError("no")
+        rows.append({"engine": engine})
+    return {"samples": rows}
+
+
+def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
+    tables, lost = survived(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=8.0)
+    assert tables == {"samples": [{"engine": x} for x in ("first", "second", "third")]}
+    assert {x: y.status for x, y in lost.items()} == {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT}
+    assert "SIGABRT" in str(lost["aborts"])
+    assert "while this one was at work" in str(lost["aborts"])
+
+
+def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
+    with pytest.raises(WorkerFailure, match="no") as raised:
+        survived(race_of, (), ["first", "raises"])
+    assert raised.value.status is Status.ERROR
+
+
+CODE = """
+import json
+from gauss_bench.bench.measurements.cost import measured_by_linkage, raced
+from gauss_bench.suites.schema import Cost
+part = Cost(linkages={}, engines=("gauss", "aborts"), integrators=1, step=1e-2, rounds=2)
+print(json.dumps(raced("four_bar", "torque", part)))
+"""
+
+
+def test_a_plug_in_that_aborts_in_the_race_of_costs_is_a_row_with_the_reason(tmp_path_factory: pytest.TempPathFactory) -> None:
+    where = installed(tmp_path_factory.mktemp("plugin"))
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, env=where, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    tables = json.loads(done.stdout)
+    assert {(r["engine"], r["quantity"]) for r in tables["samples"]} == {("gauss", x) for x in ("build", "acceleration", "step")}
+    assert {(r["engine"], r["quantity"]) for r in tables["untimed"]} == {("aborts", x) for x in ("build", "acceleration", "step")}
+    assert all(r["status"] == "crashed" and "SIGABRT" in r["message"] for r in tables["untimed"])

@@ -1,0 +1,343 @@
+"""Exported files: run without the package, they move as the suite's own engines do, and nobody's text escapes into them."""
+
+import ast
+import contextlib
+import io
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gauss_bench
+from gauss_bench.cli import main
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.c_code import NO_COMPILER, compiler
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS, OWNED, exported
+from gauss_bench.exchange.text import (
+    C_WORDS,
+    c_comment,
+    c_string,
+    identifiers,
+    python_comment,
+    python_value,
+    toml_string,
+    xml_comment,
+)
+from gauss_bench.exchange.transcript import Script
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.terms import Array
+from tests.alone import BLOCKED, c_alone, python_alone, rows_of
+from tests.conftest import DATA
+
+END, STEP = 0.2, 1e-3
+LIBRARY = {"mujoco": "mujoco", "pinocchio": "pinocchio", "exudyn": "exudyn", "casadi": "casadi", "c": "llvmlite"}
+QUICK = [("crank_slider", kind) for kind in KINDS]
+QUICK += [("five_bar/spring", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
+QUICK += [("four_bar/cycloid", kind) for kind in ("exudyn", "casadi", "c")]
+SLOW = [(name, kind) for name in ("six_bar", "eight_bar", "jansen/walk", "squeezer", "shaper/torque") for kind in KINDS]
+SLOW += [("parallelogram", kind) for kind in ("mujoco", "pinocchio", "exudyn", "c")]
+SLOW += [("excavator", "c"), ("excavator", "casadi"), ("sleigh", "c"), ("n_four_bar_7", "c"), ("n_four_bar_7", "mujoco")]
+SLOW += [
+    (str(DATA / "loaded.toml"), "pinocchio"),
+    (str(DATA / "all_kinds.toml"), "exudyn"),
+    (str(DATA / "all_kinds.toml"), "pinocchio"),
+]
+PLAIN_MUJOCO = """
+import csv
+import sys
+import mujoco
+import numpy as np
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+mujoco.mj_resetDataKeyframe(model, data, 0)
+end, every = float(sys.argv[2]), int(sys.argv[3])
+names = [model.body(k).name for k in range(1, model.nbody)]
+csv.writer(sys.stdout).writerow(["t", *(f"{name}.{x}" for name in names for x in ("x", "y")), "gap"])
+gap = 0.0
+for k in range(round(end / model.opt.timestep) + 1):
+    data2 = mujoco.MjData(model)
+    data2.qpos[:], data2.qvel[:] = data.qpos, data.qvel
+    mujoco.mj_forward(model, data2)
+    gap = max([gap, *np.abs(data2.efc_pos)])
+    if k % every == 0:
+        print(",".join(repr(float(x)) for x in [data.time, *data2.xipos[1:, :2].ravel(), gap]))
+    mujoco.mj_step(model, data)
+"""
+
+
+def needs(kind: str) -> None:
+    pytest.importorskip(LIBRARY[kind])
+    if kind == "c" and compiler() is None:
+        pytest.skip(NO_COMPILER)
+
+
+def suite_run(mechanism: Mechanism, kind: str, times: Array) -> tuple[Array, Array]:
+    """q, v (k, n) by the suite's own run of the engine, with the file's settings."""
+    k = KINDS[kind]
+    model = get(k.engine).build(mechanism, Choice(k.settings, k.integrator, k.stabilization, STEP))
+    model.prepare(times)
+    model.run()
+    found = model.read()
+    return found.q, found.v
+
+
+def run_alone(text: str, kind: str, folder: Path, end: float = END) -> tuple[list[str], Array]:
+    """The table that an exported file prints, or plain MuJoCo with it."""
+    file = folder / f"exported{KINDS[kind].suffix}"
+    file.write_text(text, encoding="utf-8")
+    if kind == "c":
+        return rows_of(c_alone(file, end, STEP))
+    if kind == "mujoco":
+        script = folder / "plain.py"
+        script.write_text(PLAIN_MUJOCO, encoding="utf-8")
+        return rows_of(python_alone(script, file, end, 10))
+    return rows_of(python_alone(file, end, STEP))
+
+
+def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
+    heading, rows = run_alone(exported(mechanism, kind, STEP).text, kind, folder)
+    q, v = suite_run(mechanism, kind, rows[:, 0])
+    if kind == "mujoco":
+        names = [link.name for link in mechanism.links]
+        order = [names.index(x.rpartition(".")[0]) for x in heading[1:-1:2]]
+        wanted = q.reshape(len(q), -1, 3)[:, order, :2].reshape(len(q), -1)
+        found = rows[:, 1:-1]
+    else:
+        assert heading[1 : 1 + mechanism.n] == [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")]
+        wanted, found = np.hstack([q, v]), rows[:, 1:]
+    assert len(rows) > 10
+    assert np.abs(wanted - wanted[0]).max() > 1e-3  # it moves
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(("name", "kind"), [*QUICK, *(pytest.param(*x, marks=pytest.mark.slow) for x in SLOW)])
+def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
+    needs(kind)
+    mechanism = load(*name.rsplit("/", 1)) if "/" in name and not name.endswith(".toml") else load(name)
+    compared(mechanism, kind, tmp_path)
+
+
+def test_the_package_is_blocked_where_files_run_alone(tmp_path: Path) -> None:
+    file = tmp_path / "imports.py"
+    file.write_text("import gauss_bench")
+    done = subprocess.run([sys.executable, "-I", "-c", BLOCKED, str(file)], capture_output=True, text=True, check=False)
+    assert "gauss_bench is blocked" in done.stderr
+
+
+HOSTILE = (
+    'quo"te',
+    "new\nline",
+    "*/ int x; /*",
+    "--> <evil/>",
+    "]]>",
+    "</script>",
+    "back\\",
+    "'''\"\"\"",
+    "coding: utf-7",
+    "??/",
+    "%s{0}",
+)
+
+
+def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
+    """A mechanism whose every name and title is an attack, and the names of points too."""
+    links = tuple(replace(link, name=HOSTILE[k % len(HOSTILE)] + "#" * k) for k, link in enumerate(mechanism.links))
+
+    def renamed(joint: Any, k: int) -> Any:
+        if not (points and isinstance(joint, Revolute)):
+            return replace(joint, name=HOSTILE[k])
+        return replace(joint, name=HOSTILE[k], a=replace(joint.a, name=HOSTILE[k]), b=replace(joint.b, name=HOSTILE[k + 1]))
+
+    joints = tuple(renamed(j, k + 3) for k, j in enumerate(mechanism.joints))
+    told = " ".join(HOSTILE)
+    return replace(mechanism, name=HOSTILE[0], links=links, joints=joints, title=told, scenario=told, scenarios=(told, *HOSTILE))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_names_and_titles_of_any_kind_stay_names_and_titles(kind: str, tmp_path: Path) -> None:
+    needs(kind)
+    mechanism = load("four_bar")
+    text = exported(hostile(mechanism, points=kind != "c"), kind, STEP).text
+    heading, rows = run_alone(text, kind, tmp_path, 0.02)
+    plain, wanted = run_alone(exported(mechanism, kind, STEP).text, kind, tmp_path, 0.02)
+    np.testing.assert_array_equal(rows, wanted)
+    if kind != "mujoco":
+        assert heading[0] == plain[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_says_whose_it_is_and_what_it_lacks(kind: str) -> None:
+    needs(kind)
+    found = exported(load("crank_slider"), kind, STEP)
+    assert OWNED in found.text
+    assert found.left_out == ("scenarios driven, settles, conservative",)
+    assert "Not in this file: scenarios driven, settles, conservative" in found.text
+    assert exported(load("crank_slider"), kind, STEP).text == found.text  # the same again
+
+
+def test_a_body_may_be_called_world() -> None:
+    pytest.importorskip("mujoco")
+    mechanism = load("four_bar")
+    worldly = replace(mechanism, links=(replace(mechanism.links[0], name="world"), *mechanism.links[1:]))
+    names = [x.get("name") for x in ElementTree.fromstring(exported(worldly, "mujoco", STEP).text).iter("body")]
+    assert names == ["world 2", "coupler", "rocker"]
+
+
+REFUSED = [
+    ("sleigh", "mujoco", "knife edge"),
+    ("sleigh", "exudyn", "knife edge"),
+    ("four_bar/cycloid", "mujoco", "crank"),
+    ("four_bar/cycloid", "pinocchio", "crank"),
+    ("excavator", "exudyn", "ground.P-boom.A"),
+    ("parallelogram", "casadi", "redundant"),
+    (str(DATA / "friction.toml"), "c", "friction"),
+    (str(DATA / "friction.toml"), "mujoco", "friction"),
+]
+
+
+@pytest.mark.parametrize(("name", "kind", "word"), REFUSED)
+def test_what_a_format_cannot_hold_is_refused_by_name(
+    name: str, kind: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    needs(kind)
+    linkage, scenario = (name, "") if name.endswith(".toml") else name.partition("/")[::2]
+    file = tmp_path / "x"
+    assert main(["export", linkage, *(["--scenario", scenario] if scenario else []), "--engine", kind, "--out", str(file)]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("error: ")
+    assert linkage in said
+    assert word in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_there_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("casadi")
+    file = tmp_path / "mine.py"
+    file.write_text("mine")
+    asked = ["export", "four_bar", "--engine", "casadi", "--out", str(file)]
+    assert main(asked) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert file.read_text() == "mine"
+    assert main([*asked, "--replace", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["bytes"] == file.stat().st_size
+    assert [x.name for x in tmp_path.iterdir()] == ["mine.py"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--engine", "dart", "--out", "x"], "mujoco, pinocchio, exudyn, casadi, c"),
+        (["--engine", "c", "--out", "no/such/folder/x"], "no folder"),
+        (["--engine", "c", "--out", "."], "is a folder"),
+        (["--engine", "c", "--out", "x", "--step", "-1"], "positive"),
+        (["--engine", "c", "--out", "x", "--step", "1", "--tuned"], "either"),
+        (["--engine", "c", "--out", "x", "--tuned", "--budget", "nan"], "positive"),
+    ],
+)
+def test_bad_requests_are_refused(
+    arguments: list[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "four_bar", *arguments]) == 2
+    assert word in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    file = tmp_path / "eight_bar.xml"
+    found = gauss_bench.export("eight_bar", "mujoco", file, tuned=True)
+    assert found.tuning
+    assert found.tuning.met
+    script = tmp_path / "plain.py"
+    script.write_text(PLAIN_MUJOCO, encoding="utf-8")
+    _, rows = rows_of(python_alone(script, file, 5.0, 100))
+    assert rows[-1, 0] == pytest.approx(5.0)
+    assert rows[-1, -1] < 1e-6
+    assert found.tuning.loops_open == pytest.approx(rows[-1, -1], rel=0.2)  # the largest at 200 times a second
+    assert f"{found.tuning.loops_open:.1e}" in file.read_text()
+
+
+def test_what_cannot_be_held_is_said_to_be_missed() -> None:
+    from gauss_bench.api.results import Tuning
+
+    good = Tuning("tuned", "rk4", 1e-3, 5.0, 4e-7, 4e-5, 1e-9, 1e-6, 1e-4)
+    assert good.met
+    assert not any("NOT HELD" in x for x in good.sentences)
+    for worse in (replace(good, loops_open=6e-7), replace(good, motion_error=6e-5), replace(good, reference_change=2e-5)):
+        assert not worse.met
+        assert any("NOT HELD" in x for x in worse.sentences)
+
+
+ANY_TEXT = st.text(max_size=60) | st.sampled_from(HOSTILE)
+
+
+@given(st.lists(ANY_TEXT, max_size=8, unique=True))
+def test_identifiers_are_unique_and_valid(names: list[str]) -> None:
+    found = identifiers([*names, "while", "int"], C_WORDS)
+    assert len(set(found.values())) == len({*names, "while", "int"})
+    for x in found.values():
+        assert re.fullmatch("[A-Za-z][A-Za-z0-9_]*", x)
+        assert x not in C_WORDS.split()
+
+
+@given(ANY_TEXT)
+def test_texts_come_back_as_they_were(text: str) -> None:
+    whole = text.encode("utf-8", "replace")
+    assert ast.literal_eval("b" + c_string(text)) == whole
+    assert "??" not in c_string(text)
+    assert ast.literal_eval(python_value(text)) == text
+    assert python_value(text).isascii()
+    assert tomllib.loads(f"x = {toml_string(text)}")["x"] == text
+
+
+@given(st.lists(ANY_TEXT, max_size=4))
+def test_comments_end_where_they_end(lines: list[str]) -> None:
+    told = c_comment(lines)
+    assert told.index("*/") == len(told) - 3
+    assert told.count("/*") == 1
+    assert all(line.startswith("#") for line in python_comment(lines).splitlines())
+    with contextlib.redirect_stderr(io.StringIO()):
+        assert not ast.parse("'''first'''\n\n" + python_comment(lines)).body[1:]
+    root = ElementTree.fromstring(f"<a><!--{xml_comment(lines)}--><b/></a>")
+    assert [x.tag for x in root] == ["b"]
+
+
+def test_a_transcript_is_what_was_called() -> None:
+    script = Script({"Add": "item_", "System": "system", "Go": ""})
+    library = script.thing("library")
+    system = library.System()
+    first = system.Add(library.Body(mass=0.1, name='a"b'))
+    second = system.Add(library.Body(place=np.array([1.0, -0.0])))
+    system.options.solver = library.Kind.FAST
+    system.Go(first, [second, 3])
+    assert script.text().splitlines() == [
+        "system = library.System()",
+        "item_1 = system.Add(library.Body(mass=0.1, name='a\"b'))",
+        "item_2 = system.Add(library.Body(place=np.array([1.0, -0.0])))",
+        "system.options.solver = library.Kind.FAST",
+        "system.Go(item_1, [item_2, 3])",
+    ]
+    with pytest.raises(TypeError, match="function"):
+        system.Add(lambda: 0)
+
+
+def test_an_error_names_the_file_and_the_reason() -> None:
+    with pytest.raises(ExchangeError, match=r"sleigh.toml: sleigh, scenario glide: cannot become an MJCF model: .*knife edge"):
+        exported(load("sleigh"), "mujoco", STEP)
