@@ -89,6 +89,7 @@ def test_headlines_of_a_run_are_those_of_its_raw_rows(folder: Path) -> None:
     assert {"steps", "one_value", "right_hand_sides", "claim", "share", "kinematics"} <= set(compared(with_raw_rows(folder)))
 
 
+@pytest.mark.slow
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
     before = (folder / ".run" / "journal.jsonl").read_bytes()
     steps = (folder / "kernel_steps.csv").read_bytes()

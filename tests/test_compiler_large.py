@@ -25,7 +25,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.exact import closed_form
-from tests.conftest import needs
+from tests.conftest import DATA, needs
 
 needs("llvmlite")
 
@@ -297,3 +297,26 @@ def test_answers_are_not_changed_by_later_questions(name: str) -> None:
     kernel.rollout(q, v, 1e-3, 10)
     np.testing.assert_array_equal(first, kept)
     np.testing.assert_array_equal(np.stack([q, v]), np.stack([q_kept, v_kept]))
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_where_no_pivot_serves_everywhere_another_program_goes_on(formulation: str) -> None:
+    m = load(str(DATA / "uneven_pivots_07.toml"))
+    kernel = large_kernel(m, formulation, stabilization="projection")
+    found = np.concatenate(kernel.rollout(m.q0, m.v0, 1e-3, 200))
+    model = get("gauss").build(m, Choice(integrator="rk4", stabilization="projection", step=1e-3))
+    model.prepare(np.array([0.0, 0.2]))
+    model.run()
+    expected = model.read()
+    np.testing.assert_allclose(found, np.concatenate([expected.q[-1], expected.v[-1]]), rtol=0, atol=1e-6)  # lagrange's metric
+    assert kernel.lost == 0
+
+
+def test_forces_and_energy_of_other_numbers_than_the_files_are_refused() -> None:
+    m = load("crank_slider")
+    kernel = large_kernel(m, open_parameters=("links.crank.mass",))
+    mass = np.array([m.links[0].mass])
+    for ask in (kernel.forces, kernel.energy):
+        np.testing.assert_array_equal(ask(m.q0, m.v0, parameters=mass), ask(m.q0, m.v0))
+        with pytest.raises(KernelError, match="numbers"):
+            ask(m.q0, m.v0, parameters=2 * mass)

@@ -10,11 +10,12 @@ straight-line code or, for large linkages, as loops (chains).
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from gauss_bench.compiler.chains.looped import LoopedPrograms
-from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
+from gauss_bench.compiler.elimination.program import KernelError, Program, drops, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
@@ -107,10 +108,13 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     damping = o.baumgarte if o.stabilization == "baumgarte" else None
     first = known_program(mechanism, o.formulation, o.open_parameters, o.independent, damping)
     yield first
-    others: list[tuple[str, tuple[int, ...] | None]] = [("gauss", p) for p in partitions(mechanism) if p != first.independent]
-    for formulation, independent in [*others, *([("lagrange", None)] if first.formulation != "lagrange" else [])]:
+    ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
+    ways += [("gauss", p) for p in partitions(mechanism) if p != first.independent]
+    ways += [("lagrange", None)] if first.formulation != "lagrange" else []
+    for k, ((formulation, independent), drop) in enumerate(product(ways, range(drops(mechanism)))):
         try:
-            yield known_program(mechanism, formulation, o.open_parameters, independent, damping)
+            if k:
+                yield known_program(mechanism, formulation, o.open_parameters, independent, damping, drop=drop)
         except KernelError:
             continue  # not every partition can be eliminated everywhere; the first one could
 
@@ -217,7 +221,7 @@ class Kernel:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         q, v = np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
-        if q.ndim == 1 and every is None and self.backend == "llvm" and p.shape == self._values.shape:
+        if q.ndim == 1 and every is None and p.shape == self._values.shape:
             state = self._one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1))
@@ -289,19 +293,27 @@ class Kernel:
         """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q, 0 for rows that are left out as redundant.
 
         A looped program has none: there they are the shortest, by rank decision.
+
+        Raises:
+            KernelError: a looped program with other numbers than the file's.
         """
         if isinstance(self._programs, LoopedPrograms):
-            rows, single = self._rows(q, v, t, parameters)
+            rows, single = self._of_the_file("forces", q, v, t, parameters)
             shortest = np.array([self._rank.multipliers(float(at), *state) for at, *state in zip(*rows[:3], strict=True)])
             return np.asarray(shortest[0] if single else shortest)
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
-        """Kinetic plus potential energy [J], () or (batch,)."""
-        rows, single = self._rows(q, v, 0.0, parameters)
+        """Kinetic plus potential energy [J], () or (batch,).
+
+        Raises:
+            KernelError: a looped program with other numbers than the file's.
+        """
         if isinstance(self._programs, LoopedPrograms):
+            rows, single = self._of_the_file("energy", q, v, 0.0, parameters)
             energies = np.asarray(self._rank.evaluator.energy(rows[1], rows[2]))
         else:
+            rows, single = self._rows(q, v, 0.0, parameters)
             energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
 
@@ -314,6 +326,15 @@ class Kernel:
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
         p = self._spread(self._values if parameters is None else np.asarray(parameters, dtype=float), len(q))
         return (np.broadcast_to(np.asarray(t, dtype=float), len(q)), q, v, p), single
+
+    def _of_the_file(
+        self, what: str, q: Array, v: Array, t: float | Array, parameters: Array | None
+    ) -> tuple[tuple[Array, ...], bool]:
+        """As `_rows`, where only the linkage as it is in the file will do."""
+        rows, single = self._rows(q, v, t, parameters)
+        if not self._driver.nominal(rows[3]):
+            raise KernelError(f"a looped program has no {what} for other numbers than those of the file; straight-line code has")
+        return rows, single
 
     def _at_states(
         self, evaluate: Evaluate, by_rank: Callable[..., Array], q: Array, v: Array, t: float | Array, parameters: Array | None

@@ -106,14 +106,12 @@ class _Pair:
 class AlongState(_Pair):
     """The way of b along an axis from a at a state; n is the axis, a unit vector that turns with a's link.
 
-    `entries` belong to x, y, theta of a's link, then of b's. Where the value is known to be another expression, as on a
-    constraint, it may be given: the bias is then written with it.
+    `entries` belong to x, y, theta of a's link, then of b's.
     """
 
-    def __init__(self, n: Vector, a: End, b: End, known: Real = None):
+    def __init__(self, n: Vector, a: End, b: End):
         super().__init__(n, a, b)
         self.gap = self.towards * (b.z + b.r - (a.z + a.r))
-        self.known = known
 
     @property
     def value(self) -> Real:
@@ -132,7 +130,7 @@ class AlongState(_Pair):
     def bias(self) -> Real:
         """In axes that turn with a: Coriolis' and the centrifugal term of b's centre, and what b's link turns relative to them."""
         omega, relative = self.a.omega, self.b.omega - self.a.omega
-        ahead = (self.value if self.known is None else self.known) - (self.b_arm - self.a_arm).real
+        ahead = self.value - (self.b_arm - self.a_arm).real
         return omega * (self.slip.imag * 2.0 - omega * ahead) - relative * relative * self.b_arm.real
 
 
@@ -232,10 +230,10 @@ def _total(terms: Sequence[Real]) -> Real:
     return sum(terms[1:], start=terms[0]) if terms else 0.0
 
 
-def push(x: State, law: Linear) -> tuple[Real, ...]:
-    """The generalised force of a law along a coordinate, by the coordinate's entries.
+def strength(x: State, law: Linear) -> Real:
+    """What pulls along a coordinate by a law: F, of which `entries` are the lever; of a distance F / x, by `half_square_entries`.
 
-    Along a distance it is F grad x = (F / x) grad h with h = x^2 / 2 and
+    With F grad x = (F / x) grad h and h = x^2 / 2 it is along a distance
 
         F / x = -k + (k rest + bias) / x - c h' / x^2
 
@@ -252,7 +250,6 @@ def push(x: State, law: Linear) -> tuple[Real, ...]:
                 terms.append(-(law.k * x.value) if _absent(law.rest) else law.k * (law.rest - x.value))
             if damped:
                 terms.append(-(law.c * x.rate))
-            entries = x.entries
         case DistanceState():
             if sprung:
                 terms.append(-law.k)
@@ -262,11 +259,15 @@ def push(x: State, law: Linear) -> tuple[Real, ...]:
                 terms.append(law.bias * x.inverse)
             if damped:
                 terms.append(-(law.c * x.half_square_rate * x.inverse_square))
-            entries = x.half_square_entries
         case _:
             assert_never(x)
-    force = _total(terms)
-    return tuple(force * entry for entry in entries)
+    return _total(terms)
+
+
+def push(x: State, law: Linear) -> tuple[Real, ...]:
+    """The generalised force of a law along a coordinate, by the coordinate's entries."""
+    force = strength(x, law)
+    return tuple(force * entry for entry in (x.half_square_entries if isinstance(x, DistanceState) else x.entries))
 
 
 def energy(x: State, law: Linear) -> Real:
@@ -289,12 +290,12 @@ def loss(x: State, law: Linear) -> Real:
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """A coordinate at a state of the linkage; `known` is what its value is known to be, if anything."""
+    """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at, a, b)
         case Along(origin, point, angle, across):
-            return AlongState(at.direction(origin.link, angle, across), at.end(origin), at.end(point), known)
+            return AlongState(at.direction(origin.link, angle, across), at.end(origin), at.end(point))
         case Distance(a, b):
             return DistanceState(at.end(a), at.end(b), at.arithmetic, known)
         case _:

@@ -12,17 +12,18 @@ Lagrange: the n + m equations
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Newton's correction of a residual r is the shortest in the mass metric: that of the dependent coordinates alone, Jd x = -r, less its
-part along the free motions,
+Newton's correction of a residual r is under Gauss the shortest in metres and radians, as in the interpreted formulations: that of
+the dependent coordinates alone, Jd x = -r, less its part along the free motions,
 
-    dx = x - N (N^T M N)^-1 N^T M x
+    dx = x - N (N^T N)^-1 N^T x
 
-or the KKT system with (0, -r) on the right: in both cases the factors are those of the acceleration.
+Under Lagrange it is the KKT system with (0, -r) on the right, the shortest in the mass metric, for which the factors are there.
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
@@ -86,19 +87,25 @@ class Gauss:
         waited = max((p for p in self.factors.pivots if p.node.number is None), key=lambda p: p.node.ready, default=None)
         if search.undivided and waited and len(self.N) == 1:
             self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
-        self.reduced = self._reduced_mass(search)
+        self.search = search
+        self.reduced = self._reduced(terms.mass)
 
     def _column(self, J: Matrix, k: int, size: Node) -> Right:
         """The motion in which the independent coordinate k has the speed `size`."""
         return self.factors.solve({r: -(e * size) for (r, c), e in J.items() if c == k}) | {k: size}
 
-    def _reduced_mass(self, search: Search) -> Factors:
+    def _reduced(self, weights: Sequence[Node]) -> Factors:
+        """Factors of N^T W N with a diagonal W."""
         unknowns, graph = range(len(self.N)), self.terms.graph
         A: Matrix = {}
         for k in unknowns:
             for l in range(k + 1):
-                A[k, l] = A[l, k] = graph.total(_weighted(self.terms, self.N[k], self.N[l]), pairs=12)
-        return lu(graph, A, unknowns, unknowns, Search(search.seed))
+                A[k, l] = A[l, k] = graph.total(_weighted(graph, weights, self.N[k], self.N[l]), pairs=12)
+        return lu(graph, A, unknowns, unknowns, Search(self.search.seed))
+
+    @cached_property
+    def _lengths(self) -> Factors:
+        return self._reduced([self.terms.graph.constant(1.0)] * len(self.terms.mass))
 
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
@@ -114,10 +121,10 @@ class Gauss:
         return {j: x for j, x in a.items() if not x.zero}
 
     def correction(self, residual: Right) -> Right:
-        graph, mass = self.terms.graph, self.terms.mass
+        graph = self.terms.graph
         moved = self.factors.solve({r: -x for r, x in residual.items()})
-        products = [graph.total([mass[j] * N[j] * x for j, x in moved.items() if j in N]) for N in self.N]
-        h = self.reduced.solve({k: -x for k, x in enumerate(products) if not x.zero})
+        products = [graph.total([N[j] * x for j, x in moved.items() if j in N]) for N in self.N]
+        h = self._lengths.solve({k: -x for k, x in enumerate(products) if not x.zero})
         change = {j: [x] for j, x in moved.items()}
         for k, N in enumerate(self.N):
             for j, x in N.items() if k in h else ():
@@ -140,17 +147,17 @@ class Gauss:
         return _guards(self.factors)
 
 
-def _weighted(terms: Terms, left: Right, right: Right) -> list[Node]:
-    """Summands of left^T M right; where a link's x and y together are something known, as on a ground pin, that serves."""
+def _weighted(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: Right) -> list[Node]:
+    """Summands of left^T W right; where a link's x and y together are something known, as on a ground pin, that serves."""
     products = []
-    for x in range(0, len(terms.mass), 3):
+    for x in range(0, len(weights), 3):
         y = x + 1
-        known = _known_product(terms.graph, left, right, x)
+        known = _known_product(graph, left, right, x)
         if known is not None:
-            products.append(terms.mass[x] * known)
+            products.append(weights[x] * known)
         for j in (x + 2,) if known is not None else (x, y, x + 2):
             if j in left and j in right:
-                products.append(terms.mass[j] * left[j] * right[j])
+                products.append(weights[j] * left[j] * right[j])
     return products
 
 
@@ -230,6 +237,9 @@ def _guards(factors: Factors) -> list[tuple[Node, float]]:
     return list(guards.values())
 
 
+STEADY = (
+    100.0  # any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do: others serve there
+)
 FORMULATIONS = ("auto", "gauss", "lagrange")
 
 
@@ -247,10 +257,11 @@ def refuse(mechanism: Mechanism, formulation: str) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A formulation and, for gauss, its independent coordinates."""
+    """A formulation, for gauss its independent coordinates, and which choice of redundant rows is dropped."""
 
     formulation: str
     independent: tuple[int, ...]
+    drop: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,11 +269,13 @@ class Workspace:
     """The equations of motion of one mechanism, before elimination, at the samples one plan can use.
 
     Attributes:
+        caution: how many times larger than elsewhere pivots must be to be trusted.
         rows: all rows at the state; kept: indices of those that are eliminated.
         mark: how much the graph knew before elimination.
     """
 
     plan: Plan
+    caution: float
     links: Links
     rows: list[Row]
     terms: Terms
@@ -318,18 +331,20 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
         KernelError: the plan's partition is singular at every sample, or a name the mechanism does not have.
     """
     parameters = open_parameters(study.mechanism, open_names)
-    states, mechanism = study.states, study.mechanism
+    mechanism, kept = study.mechanism, study.kept(plan.drop)
+    usable = study.soundness(plan.drop) > USABLE
     if plan.formulation == "gauss":
-        states = states.part(conditions(study, plan.independent) > USABLE)
-        if not len(states):
-            raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
+        usable &= conditions(study, plan.independent) > USABLE
+    states = study.states.part(usable)
+    if not len(states):
+        raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
     graph = ExpressionGraph(len(states))
     here = State("t", "q", "v", states.t, states.q, states.v)
     links = Links(graph, mechanism, parameters, here)
     rows = rows_of(links)
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
-    terms = Terms(graph, tuple(mass), [rows[k] for k in study.kept], generalised_force(links))
-    return Workspace(plan, links, rows, terms, study.kept, len(graph.trail))
+    terms = Terms(graph, tuple(mass), [rows[k] for k in kept], generalised_force(links))
+    return Workspace(plan, STEADY if study.drops[plan.drop] else 1.0, links, rows, terms, kept, len(graph.trail))
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
@@ -263,15 +264,9 @@ class _Markowitz:
 
     def _trust_fewer(self) -> None:
         """Leave those samples to other programs at which no pivot serves that serves at most of them."""
-        best = np.zeros(self.graph.samples, bool)
-        for row in filter(None, self.rows.values()):  # a row may be empty by now
-            sizes = np.abs([e.at[: self.graph.samples] for e in row.values()])
-            scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
-            usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
-            best = max([best, *usable], key=lambda x: int(x.sum()))
-        if best.sum() < SHARE * self.graph.samples:
-            raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
-        self.trusted, self.sizes = best, {}
+        rows = ((np.abs([e.at[: self.graph.samples] for e in row.values()]), row) for row in self.rows.values() if row)
+        self.trusted = fewer(((sizes, np.array([self.scale[c] for c in row])) for sizes, row in rows), self.trusted)
+        self.sizes = {}
 
     def _usable(self) -> tuple[int, int, Array] | None:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
@@ -365,6 +360,25 @@ class _Markowitz:
             else:
                 target[k] = _Entry(product)
                 self.columns[k].add(other)
+
+
+def fewer(rows: Iterable[tuple[Array, Array]], trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(samples,) the samples at which one pivot serves that serves at most of those trusted so far.
+
+    Args:
+        rows: sizes of the entries (entries, samples) of each row, and scales of their columns (entries,).
+
+    Raises:
+        KernelError: these are too few.
+    """
+    best = np.zeros_like(trusted)
+    for sizes, scale in rows:
+        scaled = sizes / scale[:, None]
+        usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & trusted
+        best = max([best, *usable], key=lambda x: int(x.sum()))
+    if best.sum() < SHARE * len(trusted):
+        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+    return best
 
 
 def median(x: Array) -> float:

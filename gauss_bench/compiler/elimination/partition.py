@@ -54,6 +54,7 @@ SAMPLES = 48  # poses, a tenth of a radian apart: a pivot that touches zero betw
 FEW = 8  # of a large linkage
 SINGULAR = 0.02  # of the usual smallest singular value: nearer to a singular position no pivots are chosen
 USABLE = 0.02  # of the fastest coordinate: an independent coordinate that moves less at a sample cannot serve there
+ENOUGH, MOST = 5 * USABLE, 4  # where one choice is below, another is sought; choices
 NEAR = 0.5  # of the best conditioned partition: what is between is left to the costs
 CANDIDATES = 6  # partitions that are tried; along a chain, where the middle is best, they are spread evenly
 
@@ -64,18 +65,32 @@ class Study:
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
-        kept: indices of the rows that are kept; dropped: names of the others. Where the left null space turns with the linkage,
-            as in a parallelogram with a third crank, every choice of rows has positions at which it is singular: the guard's.
+        drops: choices of redundant rows, the best first. Where the left null space turns with the linkage, as in a parallelogram
+            with a third crank, every choice has positions at which the rows that are left are singular, and another serves there.
         free: degrees of freedom of the velocities.
+        left: (k, m, redundant) left null space of J at each sample.
         bases: (k, n, free) null space of J in scaled coordinates at each sample.
     """
 
     mechanism: Mechanism
     states: States
-    kept: tuple[int, ...]
-    dropped: tuple[str, ...]
+    drops: tuple[tuple[int, ...], ...]
     free: int
+    left: Array
     bases: Array
+
+    def kept(self, choice: int) -> tuple[int, ...]:
+        """Indices of the rows that are left under one of the choices."""
+        return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice])
+
+    def dropped(self, choice: int) -> tuple[str, ...]:
+        """Names of the others."""
+        names = row_names(self.mechanism)
+        return tuple(names[k] for k in self.drops[choice])
+
+    def soundness(self, choice: int) -> Array:
+        """(k,) how far the rows that are left are from being dependent at each sample; 0 is singular."""
+        return smallest(self.left, self.drops[choice])
 
 
 def row_names(mechanism: Mechanism) -> list[str]:
@@ -98,19 +113,34 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     if mechanism.n > DENSE and mechanism.redundant == 0:
         free = mechanism.n - constraints.m
         bases = [_sparse_null_space(J, free) for J in jacobians]
-        return Study(mechanism, states, tuple(range(constraints.m)), (), free, np.array(bases))
+        return Study(mechanism, states, ((),), free, np.zeros((len(states), constraints.m, 0)), np.array(bases))
     parts = [_subspaces(J) for J in jacobians]
     rank = max(part.rank for part in parts)
     usual = float(np.median([part.smallest for part in parts if part.rank == rank]))
     regular = np.array([part.rank == rank and part.smallest > SINGULAR * usual for part in parts])
     chosen = [part for part, good in zip(parts, regular, strict=True) if good]
     left, null = np.array([part.left for part in chosen]), np.array([part.right for part in chosen])
-    drop = spread(left, left.shape[2], range(constraints.joint_rows))
-    if drop is None:
+    allowed = range(constraints.joint_rows)
+    first = spread(left, left.shape[2], allowed)
+    if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
-    names = row_names(mechanism)
-    kept = tuple(k for k in range(constraints.m) if k not in drop)
-    return Study(mechanism, states.part(regular), kept, tuple(names[k] for k in drop), mechanism.n - rank, null)
+    drops = _covering(left, [first], allowed)
+    return Study(mechanism, states.part(regular), tuple(drops), mechanism.n - rank, left, null)
+
+
+def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
+    """Choices of rows of some bases (k, n, c), of which one is well conditioned at every sample; those given are the first."""
+    open_samples, found = np.ones(len(bases), bool), list(chosen)
+    for rows in found:
+        open_samples &= smallest(bases, rows) < ENOUGH
+    while open_samples.any() and len(found) < MOST:
+        at = int(np.flatnonzero(open_samples)[0])
+        best = spread(bases[at : at + 1], bases.shape[2], allowed)
+        if best is None or best in found:
+            break
+        found.append(best)
+        open_samples &= smallest(bases, best) < ENOUGH
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +202,4 @@ def covering(study: Study) -> list[tuple[int, ...]]:
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else 3 * study.mechanism.crank + 2
     chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
-    allowed, enough = tuple(range(study.mechanism.n)), 5 * USABLE
-    open_samples = np.arange(len(study.states))
-    if chosen:
-        open_samples = open_samples[conditions(study, chosen[0]) < enough]
-    while len(open_samples) and len(chosen) < 4:
-        worst = open_samples[0]
-        best = spread(study.bases[worst : worst + 1], study.free, allowed)
-        if best is None or best in chosen:
-            break
-        chosen.append(best)
-        open_samples = open_samples[conditions(study, best)[open_samples] < enough]
-    return chosen
+    return _covering(study.bases, chosen, range(study.mechanism.n))

@@ -91,7 +91,7 @@ def best_of(work: Workspace, wanted: Wanted) -> Best:
 
 
 def cheapest(
-    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str
+    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str, drop: int = 0
 ) -> Best:
     """The cheapest program of a mechanism among the formulations and partitions that are open.
 
@@ -100,9 +100,9 @@ def cheapest(
     Raises:
         KernelError: no partition and no pivots are usable.
     """
-    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (known.mechanism.n + len(known.kept)))))
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (known.mechanism.n + len(known.kept(drop))))))
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
-    for plan in _plans(known, formulation, independent):
+    for plan in _plans(known, formulation, independent, drop):
         try:
             plain += attempted(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
@@ -116,16 +116,16 @@ def cheapest(
     return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
 
 
-def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None) -> list[Plan]:
+def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
-    plans = [Plan("lagrange", ())] if formulation != "gauss" else []
+    plans = [Plan("lagrange", (), drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
-        plans += [Plan("gauss", x) for x in choices]
+        plans += [Plan("gauss", x, drop) for x in choices]
     return plans
 
 
-__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "generate", "known_program", "partitions"]
+__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
 
 AIMS = ("single", "batch")
 
@@ -145,7 +145,7 @@ class Program:
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
-            the shortest in the mass metric.
+            the shortest one under gauss, and the shortest in the mass metric under lagrange.
         velocity_correction: (t, q, v, p) -> dv (n,).
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
@@ -183,6 +183,7 @@ def generate(
     independent: tuple[int, ...] | None = None,
     baumgarte: tuple[float, float] | None = None,
     aim: str = "single",
+    drop: int = 0,
 ) -> Program:
     """The program of a mechanism.
 
@@ -192,6 +193,7 @@ def generate(
         independent: coordinates of the partition (gauss); chosen where None.
         baumgarte: alpha, beta [1/s] of the stabilised variant.
         aim: "single" for a short chain of operations, "batch" for few operations.
+        drop: which choice of redundant rows is dropped, of `drops`.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
@@ -202,7 +204,7 @@ def generate(
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(known, cheapest(known, open_parameters, formulation, independent, aim), baumgarte)
+    program = _written(known, cheapest(known, open_parameters, formulation, independent, aim, drop), baumgarte)
     check(program, mechanism)
     return program
 
@@ -213,6 +215,11 @@ known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often c
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     """Independent coordinates, a few choices of which at least one is usable at every position met; the first is usable at most."""
     return covering(study(mechanism))
+
+
+def drops(mechanism: Mechanism) -> int:
+    """How many choices of redundant rows there are, of which at least one is usable at every position met."""
+    return len(study(mechanism).drops)
 
 
 def costs(program: Program) -> Costs:
@@ -245,8 +252,8 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         independent=work.plan.independent,
         parameters=links.parameters.names,
         values=links.parameters.values,
-        dropped=known.dropped,
-        thresholds=np.array([x for _, x in guards]),
+        dropped=known.dropped(work.plan.drop),
+        thresholds=work.caution * np.array([x for _, x in guards]),
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),

@@ -17,7 +17,7 @@ in one link alone, and rounds find equal steps in all loops.
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.formulations import Plan, Workspace, bent, refuse, workspace
 from gauss_bench.compiler.elimination.function import Function, numbered
-from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right
+from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right, fewer
 from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
 from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
@@ -84,6 +84,7 @@ class _Rounds:
         self.scale = {c: self._largest_in(c) for c in self.columns}
         self.steps: list[EliminatedRow] = []
         self.guards: list[tuple[Node, float]] = []
+        self.trusted = np.ones(graph.samples, bool)
         self.sizes: dict[int, tuple[Array, dict[int, Array]]] = {}
 
     def _largest_in(self, c: int) -> float:
@@ -138,12 +139,15 @@ class _Rounds:
             self.columns[c].add(r)
 
     def _chosen(self) -> list[tuple[int, int]]:
-        """Pivots of the next round: of one sign at all samples where there are such."""
-        for steady in (True, False):
-            pivots = list(self._compatible(steady))
-            if pivots:
-                return pivots
-        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+        """Pivots of the next round, of one sign if possible; usable at as many samples as possible, elsewhere their guards tell."""
+        while True:
+            for steady in (True, False):
+                pivots = list(self._compatible(steady))
+                if pivots:
+                    return pivots
+            rows = ((np.array([self._values(x) for x in row.values()]), row) for row in self.rows.values() if row)
+            self.trusted = fewer(((sizes, np.array([self.scale[c] for c in row])) for sizes, row in rows), self.trusted)
+            self.sizes = {}
 
     def _compatible(self, steady: bool) -> Iterator[tuple[int, int]]:
         left = len(self.rows)
@@ -170,15 +174,15 @@ class _Rounds:
 
     def _usable(self, r: int, c: int, steady: bool) -> bool:
         _, sizes = self._row_sizes(r)
-        values = self.rows[r][c].at[: self.graph.samples]
+        values = self.rows[r][c].at[: self.graph.samples][self.trusted]
         if steady and float(values.min()) < 0.0 < float(values.max()):
             return False
         return float(sizes[c].min()) >= RELATIVE and float(np.abs(values).min()) >= SMALLEST
 
     def _row_sizes(self, r: int) -> tuple[Array, dict[int, Array]]:
-        """The largest entry of a row at each sample, columns scaled, and all entries relative to it."""
+        """The largest entry of a row at each trusted sample, columns scaled, and all entries relative to it."""
         if r not in self.sizes:
-            sizes = {c: self._values(x) / self.scale[c] for c, x in self.rows[r].items()}
+            sizes = {c: self._values(x)[self.trusted] / self.scale[c] for c, x in self.rows[r].items()}
             largest = np.maximum(np.max(list(sizes.values()), axis=0), np.finfo(float).tiny)
             self.sizes[r] = largest, {c: x / largest for c, x in sizes.items()}
         return self.sizes[r]
@@ -308,7 +312,10 @@ def programs_in_rounds(mechanism: Mechanism, wanted: Wanted) -> Iterator[RoundsP
 
 
 def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
-    """Under the formulations that are open, and last under the other; partitions late, as many freedoms make them slow to find."""
+    """Under the formulations that are open, then under the other, and last with other redundant rows dropped.
+
+    Partitions are asked for late, as many freedoms make them slow to find.
+    """
     lagrange = Plan("lagrange", ())
     open_parameters(known.mechanism, wanted.open_parameters)  # refuses a name the mechanism does not have
     formulation = wanted.formulation
@@ -317,7 +324,9 @@ def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
         plans = (plan for group in (islice(plans, 1), [lagrange], plans) for plan in group)
     else:
         plans = chain([lagrange], plans) if formulation == "lagrange" else chain(plans, [lagrange])
-    for plan in plans:
+    met: list[Plan] = []
+    others = (replace(plan, drop=k) for k in range(1, len(known.drops)) for plan in met)
+    for plan in chain((met.append(plan) or plan for plan in plans), others):
         try:
             yield generate_in_rounds(known, plan, wanted)
         except KernelError:
@@ -370,7 +379,7 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
         made.acceleration(damped) if wanted.baumgarte else None,
         made.correction(phi, ("t", "q", "t_new", "q_new", "p")) if wanted.projection else None,
         made.correction(rates, ("t", "q", "v", "p")) if wanted.projection else None,
-        known.dropped,
+        known.dropped(plan.drop),
     )
 
 
@@ -400,7 +409,7 @@ class _Functions:
         graph, n, names = self.work.terms.graph, len(self.work.terms.mass), self.work.links.parameters.names
         self.phases += [*(x for s in solutions for x in s.phases), graph.count]
         guards = [x for s in solutions for x in s.guards]
-        holds = [_at_least(graph, pivot, threshold) for pivot, threshold in guards]
+        holds = [_at_least(graph, pivot, self.work.caution * threshold) for pivot, threshold in guards]
         self.phases.append(graph.count)
         ends = [result.get(j, graph.constant(0.0)) for j in range(n)]
         sizes = tuple((x, len(names) if x == "p" else 1 if x[0] == "t" else n) for x in inputs)
@@ -437,8 +446,9 @@ def total(graph: ExpressionGraph, terms: Sequence[Node]) -> Node:
 
 
 def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True) -> tuple[list[Solution], Right]:
-    """Accelerations for a bias; not `loaded`, without forces, the shortest change in the mass metric that meets it."""
+    """Accelerations for a bias; not `loaded`, without forces and masses, the shortest change that meets it."""
     terms, graph, independent = work.terms, work.terms.graph, work.plan.independent
+    weights = terms.mass if loaded else [graph.constant(1.0)] * len(terms.mass)
     dependent = [c for c in range(len(terms.mass)) if c not in independent]
     columns: list[Right] = [{r: -e for (r, c), e in J.items() if c == k} for k in independent]
     first = solve(graph, J, [gamma, *columns], range(m), dependent)
@@ -446,9 +456,15 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True
     A: Matrix = {}
     for k, left in enumerate(motions):
         for l, other in enumerate(motions[: k + 1]):
-            products = [terms.mass[j] * left[j] * other[j] for j in sorted(left.keys() & other.keys())]
+            products = [weights[j] * left[j] * other[j] for j in sorted(left.keys() & other.keys())]
             A[k, l] = A[l, k] = total(graph, products)
-    b = {k: total(graph, [N[j] * _force(work, a0, j, loaded) for j in sorted(N)]) for k, N in enumerate(motions)}
+
+    def force(j: int) -> Node:
+        """Q_j - W_j a0_j."""
+        load = terms.Q.get(j, graph.constant(0.0)) if loaded else graph.constant(0.0)
+        return load - weights[j] * a0[j] if j in a0 else load
+
+    b = {k: total(graph, [N[j] * force(j) for j in sorted(N)]) for k, N in enumerate(motions)}
     unknowns = range(len(motions))
     second = solve(graph, A, [b], unknowns, unknowns)
     h = second.x[0]
@@ -457,13 +473,6 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True
         parts = [N[j] * h[k] for k, N in enumerate(motions) if j in N and k in h]
         a[j] = added(graph, [*([a0[j]] if j in a0 else []), *parts])
     return [first, second], a
-
-
-def _force(work: Workspace, a0: Right, j: int, loaded: bool) -> Node:
-    """Q_j - M_j a0_j, or - M_j a0_j."""
-    zero = work.terms.graph.constant(0.0)
-    force = work.terms.Q.get(j, zero) if loaded else zero
-    return force - work.terms.mass[j] * a0[j] if j in a0 else force
 
 
 def _lagrange(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solution], Right]:

@@ -4,9 +4,10 @@ With arms r, centres z and Haug's bias gamma, J a = gamma, a pin is
 
     z_b + r_b - z_a - r_a = 0,    gamma = r_b omega_b^2 - r_a omega_a^2
 
-and what slides, drivers and knife edges hold are the scalar coordinates of `mechanism/coordinates.py`. On the constraints the
-offset of a slide, the driven x(t) or L(t), stands for the distance it is equal to, which saves a root and several products; off the
-constraints this changes the acceleration by as little as the state is off, and no row's zero.
+and what slides, drivers and knife edges hold are the scalar coordinates of `mechanism/coordinates.py`. On the constraints a driven
+L(t) stands for the distance it is equal to, which saves a root and several products; off the constraints this changes the
+acceleration by as little as the state is off, and no row's zero. Slides do without: stages of a step are off by its second power,
+and an offset in the place of the true distance would save three operations a stage and make steps err otherwise than they should.
 
 Motion laws are the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1.
 """
@@ -161,9 +162,9 @@ def _slide(links: Links, joint: Prismatic) -> list[Row]:
 
 
 def _held(links: Links, name: str, coordinate: Coordinate, law: Law) -> Row:
-    """A coordinate that is what a law of time says: on the constraint its value is known to be that of the law."""
+    """A coordinate that is what a law of time says: on the constraint a distance is known to be that of the law."""
     value, rate, second = law
-    x = state(coordinate, links, state(coordinate, links).value if links.exact else value)
+    x = state(coordinate, links, None if links.exact else value)
     return Row(name, links.entries(columns(coordinate), x.entries), second - x.bias, x.value - value, -rate)
 
 

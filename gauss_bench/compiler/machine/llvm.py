@@ -50,17 +50,38 @@ def hexadecimal(x: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """Code for native_code.py: the text of a module, its function, and operations in one turn of the loop or in one evaluation."""
+    """Code for native_code.py.
+
+    Attributes:
+        text: of a module. name, signature: of its function.
+        operations: in one turn of the loop or in one evaluation.
+        packed: name of the function that takes the address of all these arguments, 8 bytes each; empty where there is none.
+    """
 
     text: str
     name: str
     signature: str
     operations: int
+    packed: str = ""
 
 
 def listing(routine: Routine, lanes: int, across: int = 1) -> Listing:
     """The module of a routine for so many trajectories at once; with one, `across` lanes of a loop are in one vector."""
-    return Listing(Writer(routine, lanes, across).text(), routine.name, routine.signature, routine.operations)
+    text, packed = Writer(routine, lanes, across).text(), ""
+    if lanes == 1:
+        packed = f"{routine.name}_packed"
+        text += "\n" + _packed(packed, routine.name, routine.signature)
+    return Listing(text, routine.name, routine.signature, routine.operations, packed)
+
+
+def _packed(name: str, called: str, signature: str) -> str:
+    """A function whose only argument is the address of the arguments of another: a single one costs a host language the least."""
+    kinds = [{"p": "ptr", "d": "double", "i": "i64"}[kind] for kind in signature]
+    lines = [f"define void @{name}(ptr %block) {{"]
+    for k, kind in enumerate(kinds):
+        lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {kind}, ptr %a{k}"]
+    given = ", ".join(f"{kind} %x{k}" for k, kind in enumerate(kinds))
+    return "\n".join([*lines, f"  call void @{called}({given})", "  ret void", "}"])
 
 
 class Writer(Emitter):

@@ -45,12 +45,14 @@ class NativeCode:
 
     Attributes:
         call: takes addresses and numbers; the lock of the interpreter is free while it runs. signature: their kinds.
+        packed: takes the address of all of them, where the listing has such a function.
         seconds: to compile or to load.
         from_cache: whether the object code was there.
         owner: keeps the machine code in memory.
     """
 
     call: Any
+    packed: Any
     signature: str
     seconds: float
     from_cache: bool
@@ -94,8 +96,8 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         code = bytes(machine.emit_object(module))
         if cached:
             object_cache.store(key, code)
-    call, owner = _loaded(code, listing)
-    return NativeCode(call, listing.signature, time.perf_counter() - start, cached_already, owner)
+    call, packed, owner = _loaded(code, listing)
+    return NativeCode(call, packed, listing.signature, time.perf_counter() - start, cached_already, owner)
 
 
 def _key(text: str, operations: int) -> str:
@@ -117,12 +119,15 @@ def _linker() -> Any:
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
-def _loaded(code: bytes, listing: Listing) -> tuple[Any, Any]:
+def _loaded(code: bytes, listing: Listing) -> tuple[Any, Any, Any]:
     unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(listing.name)
+    if listing.packed:
+        unit.export_symbol(listing.packed)
     unit.add_current_process()  # where a processor has no fused multiply-add, that of the library
     owner = unit.link(_linker(), f"{listing.name}{next(_numbers)}")
     prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in listing.signature))
-    return prototype(owner[listing.name]), owner
+    packed = ctypes.CFUNCTYPE(None)(owner[listing.packed]) if listing.packed else None  # its argument needs no conversion
+    return prototype(owner[listing.name]), packed, owner
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
@@ -163,20 +168,23 @@ class Single:
     """Arguments of one call for one state, made once: asking numpy for an address, or ctypes for a number, costs as much as steps.
 
     Attributes:
-        arrays: flat, in the order of the routine. numbers, counts: their `value` is set before a call.
+        arrays: flat, in the order of the routine.
+        numbers, counts: views of what is given behind the arrays, set before a call; counts are 1 at first, groups the last.
     """
 
-    __slots__ = ("_given", "_run", "arrays", "counts", "numbers")
+    __slots__ = ("_block", "_packed", "arrays", "counts", "numbers")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
         self.arrays = [aligned(size) for size in sizes]
-        self.numbers = [ctypes.c_double() for kind in code.signature if kind == "d"]
-        self.counts = [ctypes.c_int64(1) for kind in code.signature if kind == "i"]
-        self._given = [*(ctypes.c_void_p(address(x)) for x in self.arrays), *self.numbers, *self.counts]
-        self._run = ctypes.CFUNCTYPE(None)(ctypes.cast(code.call, ctypes.c_void_p).value or 0)  # whose arguments need no conversion
+        block = aligned(len(code.signature))
+        at, count = len(sizes), code.signature.count("d")
+        block.view(np.int64)[:at] = [address(x) for x in self.arrays]
+        self.numbers, self.counts = block[at : at + count], block.view(np.int64)[at + count :]
+        self.counts[:] = 1
+        self._block, self._packed = ctypes.c_void_p(address(block)), code.packed
 
     def run(self) -> None:
-        self._run(*self._given)
+        self._packed(self._block)
 
 
 class Singles(threading.local):

@@ -94,6 +94,11 @@ class Programs(Protocol):
         """(n_p,) open numbers of the file."""
         ...
 
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Redundant rows that the first one leaves out; others leave out others."""
+        ...
+
     def __len__(self) -> int: ...
     def further(self) -> bool:
         """Generate one more; False where there is none."""
@@ -149,8 +154,24 @@ class Driver:
         """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
         return bool((p == self.programs.values).all())
 
+    @property
+    def drifting(self) -> bool:
+        """Whether redundant rows are dropped, others by each program, and nothing takes away what they are off."""
+        return bool(self.programs.dropped) and not self.projected
+
+    def handed(self, t: float, state: Array) -> Array:
+        """A state (2n,) as another program is to go on from it.
+
+        Where rows drift, what one that was dropped is off has grown by the inverse of the smallest pivot: the state is taken back
+        onto the constraints.
+        """
+        n = self.programs.n
+        return np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if self.drifting else state
+
     def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
         """The program with the largest margin at a state, or None where none is usable there."""
+        if self.drifting and not self.nominal(p):
+            return None
         while True:
             margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs)) if k not in without}
             usable = [k for k, margin in margins.items() if margin >= 1.0]
@@ -191,7 +212,7 @@ def integrate(
         state, t = course.state, course.t
         chosen = driver.best(t, state, p, without) if np.isfinite(state).all() else None
         if chosen is not None:
-            driver.tally.switches, used = driver.tally.switches + 1, chosen
+            driver.tally.switches, used, state = driver.tally.switches + 1, chosen, driver.handed(t, state)
             continue
         h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
         try:
@@ -238,8 +259,12 @@ class Continuation:
         goal = batch.n if whole else min((self.stored + 1) * batch.every, batch.n)
         count = goal - self.at
         every = batch.every if whole else max(1, count)
-        part = Batch(self.state[None], self.p[None], self.t, batch.h, count, every)
-        outcome = self.driver.programs.runner(self.used, self.integrator).run(part)
+        runner, n = self.driver.programs.runner(self.used, self.integrator), self.driver.programs.n
+        if count <= every:  # one sample
+            end = runner.run_one(self.state[:n], self.state[n:], self.p, self.t, batch.h, count)
+            outcome = end if isinstance(end, Outcome) else arrived(end, count)
+        else:
+            outcome = runner.run(Batch(self.state[None], self.p[None], self.t, batch.h, count, every))
         complete, moved = bool(outcome.complete[0]), int(outcome.done[0])
         samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
         self.outcome.samples[self.row, self.stored : self.stored + len(samples)] = samples
@@ -260,9 +285,9 @@ class Continuation:
             self._step()
             self.tried.clear()
             k = driver.best(self.t, self.state, self.p, set())
-        if k is not None:
-            driver.tally.switches += k != self.used
-            self.used = k
+        if k is not None and k != self.used:
+            driver.tally.switches += 1
+            self.used, self.state = k, driver.handed(self.t, self.state)
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""
@@ -291,6 +316,11 @@ class Continuation:
         self.driver.tally.lost += self.stored < self.batch.slots
         self.outcome.samples[self.row, self.stored :] = np.nan
         self.stored = self.batch.slots
+
+
+def arrived(state: Array, steps: int) -> Outcome:
+    """One trajectory (2n,) that did all its steps."""
+    return Outcome(state[None], state[None, None], np.array([steps]), np.ones(1, bool))
 
 
 def before(step: int, every: int) -> int:

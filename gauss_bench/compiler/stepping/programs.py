@@ -30,7 +30,7 @@ class Stepper:
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None, work: tuple[int, ...] = ()):
         self.loaded, self.further, self.work = loaded, further, work
-        self.compiled = [loaded]
+        self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
     def extend(self) -> None:
         """Let it reach as far as it can."""
@@ -66,13 +66,17 @@ class Stepper:
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
         """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the native code."""
-        one = self.loaded.single(2 * len(q), len(parameters), *self.work, 2 * len(q), 3)
-        arrays, (step, start), (steps, every, _, _) = one.arrays, one.numbers, one.counts
-        y, report, n_q = arrays[0], arrays[-1], len(q)
+        if not self.native:
+            outcome = self.run(Batch(np.concatenate([q, v])[None], parameters[None], t0, h, n, max(1, n)))
+            return outcome.samples[0, -1] if outcome.complete[0] else outcome
+        n_q = len(q)
+        one = self.loaded.singles.one or self.loaded.single(2 * n_q, len(parameters), *self.work, 2 * n_q, 3)
+        arrays, numbers, counts = one.arrays, one.numbers, one.counts
+        y, report = arrays[0], arrays[-1]
         y[:n_q], y[n_q:] = q, v
         if len(parameters):
             arrays[1][:] = parameters
-        step.value, start.value, steps.value, every.value = h, t0, n, n or 1
+        numbers[0], numbers[1], counts[0], counts[1] = h, t0, n, n or 1
         one.run()
         if report[1]:
             return arrays[-2].copy()
@@ -130,14 +134,15 @@ class Evaluator:
         return float(self._one(t, q, v, parameters)[-1])
 
     def _one(self, t: float, q: Array, v: Array, parameters: Array) -> Array:
-        one = self.loaded.single(2 * len(q), len(parameters), *self.work, 1, len(q) + 1)
-        y, p, *_, at, out = one.arrays
-        y[: len(q)], y[len(q) :], p[:], at[0] = q, v, parameters, t
+        n = len(q)
+        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), *self.work, 1, n + 1)
+        arrays = one.arrays
+        y = arrays[0]
+        y[:n], y[n:], arrays[-2][0] = q, v, t
+        if len(parameters):
+            arrays[1][:] = parameters
         one.run()
-        return out
-
-
-STEADY = 100.0  # thresholds: any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do
+        return arrays[-1]
 
 
 class StraightLinePrograms:
@@ -170,19 +175,21 @@ class StraightLinePrograms:
 
     def runner(self, k: int, integrator: str) -> Stepper:
         """The code of one program, made when it is first asked for."""
-        if (k, integrator) not in self.runners:
-            code, reaches = self.codes[k], REACHES[integrator]
+        return self.runners.get((k, integrator)) or self._made(k, integrator)
 
-            def loaded(count: int) -> Loaded:
-                made = cache(lambda: bodies(code, integrator, reaches[:count]))
-                return Loaded(lambda many: rollout(made(), many), self.target)
+    def _made(self, k: int, integrator: str) -> Stepper:
+        code, reaches = self.codes[k], REACHES[integrator]
 
-            if self.target.backend == "numpy":
-                stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
-            else:
-                stepper = Stepper(loaded(1), loaded(len(reaches)) if len(reaches) > 1 else None)
-            self.runners[k, integrator] = stepper
-        return self.runners[k, integrator]
+        def loaded(count: int) -> Loaded:
+            made = cache(lambda: bodies(code, integrator, reaches[:count]))
+            return Loaded(lambda many: rollout(made(), many), self.target)
+
+        if self.target.backend == "numpy":
+            stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
+        else:
+            stepper = Stepper(loaded(1), loaded(len(reaches)) if len(reaches) > 1 else None)
+        self.runners[k, integrator] = stepper
+        return stepper
 
     def adaptive(self, k: int) -> Adaptive:
         """Steps of their own choice by one program, made when they are first asked for."""
@@ -209,14 +216,14 @@ class StraightLinePrograms:
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
-        if k == 0 and self.target.backend == "llvm" and not self.dropped:
+        if k == 0 and self.target.backend == "llvm":
             return self.native.accelerations(t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
-        return a, margin >= (STEADY if self.dropped else 1.0)
+        return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array | None:
         """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
-        if self.target.backend == "llvm" and not self.dropped:
+        if self.target.backend == "llvm":
             return self.native.one(t, q, v, self.values)
         return None
 

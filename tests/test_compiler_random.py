@@ -1,0 +1,60 @@
+"""Linkages drawn by lot: native steps are as exact as the interpreted ones, with and without projection, whatever the linkage."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.compiler.kernel import compile_kernel
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+from .random_linkages import FEWEST, MOST, random_linkage
+
+H, STEPS, GAP = 1e-3, 100, 10  # [s], steps, steps between samples
+ROUNDING = 1e-13  # of positions, after a hundred steps
+MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(12, 40)]
+
+
+@cache
+def mechanism(seed: int) -> Mechanism:
+    return load_document(random_linkage(seed))
+
+
+def interpreted(m: Mechanism, **choice: Any) -> Array:
+    """Positions (k, n) at the samples by numpy's gauss."""
+    model = get("gauss").build(m, Choice(step=H, **choice))
+    model.prepare(H * np.arange(0, STEPS + 1, GAP))
+    model.run()
+    return model.read().q
+
+
+@cache
+def exact(seed: int) -> Array:
+    return interpreted(mechanism(seed), integrator="dop853_fixed", stabilization="projection")
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+@pytest.mark.parametrize("seed", [*range(12), *MORE])
+def test_native_steps_are_as_exact_as_interpreted_ones(seed: int, stabilization: str) -> None:
+    m = mechanism(seed)
+    q, _ = compile_kernel(m, "gauss", stabilization).rollout(m.q0, m.v0, H, STEPS, every=GAP)
+    native = np.abs(q - exact(seed)[1:]).max()
+    numpy = np.abs(interpreted(m, integrator="rk4", stabilization=stabilization) - exact(seed)).max()
+    assert native <= 1.5 * numpy + ROUNDING
+
+
+def test_linkages_drawn_by_lot_are_sound_and_of_all_sizes() -> None:
+    for seed in range(12):
+        m = mechanism(seed)
+        rows = Evaluator(m).constraints(0.0, m.q0, m.v0)
+        singular = np.linalg.svd(rows.J, compute_uv=False)
+        assert singular[-1] > 1e-3 * singular[0]
+        assert m.n - m.dof == len(rows.J)
+        assert random_linkage(seed) == random_linkage(seed)
+    assert {len(random_linkage(seed)["links"]) for seed in range(40)} == set(range(FEWEST, MOST + 1))
