@@ -87,7 +87,7 @@ def test_a_faulty_suite_is_told_by_file_and_field(
 
 def test_an_unknown_suite_and_one_that_builds_on_itself_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--suite", "quickly", "--out", str(tmp_path / "out")]) == 2
-    assert "unknown suite 'quickly'; there are costs" in capsys.readouterr().err
+    assert "unknown suite 'quickly'; there are accuracy, costs" in capsys.readouterr().err
     path = tmp_path / "mine.toml"
     path.write_text(f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n')
     with pytest.raises(SuiteError, match="builds on itself"):

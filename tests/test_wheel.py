@@ -13,12 +13,12 @@ import pytest
 from packaging.requirements import Requirement
 
 from gauss_bench.api.options import VERBS
-from gauss_bench.engines import COMPILED, FOREIGN
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN
 from gauss_bench.engines.extras import EXTRAS
 from gauss_bench.mechanism.load import built_in
 from tests.bare import ROOT, Bare, bare
 
-EXTRA_OF = dict.fromkeys(COMPILED, "kernel") | {name: name for name in FOREIGN}
+EXTRA_OF = dict.fromkeys((*COMPILED, *DERIVED), "kernel") | {name: name for name in FOREIGN}
 URDF, MJCF = (ROOT / "tests" / "data" / name for name in ("four_bar.urdf", "four_bar_xz.xml"))
 CERTIFICATE = ROOT / "mechanisms" / "certificates" / "pendulum.swing.npz"
 

@@ -450,8 +450,9 @@ class Mechanism:
             TypeError: naming it.
         """
         for name in ("gravity", "q0", "v0"):
-            object.__setattr__(self, name, fixed := getattr(self, name).view())
-            fixed.flags.writeable = False
+            if isinstance(given := getattr(self, name), np.ndarray):  # or numbers of another kind, in a list
+                object.__setattr__(self, name, fixed := given.view())
+                fixed.flags.writeable = False
         loads(self.forces)
         parts: tuple[tuple[str, tuple[Any, ...], Any], ...] = (
             ("joint", self.joints, Joint),
