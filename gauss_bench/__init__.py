@@ -5,6 +5,7 @@
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
+    import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
     compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
@@ -19,6 +20,7 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "Export",
+    "Import",
     "Kernel",
     "Kinematics",
     "Simulation",
@@ -27,6 +29,7 @@ __all__ = [
     "compare",
     "compile_kernel",
     "export",
+    "import_model",
     "kinematics",
     "load",
     "simulate",
@@ -38,6 +41,8 @@ _HOMES = {
     "compare": "gauss_bench.api.compare:compare",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "export": "gauss_bench.api.exchange:export",
+    "import_model": "gauss_bench.api.exchange:import_model",
+    "Import": "gauss_bench.api.results:Import",
     "Export": "gauss_bench.api.results:Export",
     "certify": "gauss_bench.reference.certify:certify",
     "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",

@@ -179,6 +179,16 @@ def export(options: argparse.Namespace) -> int:
     return 0 if result.tuning is None or result.tuning.met else 1
 
 
+def bring_in(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.api.exchange import import_model
+    from gauss_bench.api.results import plain
+
+    result = import_model(options.model, options.out, options.close, options.replace, tell)
+    print(result.to_json() if options.json else text.format_import(plain(result.as_dict())))
+    return 0
+
+
 def tell(sentence: str) -> None:
     """How far things are, to people."""
     print(sentence, file=sys.stderr)
@@ -308,6 +318,7 @@ ACTIONS: dict[str, Verb] = {
     "simulate": simulate,
     "kinematics": kinematics,
     "export": export,
+    "import": bring_in,
     "certify": certify,
     "verify": verify,
     "run": run,

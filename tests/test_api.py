@@ -181,9 +181,8 @@ def measured_file(folder: Path, table: str) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize(
-    ("table", "unit"), [('joint = "guide"', "m"), pytest.param('point = "rod.P"\nangle_deg = 90.0', "m", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("table", "unit"), [('joint = "guide"', "m"), ('point = "rod.P"\nangle_deg = 90.0', "m")])
 def test_a_measured_coordinate_runs_through_every_verb(
     table: str, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

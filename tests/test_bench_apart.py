@@ -140,6 +140,7 @@ def test_simulate_judges_on_this_side(name: str, mark: Path) -> None:
     assert not mark.exists()
 
 
+@pytest.mark.slow
 def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) -> None:
     rows = gauss_bench.compare("four_bar", [*NAMES, "lagrange"], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
     assert rows["status"].to_dict() == {k: str(x) for k, x in EXPECTED.items()} | {"lagrange": "ok"}

@@ -24,6 +24,7 @@ from gauss_bench.suites.read import read_suite, restricted
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, read_table, write_table
 from gauss_bench.trajectory import Status
+from tests.headlines import compared, with_raw_rows
 
 SUITE = read_suite("kernel")
 KERNEL = [name for name in TABLES if name.startswith("kernel_") or name == "scaling"]
@@ -83,6 +84,12 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
     assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
 
 
+@pytest.mark.slow
+def test_headlines_of_a_run_are_those_of_its_raw_rows(folder: Path) -> None:
+    assert {"steps", "one_value", "right_hand_sides", "claim", "share", "kinematics"} <= set(compared(with_raw_rows(folder)))
+
+
+@pytest.mark.slow
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
     before = (folder / ".run" / "journal.jsonl").read_bytes()
     steps = (folder / "kernel_steps.csv").read_bytes()

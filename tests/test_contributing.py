@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.new_engine import ADAPTER, LIBRARY
 
 ROOT = Path(__file__).parents[1]
@@ -38,6 +40,7 @@ def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
     return done.stdout.split()[0].count(".")
 
 
+@pytest.mark.slow
 def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     for name in ("gauss_bench", "tests", "mechanisms"):
         shutil.copytree(ROOT / name, tmp_path / name)
@@ -56,6 +59,7 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     assert passed >= 6  # states of two linkages, a linkage of others, what it skips, a missing library, a planted fault
 
 
+@pytest.mark.slow
 def test_a_new_engine_in_a_package_of_its_own_is_an_entry_point(tmp_path: Path) -> None:
     (tmp_path / "outside_heuns.py").write_text(ADAPTER.replace("NAME", "heuns"), encoding="utf-8")
     (tmp_path / "heuns.py").write_text(LIBRARY, encoding="utf-8")
@@ -245,6 +249,7 @@ write_drawings(Path("drawn"))
 """
 
 
+@pytest.mark.slow
 def test_a_new_linkage_is_one_file(tmp_path: Path) -> None:
     folder = copied(tmp_path)
     document = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")

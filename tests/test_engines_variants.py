@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.offers import offer
-from gauss_bench.engines import FOREIGN, get
+from gauss_bench.engines import DERIVED, FOREIGN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import OWN_SEARCH, VariantError, Variants, read_variants
 from gauss_bench.mechanism.load import load
@@ -83,7 +83,7 @@ def test_a_faulty_file_is_told_by_table_and_field(old: str, new: str, said: str,
     assert "variants.toml" in str(error.value)
 
 
-@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("name", [*DERIVED, *FOREIGN])
 def test_the_spaces_of_engines_name_what_they_offer_and_can_be_asked_for(name: str) -> None:
     offered = offer(name)
     assert offered.usable
@@ -104,9 +104,9 @@ def lines(name: str) -> list[tuple[str, str]]:
     return [(name, x) for x in {variant.partition("/")[0]: variant for variant in offer(name).variants}.values()]
 
 
-@pytest.mark.parametrize(("engine", "variant"), [x for name in FOREIGN for x in lines(name)])
+@pytest.mark.parametrize(("engine", "variant"), [x for name in (*DERIVED, *FOREIGN) for x in lines(name)])
 def test_a_variant_moves_the_linkage_as_all_do(engine: str, variant: str) -> None:
-    needs({"pinocchio": "pinocchio", "mujoco": "mujoco", "exudyn": "exudyn", "casadi": "casadi"}[engine])
+    needs("llvmlite" if engine in DERIVED else engine)
     mechanism, chosen = load("four_bar", "torque"), offer(engine).variants[variant]
     choice = Choice(variant, chosen.integrator, chosen.stabilization, 1e-4, 1e-9)
     assert get(engine).skip(mechanism, choice) is None

@@ -253,6 +253,7 @@ def test_references_and_reactions_refuse_redundant_rows_too() -> None:
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_pendulum_loses_what_its_pin_dissipates() -> None:
     mechanism = pendulum(mu=0.3, radius=0.05, speed=0.5)
     evaluator, found = Evaluator(mechanism), run(mechanism, t=1.0)
@@ -308,6 +309,7 @@ def test_a_driven_crank_moves_as_geometry_says_whatever_the_friction(name: str) 
 # Integration ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rk4_converges_to_the_reference_at_its_order() -> None:
     mechanism = crank_slider()
     reference = build_reference(mechanism, 0.2)

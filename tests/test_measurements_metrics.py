@@ -172,21 +172,25 @@ def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:
     true = still(mechanism, np.array([0.0, 0.5, 1.0]))
     zeros = np.zeros(3)
     reference = Reference(
-        *(true.t, true.q, true.v, true.a), *(np.full(3, 1e-12), np.full(3, 2e-12), zeros), *(np.full(3, 3e-12), zeros, zeros), ""
+        *(true.t, true.q, true.v, true.a),
+        *(np.full(3, 1e-12), np.full(3, 2e-12), zeros),
+        *(np.full(3, 3e-12), np.full(3, 5e-12), zeros),
+        "",
     )
     finer = np.arange(101) * 0.01
     q, v = np.tile(true.q[0], (101, 1)), np.zeros((101, 9))
     q[50, 2] += 1e-3  # the crank's angle at half a second
-    q[50, 3] -= 4e-3  # the coupler's centre there
+    q[50, 4] -= 4e-3  # the coupler's centre there, across
+    v[50, 6] += 1.5  # the rate of the rocker's centre there, along
     q[51, 2] += 9.0  # between the times of the reference
     v[100, 8] += 2.0  # the rocker's rate at the end
     found = metrics.state_errors(mechanism, Trajectory(finer, q, v, 0 * q, 100), reference)
     assert found.t == pytest.approx([0.0, 0.5, 1.0])
     assert found.measured == pytest.approx([0.0, 1e-3, 0.0])
     assert found.position == pytest.approx(np.array([[0.0] * 3, [1e-3, 4e-3, 0.0], [0.0] * 3]))
-    assert found.velocity == pytest.approx(np.array([[0.0] * 3, [0.0] * 3, [0.0, 0.0, 2.0]]))
+    assert found.velocity == pytest.approx(np.array([[0.0] * 3, [0.0, 0.0, 1.5], [0.0, 0.0, 2.0]]))
     assert found.position_bar == pytest.approx([3e-12] * 3)  # the floor is above the reference's own error
-    assert found.velocity_bar == pytest.approx([2e-12] * 3)
+    assert found.velocity_bar == pytest.approx([5e-12] * 3)
 
 
 @pytest.mark.parametrize("name", sorted(FORMULATIONS.keys() - CONTROLS))

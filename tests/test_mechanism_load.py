@@ -203,3 +203,11 @@ def test_a_multiple_joint_is_pairs_in_list_order() -> None:
     mechanism = load_document(document, "torque")
     assert [j.name for j in mechanism.joints] == ["A", "B", "B.001", "C", "D"]
     assert mechanism.dof == 2
+
+
+@pytest.mark.parametrize("name", ["q0", "v0", "gravity"])
+def test_a_mechanism_that_others_are_given_too_cannot_be_written_into(name: str) -> None:
+    mechanism = load("four_bar")
+    assert load("four_bar") is mechanism
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(mechanism, name)[0] += 1.0

@@ -20,6 +20,7 @@ MUTATIONS = tomllib.loads((ROOT / "tests" / "mutations.toml").read_text(encoding
 KEYS = {"fault", "file", "text", "mutant", "test"}
 NEEDED = ("gauss_bench", "tests", "mechanisms", "pyproject.toml")
 LIMIT = 600  # [s] of one run of tests
+SECOND = 10**9  # [ns]
 FAILED = 1  # pytest's exit code where tests ran and failed; anything else is no test's word
 
 
@@ -61,7 +62,7 @@ class Spoilt:
 
     def __init__(self, folder: Path) -> None:
         self.told = folder / "told"
-        where = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
+        where = os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, "-c", SERVER]
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
@@ -109,6 +110,8 @@ def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: S
     sound, when = path.read_text(encoding="utf-8"), path.stat().st_mtime_ns
     assert mutation["text"] in sound, "let the mutation follow the code"
     path.write_text(sound.replace(mutation["text"], mutation["mutant"]), encoding="utf-8")
+    spoilt_at = when + 2 * SECOND * (1 + MUTATIONS.index(mutation))  # what is compiled is told by its second and its size
+    os.utime(path, ns=(spoilt_at, spoilt_at))
     try:
         code, told = spoilt.outcome([mutation["test"]])
     finally:

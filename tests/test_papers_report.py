@@ -13,6 +13,8 @@ from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
 from tests.papers_tables import Rows, audited, reproduced
 
+pytestmark = pytest.mark.slow  # for its tables
+
 
 def told_of(audit: Rows = (), reproduction: Rows = (), motion: Rows = ()) -> Run:
     """A run of the tables that these sections read."""

@@ -68,6 +68,7 @@ def test_the_chain_follows_its_closed_form_up_to_the_first_singular_position(cou
     assert np.abs(-np.array(found["links"][f"v{count}"]["omega"]) - w).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_the_chain_passes_singular_positions_under_projection() -> None:
     at = [2.0, 3.0]
     found = simulate("n_four_bar_2", "gauss", stabilization="projection", step=1e-3, at=at)

@@ -298,7 +298,7 @@ LAWS: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize(
-    "law", [pytest.param(x, id=x["law"], marks=pytest.mark.slow if x["law"] == "cosine" else ()) for x in LAWS]
+    "law", [pytest.param(x, id=x["law"], marks=() if x["law"] == "constant" else pytest.mark.slow) for x in LAWS]
 )
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
     taylor = needs("gauss_bench.reference.taylor.series")
@@ -318,6 +318,7 @@ def test_dry_friction_is_refused() -> None:
         motion(str(DATA / "friction.toml"), "torque", ["0", "0.1"])
 
 
+@pytest.mark.slow
 def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
     taylor = needs("gauss_bench.reference.taylor.series")
     times = decimals("0.5", 5)

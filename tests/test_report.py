@@ -209,6 +209,7 @@ def test_figures_leave_out_what_is_not_valid(report: Path) -> None:
         assert not any(name in path.read_text() for name in dropped)
 
 
+@pytest.mark.slow
 def test_built_twice_is_the_same_byte_for_byte(report: Path, tmp_path: Path) -> None:
     rows = invented()
     other = write_run(tmp_path, rows[::-1])

@@ -102,8 +102,9 @@ def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
 
 def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
     finer = [r | {"accuracy": 1e-9} for r in ROWS]
-    findings = list(search.findings(run(*ROWS, *finer)))
-    assert [f.title[:12] for f in findings] == ["Within 1e-06", "Within 1e-09"]
+    angles = [r | {"required": "angle", "unit": "rad"} for r in ROWS]
+    findings = list(search.findings(run(*angles, *finer, *ROWS)))
+    assert [f.title[:18] for f in findings] == ["Within 1e-06 m of ", "Within 1e-09 m of ", "Within 1e-06 rad o"]
     section = search.section(run(*ROWS, *finer))
     assert section is not None
     (table,) = (block for block in section.blocks if isinstance(block, Table))

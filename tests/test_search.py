@@ -22,10 +22,12 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.metrics import joint_force_errors
 from gauss_bench.reference.build import build_reference
+from gauss_bench.report.rows import Run
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.tables import TABLES, row_of
 from gauss_bench.trajectory import Status, Trajectory
+from tests.headlines import compared
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked
 
 COARSE, FINE = Requirement("position", 1e-3), Requirement("position", 1e-6)
@@ -240,6 +242,8 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
     assert [(r["engine"], r["settings"], r["steps"]) for r in again] == [
         (r["engine"], r["settings"], r["steps"]) for r in found["search_winners"]
     ]
+    rows = {name: tuple(row_of(TABLES[name], r) for r in found[name]) for name in found}
+    assert compared(Run({}, rows)) == ["search"]
     for table in ("search_ladder", "search_winners", "search_times"):
         assert [row_of(TABLES[table], row) for row in found[table]]
 

@@ -29,12 +29,14 @@ def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
                 assert all(load(x, scenario).scenario == scenario for x, scenario in part.linkages.items())
     found = cases(suite)
     assert len(set(found)) == len(found)
+    timed = [linkage for part in suite.cost for linkage in part.linkages]
+    assert len(set(timed)) == len(timed), "one race of a linkage, so that a cost has one value"
 
 
 def test_a_suite_joins_those_it_builds_on_once_each() -> None:
     quick, kernel, whole = (read_suite(name) for name in ("quick", "kernel", "full"))
     assert set(cases(whole)) == set(cases(quick))
-    assert len(whole.cost) == len(kernel.cost)  # the costs that both build on are there once
+    assert whole.cost == kernel.cost
     assert whole.steps == kernel.steps
     assert whole.papers == quick.papers
 
@@ -85,7 +87,7 @@ def test_a_faulty_suite_is_told_by_file_and_field(
 
 def test_an_unknown_suite_and_one_that_builds_on_itself_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--suite", "quickly", "--out", str(tmp_path / "out")]) == 2
-    assert "unknown suite 'quickly'; there are costs" in capsys.readouterr().err
+    assert "unknown suite 'quickly'; there are accuracy, costs" in capsys.readouterr().err
     path = tmp_path / "mine.toml"
     path.write_text(f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n')
     with pytest.raises(SuiteError, match="builds on itself"):

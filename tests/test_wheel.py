@@ -13,12 +13,13 @@ import pytest
 from packaging.requirements import Requirement
 
 from gauss_bench.api.options import VERBS
-from gauss_bench.engines import COMPILED, FOREIGN
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN
 from gauss_bench.engines.extras import EXTRAS
 from gauss_bench.mechanism.load import built_in
 from tests.bare import ROOT, Bare, bare
 
-EXTRA_OF = dict.fromkeys(COMPILED, "kernel") | {name: name for name in FOREIGN}
+EXTRA_OF = dict.fromkeys((*COMPILED, *DERIVED), "kernel") | {name: name for name in FOREIGN}
+URDF, MJCF = (ROOT / "tests" / "data" / name for name in ("four_bar.urdf", "four_bar_xz.xml"))
 CERTIFICATE = ROOT / "mechanisms" / "certificates" / "pendulum.swing.npz"
 
 
@@ -47,6 +48,7 @@ WORKING = {
     "simulate": ["simulate", "four_bar", "--at", "0,0.01"],
     "kinematics": ["kinematics", "four_bar", "--steps", "12", "--plot", "plot.svg", "--animate", "animation.svg"],
     "export": ["export", "four_bar", "--engine", "c", "--out", "four_bar.c"],
+    "import": ["import", str(URDF), "--out", "brought_in.toml", "--close", "coupler.coupler_end=rocker.rocker_end"],
     "verify": ["verify", str(CERTIFICATE), "--linkage", "pendulum", "--jobs", "1"],
 }
 
@@ -99,6 +101,7 @@ NEEDING = {
     "certify": (["certify", "pendulum", "--until", "0.01"], 1, "certify"),
     "kernel suite": (["run", "--suite", "kernel", "four_bar", "--out", "kernel"], 2, "kernel"),
     "MJCF": (["export", "four_bar", "--engine", "mujoco", "--out", "four_bar.xml"], 2, "mujoco"),
+    "import of MJCF": (["import", str(MJCF), "--out", "upright.toml"], 2, "mujoco"),
     "compiled kinematics": (["kinematics", "four_bar", "--method", "native"], 2, "kernel"),
 }
 

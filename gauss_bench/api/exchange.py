@@ -1,7 +1,7 @@
-"""Linkages out to other programs: the object that `gauss-bench export --json` prints."""
+"""Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.api.results import Export, Tuning
+from gauss_bench.api.results import Export, Import, Tuning
 from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.asked import checked_budget
 from gauss_bench.bench.offers import ChoiceError
@@ -19,6 +19,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, Kind, exported
+from gauss_bench.exchange.imports import imported
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -161,6 +162,36 @@ def told_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         return {"refused": str(error)}
     except ImportError as error:
         return {"missing": not_installed(error), "library": error.name or ""}
+
+
+def import_model(
+    model: str | Path, out: str | Path, close: Sequence[str] = (), replace: bool = False, told: Told = nobody
+) -> Import:
+    """Write a linkage file from a planar model in MJCF or URDF.
+
+    Args:
+        model: the file, which is read by MuJoCo's own compiler where it is MJCF.
+        out: the linkage file to write; the linkage is called as it is, without the ending.
+        close: LINK.FRAME=LINK.FRAME, the loops of a URDF.
+        replace: whether a file that is there already may be replaced.
+        told: is told how far things are.
+
+    Raises:
+        ExchangeError: what is not planar, or no linkage can have: with file, element and reason; or a file is there already.
+        MissingExtra: MuJoCo is not installed.
+        OSError: the file cannot be written.
+    """
+    path = writable(out, replace)
+    told(f"{model}")
+    with Worker() as worker:
+        found = answered(worker, read_there, (str(model), path.stem, list(close)), str(model))
+    write_text(path, found["text"])
+    return Import(str(model), found["kind"], str(path), path.stem, found["links"], found["dof"], tuple(found["left_out"]))
+
+
+def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
+    """`imported` as plain data."""
+    return told_plainly(lambda: asdict(imported(Path(model), name, close)))
 
 
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:

@@ -84,6 +84,16 @@ def _export(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _import(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("model", metavar="FILE", help="MJCF (read by MuJoCo's compiler) or URDF, planar")
+    verb.add_argument("--out", required=True, type=Path, metavar="NAME.toml", help="the linkage file to write")
+    verb.add_argument("--replace", action="store_true", help="write over NAME.toml if it is there already")
+    verb.add_argument(
+        "--close", action="append", default=[], metavar="LINK.FRAME=LINK.FRAME", help="join two frames of a URDF; may be repeated"
+    )
+    verb.add_argument("--json", action="store_true")
+
+
 def _certify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="default: the first with a start")
@@ -155,6 +165,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "simulate": ("run one linkage in one engine", _simulate),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
+    "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
     "verify": ("check certificates in double precision", _verify),
     "run": ("run a suite and write its tables; finished cases are not repeated", _run),

@@ -184,6 +184,26 @@ class Export(Result):
         return super().as_dict() | {"tuning": self.tuning and self.tuning.as_dict()}
 
 
+@dataclass(frozen=True)
+class Import(Result):
+    """A linkage file, made of a model of another program.
+
+    Attributes:
+        model: the file that was read; kind: "MJCF" or "URDF".
+        file: that was written; name: of the linkage.
+        links, dof: how many it has.
+        left_out: what of the model it does not hold, or has otherwise.
+    """
+
+    model: str
+    kind: str
+    file: str
+    name: str
+    links: int
+    dof: int
+    left_out: tuple[str, ...]
+
+
 def plain(item: Any) -> Any:
     """Arrays, numpy numbers and tuples as what JSON knows."""
     if hasattr(item, "tolist"):

@@ -142,6 +142,12 @@ def format_export(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def format_import(result: dict[str, Any]) -> str:
+    counts = f"{result['links']} links, {result['dof']} degrees of freedom"
+    lines = [f"{result['file']}: {counts}, from {result['model']} ({result['kind']})"]
+    return "\n".join([*lines, *(f"not taken over: {x}" for x in result["left_out"])])
+
+
 def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) -> str:
     """How the cases of a run ended, and which of its targets were missed."""
     lines = []

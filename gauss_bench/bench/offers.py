@@ -12,14 +12,14 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.bench.worker import Worker, WorkerFailure
-from gauss_bench.engines import COMPILED, FOREIGN, OWN, RIVALS, all_names, get
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.variants import Variant
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
-SAFE = (*OWN, *COMPILED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
+SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
 ALIASES = {"euler": "semi_implicit_euler"}
 CALLED = ("version", "skip", "build")
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from gauss_bench import judge
 from gauss_bench.bench.clock import timed
+from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Engine, Model
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import relative_acceleration_error
@@ -238,7 +238,7 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, JUDGED).round().astype(int))
     part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
     try:
-        model = Interpreted("gauss").build(mechanism, Choice("default", "rk4"))
+        model = get("gauss").build(mechanism, Choice("default", "rk4"))
         with np.errstate(all="ignore"):
             true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):

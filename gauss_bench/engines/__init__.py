@@ -12,6 +12,9 @@ FOREIGN = {
     "mujoco": "gauss_bench.engines.mujoco.adapter:Mujoco",
     "casadi": "gauss_bench.engines.casadi.adapter:Casadi",
 }
+DERIVED = {  # the suite's own equations beside its formulations, compiled: for some linkages only, as libraries are
+    "minimal": "gauss_bench.engines.minimal.adapter:Minimal",
+}
 RIVALS = {  # known to searches and whoever asks by name; suites leave them out: they need a C compiler, or fit few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
@@ -26,8 +29,8 @@ def _from(target: str) -> Callable[[], Engine]:
 
 
 def names() -> list[str]:
-    """All engines: own formulations, the compiled ones, foreign engines, then what others add in the group gauss_bench.engines."""
-    return [*OWN, *COMPILED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
+    """All engines: own formulations, compiled and derived ones, foreign engines, then what others add in gauss_bench.engines."""
+    return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
 
 
 def all_names() -> list[str]:
@@ -50,8 +53,8 @@ def get(name: str) -> Engine:
         from gauss_bench.engines.compiled import Compiled
 
         return Compiled(name)
-    if name in FOREIGN or name in RIVALS:
-        return _from({**FOREIGN, **RIVALS}[name])()
+    if name in (inside := {**DERIVED, **FOREIGN, **RIVALS}):
+        return _from(inside[name])()
     for point in entry_points(group="gauss_bench.engines"):
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.integrate.fixed_step import NODES, ROWS, WEIGHTS
+from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
@@ -55,13 +55,14 @@ def compiler() -> str | None:
 
 def dop853_fixed() -> str:
     """The twelve stages of DOP853 in C, those coefficients that are zero left out."""
-    last = len(WEIGHTS)
+    nodes, rows, weights = dop853_tableau()
+    last = len(weights)
     lines = [f"    double x[N], {', '.join(f'v{k}[N], a{k}[N]' for k in range(last))};"]
-    for k, (node, row) in enumerate(zip(NODES, ROWS, strict=True)):
+    for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
         move, turn = _sums(row, "v"), _sums(row, "a")
         lines.append(f"    for (int i = 0; i < N; i++) {{ x[i] = q[i] + h * ({move}); v{k}[i] = v[i] + h * ({turn}); }}")
         lines.append(f"    acceleration(at + {node!r} * h, x, v{k}, a{k});")
-    end = f"q[i] += h * ({_sums(WEIGHTS, 'v')}); v[i] += h * ({_sums(WEIGHTS, 'a')});"
+    end = f"q[i] += h * ({_sums(weights, 'v')}); v[i] += h * ({_sums(weights, 'a')});"
     body = "\n".join([*lines, f"    for (int i = 0; i < N; i++) {{ {end} }}"])
     head = "void dop853_fixed(double *q, double *v, double t, double h, long steps)"
     return f"{head}\n{{\n    for (long k = 0; k < steps; k++) {{\n    double at = t + k * h;\n{body}\n    }}\n}}\n"

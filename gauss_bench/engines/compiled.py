@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
 from gauss_bench.engines.shared import finite
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -19,7 +19,6 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
 ADAPTIVE = "dop853"
-STAGES = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # evaluations of a step
 TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
 
@@ -106,7 +105,7 @@ class CompiledModel:
                         (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
             row, self.steps = row + intervals, self.steps + count * intervals
-        self.evaluations = STAGES[self.choice.integrator] * self.steps
+        self.evaluations = EVALUATIONS[self.choice.integrator] * self.steps
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""

@@ -3,13 +3,15 @@
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.5 (order 8, error control).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from gauss_bench.integrate.fixed_step import Acceleration
+
+if TYPE_CHECKING:
+    from scipy.integrate import DOP853
 
 Array = NDArray[np.floating[Any]]
 
@@ -29,6 +31,8 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
     Raises:
         StepFailure: with scipy's own reason, or after MOST steps.
     """
+    from scipy.integrate import DOP853  # its import takes longer than most runs
+
     n, done, steps = q.shape[1], 1, 0
 
     def rate(t: float, y: Array) -> Array:
@@ -47,7 +51,7 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
     return steps, int(solver.nfev)
 
 
-def _within(solver: DOP853, times: Array) -> list[Array]:
+def _within(solver: "DOP853", times: Array) -> list[Array]:
     """States at those of the next times that lie in the step just taken; only times inside it cost evaluations."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None

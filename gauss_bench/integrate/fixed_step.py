@@ -5,11 +5,11 @@ semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical 
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 ROUNDING = 4 * np.finfo(float).eps  # of two times and what they were made of
 Array = NDArray[np.floating[Any]]
@@ -37,19 +37,30 @@ def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array
 
 def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """The twelve stages of DOP853 without its error estimate: order 8."""
-    n, y = len(q), np.concatenate([q, v])
-    rates = np.empty((len(WEIGHTS), 2 * n))
-    for k, (node, row) in enumerate(zip(NODES, ROWS, strict=True)):
+    (nodes, rows, weights), n, y = dop853_tableau(), len(q), np.concatenate([q, v])
+    rates = np.empty((len(weights), 2 * n))
+    for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
         state = y + h * row.dot(rates[:k]) if k else y
         rates[k, :n], rates[k, n:] = state[n:], acceleration(t + node * h, state[:n], state[n:])
-    y = y + h * WEIGHTS.dot(rates)
+    y = y + h * weights.dot(rates)
     return y[:n], y[n:]
 
 
-WEIGHTS = np.ascontiguousarray(DOP853.B)
-NODES = DOP853.C[: len(WEIGHTS)].tolist()
-ROWS = [np.ascontiguousarray(row[:k]) for k, row in enumerate(DOP853.A[: len(WEIGHTS)])]
+@cache
+def dop853_tableau() -> tuple[list[float], list[Array], Array]:
+    """Nodes (s,), the rows' weights of the stages before them, and the weights (s,) of the step; as scipy has them.
+
+    Read when first asked for: importing scipy.integrate takes longer than most runs.
+    """
+    from scipy.integrate import DOP853
+
+    weights = np.ascontiguousarray(DOP853.B)
+    rows = [np.ascontiguousarray(row[:k]) for k, row in enumerate(DOP853.A[: len(weights)])]
+    return DOP853.C[: len(weights)].tolist(), rows, weights
+
+
 STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853_fixed}
+EVALUATIONS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # of accelerations in a step
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:

@@ -230,10 +230,10 @@ def _total(terms: Sequence[Real]) -> Real:
     return sum(terms[1:], start=terms[0]) if terms else 0.0
 
 
-def push(x: State, law: Linear) -> tuple[Real, ...]:
-    """The generalised force of a law along a coordinate, by the coordinate's entries.
+def strength(x: State, law: Linear) -> Real:
+    """What pulls along a coordinate by a law: F, of which `entries` are the lever; of a distance F / x, by `half_square_entries`.
 
-    Along a distance it is F grad x = (F / x) grad h with h = x^2 / 2 and
+    With F grad x = (F / x) grad h and h = x^2 / 2 it is along a distance
 
         F / x = -k + (k rest + bias) / x - c h' / x^2
 
@@ -250,7 +250,6 @@ def push(x: State, law: Linear) -> tuple[Real, ...]:
                 terms.append(-(law.k * x.value) if _absent(law.rest) else law.k * (law.rest - x.value))
             if damped:
                 terms.append(-(law.c * x.rate))
-            entries = x.entries
         case DistanceState():
             if sprung:
                 terms.append(-law.k)
@@ -260,11 +259,15 @@ def push(x: State, law: Linear) -> tuple[Real, ...]:
                 terms.append(law.bias * x.inverse)
             if damped:
                 terms.append(-(law.c * x.half_square_rate * x.inverse_square))
-            entries = x.half_square_entries
         case _:
             assert_never(x)
-    force = _total(terms)
-    return tuple(force * entry for entry in entries)
+    return _total(terms)
+
+
+def push(x: State, law: Linear) -> tuple[Real, ...]:
+    """The generalised force of a law along a coordinate, by the coordinate's entries."""
+    force = strength(x, law)
+    return tuple(force * entry for entry in (x.half_square_entries if isinstance(x, DistanceState) else x.entries))
 
 
 def energy(x: State, law: Linear) -> Real:

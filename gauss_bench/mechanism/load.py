@@ -138,6 +138,8 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         raise refuse(f"cannot be read: {error.strerror}") from error
     if len(content) > MAX_BYTES:
         raise refuse(f"larger than {MAX_BYTES} bytes; not a linkage file")
+    if content.lstrip().startswith((b"<", b"\xef\xbb\xbf<")):
+        raise refuse("is XML, not a linkage file; `gauss-bench import FILE --out NAME.toml` makes one of planar MJCF and URDF")
     try:
         document = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:

@@ -411,7 +411,7 @@ class Mechanism:
         observed_points, observed_links: what the file asks to report: points, and links by their angles (indices).
         measured: the coordinate by which motions are compared: what the file names, else the first driver's, else the crank's
             angle, else the first angle of a link or slide that can move, in the file's order.
-        q0, v0: (n,) consistent start.
+        q0, v0: (n,) consistent start, read-only.
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
     """
@@ -444,9 +444,15 @@ class Mechanism:
     def __post_init__(self) -> None:
         """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.
 
+        The arrays are read-only from here on: whoever loads the same file is given the same mechanism.
+
         Raises:
             TypeError: naming it.
         """
+        for name in ("gravity", "q0", "v0"):
+            if isinstance(given := getattr(self, name), np.ndarray):  # or numbers of another kind, in a list
+                object.__setattr__(self, name, fixed := given.view())
+                fixed.flags.writeable = False
         loads(self.forces)
         parts: tuple[tuple[str, tuple[Any, ...], Any], ...] = (
             ("joint", self.joints, Joint),

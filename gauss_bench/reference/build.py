@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -96,6 +95,8 @@ def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: A
 
 def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
     """scipy's DOP853, made to stop at every sample."""
+    from scipy.integrate import DOP853  # its import takes longer than most of what needs no such reference
+
     n = len(q0)
 
     def rate(t: float, y: Array) -> Array:
@@ -124,7 +125,7 @@ def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _
         return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
-    parts = [read.state(x, u, read.acceleration(x, u)) for x, u in zip(theta, w, strict=True)]
+    parts = [read.free(x, u) for x, u in zip(theta, w, strict=True)]
     q, v, a = (np.concatenate([p[level] for p in parts]) for level in range(3))
     return q, v, a
 
@@ -160,8 +161,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        w_dot = np.array([motion.acceleration(x, u)[0] for x, u in zip(theta[:, None], w[:, None], strict=True)])
-        parts = [motion.state(*x) for x in zip(theta[:, None], w[:, None], w_dot[:, None], strict=True)]
+        parts = [motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)]
         q, v, a = (np.concatenate([p[j] for p in parts]) for j in range(3))
         return States(np.zeros(count), q, v, a)
     if mechanism.driver is not None and is_minimal(mechanism):

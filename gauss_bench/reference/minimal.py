@@ -14,6 +14,7 @@ R is affine in the friction W N(lambda), and so is lambda. All functions take a 
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -26,10 +27,17 @@ from gauss_bench.terms import Array
 
 LARGEST_TURN = 0.15  # [rad] between two closures: Newton with a velocity predictor keeps its branch well beyond that
 NEWTON_STEPS = 12
+Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k crank angles
 
 
 class LostClosure(ArithmeticError):
     """The linkage cannot be closed at an angle: it lies beyond a limit of motion, or at a singular position."""
+
+
+def _state(closed: Closed, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
+    """q, v, a (k, n) at crank speeds and accelerations (k,)."""
+    q, d, e = closed
+    return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
 
 
 class MinimalCoordinate:
@@ -71,7 +79,7 @@ class MinimalCoordinate:
         rhs[:, -1] = 1.0
         return self._solve(J, rhs)
 
-    def geometry(self, theta: Array) -> tuple[Array, Array, Array]:
+    def geometry(self, theta: Array) -> Closed:
         """q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), reached from the last closed position.
 
         Raises:
@@ -90,7 +98,7 @@ class MinimalCoordinate:
         self.last = (q[-1], d[-1], e[-1])
         return q, d, e
 
-    def _close(self, q: Array, theta: Array) -> tuple[Array, Array, Array]:
+    def _close(self, q: Array, theta: Array) -> Closed:
         still = np.zeros_like(q)
         rows = self.constraints(0.0, q, still)
         for _ in range(NEWTON_STEPS):
@@ -108,12 +116,19 @@ class MinimalCoordinate:
 
     def state(self, theta: Array, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
         """q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
-        q, d, e = self.geometry(theta)
-        return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
+        return _state(self.geometry(theta), w, w_dot)
+
+    def free(self, theta: Array, w: Array) -> tuple[Array, Array, Array]:
+        """q, v, a (k, n) for crank angles and speeds (k,), with the accelerations that the forces cause."""
+        closed = self.geometry(theta)
+        return _state(closed, w, self._acceleration(closed, w))
 
     def acceleration(self, theta: Array, w: Array) -> Array:
         """Crank acceleration (k,) [rad/s^2]."""
-        q, d, e = self.geometry(theta)
+        return self._acceleration(self.geometry(theta), w)
+
+    def _acceleration(self, closed: Closed, w: Array) -> Array:
+        q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2
         if self.friction:
@@ -132,19 +147,18 @@ class MinimalCoordinate:
         multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
-    def angles_reached(self, step: float = np.radians(1.0)) -> tuple[float, float]:
-        """Lowest and highest crank angle [rad] within one turn either way that the linkage can be closed at."""
+    def angles_reached(self) -> tuple[float, float]:
+        """Lowest and highest crank angle [rad], to a degree, within one turn either way that the linkage can be closed at."""
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):
             self.rest()
-            end = start
-            try:
-                for k in range(1, int(2 * np.pi / step) + 1):
-                    self.geometry(np.array([start + sign * k * step]))
-                    end = start + sign * k * step
-            except LostClosure:
-                pass
-            ends.append(end)
+            end = 0
+            for stride in (8, 1):  # degrees: far until it fails, then a degree at a time from the last that was closed
+                with suppress(LostClosure):
+                    for degree in range(end + stride, 361, stride):
+                        self.geometry(np.array([start + sign * np.radians(degree)]))
+                        end = degree
+            ends.append(start + sign * np.radians(end))
         self.rest()
         return ends[0], ends[1]

@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from gauss_bench.report.palette import GRID, INK, LINES, MARKERS, MUTED, PAPER, cycle, engine_colours
 from gauss_bench.report.rows import Row, known
@@ -144,13 +144,19 @@ class Looks:
 
 
 def logarithmic(axes: Axes, which: str = "both") -> None:
-    """Logarithmic axes with a label every decade or, over a wide range, every few."""
+    """Logarithmic axes with a label every decade or, over a wide range, every few; written as tables write it."""
     if which in ("x", "both"):
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(FuncFormatter(_power))
     if which in ("y", "both"):
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(FuncFormatter(_power))
         axes.yaxis.set_major_locator(LogLocator(numticks=9))
         axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _power(value: float, _: int | None) -> str:
+    return f"{value:.0e}"
 
 
 def striped(axes: Axes, lines: Sequence[Line]) -> None:

@@ -158,8 +158,8 @@ def accelerations(rows: Sequence[Row]) -> list[Row]:
 
 
 def costs(rows: Sequence[Row]) -> list[Row]:
-    """One row per mechanism, engine, settings and integrator whose step was timed, or only an acceleration where no step was."""
-    keys = ("mechanism", "engine", "settings", "integrator")
+    """One row per mechanism and method whose step was timed, or only an acceleration where no step was."""
+    keys = ("mechanism", "engine", "settings", "integrator", "stabilization")
     stepped = [r for r in rows if known(r.get("step_time")) or known(r.get("native_step_time"))]
     have = {tuple(r[k] for k in keys[:3]) for r in stepped}
     timed = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]

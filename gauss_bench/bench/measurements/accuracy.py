@@ -5,7 +5,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.context import Alteration, Context
@@ -16,6 +15,7 @@ from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
+from gauss_bench.terms import Array
 
 JUDGING = 20.0  # [s] for what comes before and after a run that has its own limit: a reference, and what is found in the samples
 
@@ -79,13 +79,19 @@ def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
 
 def with_orders(rows: Rows) -> Rows:
     """The rows with `observed_order`, from the measured coordinate's error at the last checkpoint that the run reached."""
-    frame = pd.DataFrame(rows)
-    for _, group in frame.groupby([k for k in KEY if k != "step"], sort=False) if len(frame) else ():
-        columns = (c for c in ("measured_error_t2", "measured_error_t1", "measured_error_t05") if c in group)
-        column = next((c for c in columns if group[c].notna().any()), None)
-        if column and len(group) > 1:
-            steps, errors = group["step"].to_numpy(), group[column].to_numpy(dtype=float)
-            floors = group["position_error_bar"].fillna(0.0).to_numpy(dtype=float)
-            for place, order in zip(group.index, observed_order(steps, errors, floors), strict=True):
-                rows[place]["observed_order"] = float(order)
+    groups: dict[tuple[Any, ...], Rows] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[k] for k in KEY if k != "step"), []).append(row)
+    for group in groups.values():
+        steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
+        told = (_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05"))
+        errors = next((x for x in told if not np.isnan(x).all()), None)
+        if errors is not None and len(group) > 1:
+            for row, order in zip(group, observed_order(steps, errors, floors), strict=True):
+                row["observed_order"] = float(order)
     return rows
+
+
+def _numbers(rows: Rows, column: str) -> Array:
+    """A column, NaN where a row has none."""
+    return np.array([np.nan if row.get(column) is None else row[column] for row in rows], dtype=float)

@@ -37,7 +37,7 @@ BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_ste
 COLD = "cold build"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 TRAJECTORIES = 128  # in a batch: enough that a call from Python does not count
-BATCH_STEPS = 1000  # of each of them
+BATCH_STEPS = 200  # of each of them
 RACES = 3  # of a linkage at most: who brings two of them down is a bug to be found, not a result
 
 Make = Callable[[], Block]

@@ -17,14 +17,13 @@ from gauss_bench.engines.by_hand.loops import Loop, Underived, loop_of
 from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, compiler
 from gauss_bench.engines.shared import finite, finite_acceleration, require_agreement, size
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 FOLDER = Path(__file__).parent
-STAGES = {"rk4": 4, "dop853_fixed": 12}
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
 AGREEMENT = 1e-9  # relative: rounding and the closure of the start leave 1e-13, a wrong term about 1
 TABLE = 721  # places of a turn: links turn by far less than half a turn from one to the next
@@ -35,7 +34,7 @@ class ByHand:
     """The engine."""
 
     name = "by_hand"
-    integrators = tuple(STAGES)
+    integrators = ("rk4", "dop853_fixed")
     stabilizations = ("none",)
     settings = SETTINGS
     native_loop = True
@@ -151,5 +150,5 @@ class ByHandModel:
         q[reached], v[reached], a[reached] = self._absolute(self.th[reached, 0], self.w[reached, 0])
         steps = sum(count for count, _ in self.plan)
         return Trajectory(
-            self.times, q, v, a, steps, STAGES[self.choice.integrator] * steps, "one coordinate, derived by hand, in C"
+            self.times, q, v, a, steps, EVALUATIONS[self.choice.integrator] * steps, "one coordinate, derived by hand, in C"
         )

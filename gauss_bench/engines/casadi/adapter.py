@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.casadi.equal_steps import STAGES, EqualSteps
+from gauss_bench.engines.casadi.equal_steps import METHODS, EqualSteps
 from gauss_bench.engines.casadi.functions import unfit
 from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
@@ -50,7 +50,7 @@ class Casadi:
     """The engine."""
 
     name = "casadi"
-    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *STAGES)
+    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *METHODS)
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs = VARIANTS.space, VARIANTS.knobs
@@ -66,12 +66,12 @@ class Casadi:
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
             return "the stabilised index 2 form keeps the constraints by itself"
-        if choice.integrator in STAGES and choice.stabilization == "projection":
+        if choice.integrator in METHODS and choice.stabilization == "projection":
             return "equal steps are generated without a projection"
         return unfit(mechanism)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel | EqualSteps":
-        if choice.integrator in STAGES:
+        if choice.integrator in METHODS:
             return EqualSteps(mechanism, choice, VARIANTS.options(choice.settings))
         return CasadiModel(mechanism, choice)
 

@@ -12,18 +12,22 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, Code, compiler
 from gauss_bench.engines.shared import finite, finite_acceleration
-from gauss_bench.integrate.fixed_step import ROWS, WEIGHTS, step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, dop853_tableau, step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
-TABLEAUX: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {  # rows and weights; time is a coordinate of its own
-    "rk4": (((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
-    "dop853_fixed": ([row.tolist() for row in ROWS], WEIGHTS.tolist()),
-}
-STAGES = {name: len(weights) for name, (_, weights) in TABLEAUX.items()}
+METHODS = ("rk4", "dop853_fixed")
 GENERATED = "generated C"
 CHUNK = 500  # steps in one call of the virtual machine: what calling costs no longer counts
+
+
+def _tableau(name: str) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
+    """Rows and weights of a method; time is a coordinate of its own."""
+    if name == "rk4":
+        return ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+    _, rows, weights = dop853_tableau()
+    return [row.tolist() for row in rows], weights.tolist()
 
 
 class EqualSteps:
@@ -90,7 +94,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         def rate(x: Any) -> Any:
             return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
 
-        rows, weights = TABLEAUX[self.choice.integrator]
+        rows, weights = _tableau(self.choice.integrator)
         rates: list[Any] = []
         for row in rows:
             rates.append(rate(x + h * sum((c * k for c, k in zip(row, rates, strict=True)), 0 * x)))
@@ -114,4 +118,4 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = np.array(self.plain.map(reached.stop)(self.times[reached], self.q[reached].T, self.v[reached].T)).T
         steps = sum(count for count, _ in self.plan)
-        return Trajectory(self.times, self.q, self.v, a, steps, STAGES[self.choice.integrator] * steps, self.note)
+        return Trajectory(self.times, self.q, self.v, a, steps, EVALUATIONS[self.choice.integrator] * steps, self.note)

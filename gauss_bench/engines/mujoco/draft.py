@@ -35,6 +35,7 @@ class Draft:
         self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
         self.joints: dict[int, Any] = {}
         self.names: set[tuple[str, str]] = {("body", "world")}
+        self.sites: dict[tuple[Any, ...], str] = {}
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._link(b, mechanism.links[b.link], y)
@@ -71,9 +72,12 @@ class Draft:
         return name
 
     def _site(self, point: Point) -> str:
-        name = self._name("site", point.name)
-        self.bodies[point.link].add_site(name=name, pos=spatial(point.local))
-        return name
+        """The name of the site in a point's place."""
+        key = point.link, point.name, tuple(point.local)
+        if key not in self.sites:
+            self.sites[key] = self._name("site", point.name)
+            self.bodies[point.link].add_site(name=self.sites[key], pos=spatial(point.local))
+        return self.sites[key]
 
     def _closure(self, a: Point, b: Point) -> None:
         connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE

@@ -50,6 +50,7 @@ CAPTION = (
     "Each engine's searched best with its multiple of our own; cannot: no variant reached it within the budget. Bars are the range "
     "from the 5 to the 95 percent point of the rounds."
 )
+KINDS = ("position", "angle", "force")
 OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
 LANES = 0.85  # of a linkage's height is for its engines
 SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
@@ -122,7 +123,7 @@ def findings(run: Run) -> Iterator[Finding]:
     if lost_races := [r for r in lines if not r["required"]]:
         said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
         yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
-    for (kind, accuracy), group in grouped((r for r in lines if r["required"]), _requirement).items():
+    for (kind, accuracy), group in sorted(grouped((r for r in lines if r["required"]), _requirement).items(), key=_by_kind):
         lost = [*slower(group), *out_of_reach(group), *short(group)]
         rivals = grouped((r for r in group if not r.get("ours") and r["status"] in (OK, CANNOT)), lambda r: str(r["engine"]))
         said = "; ".join(f"`{engine}` {listed(map(_multiple, rows))}" for engine, rows in rivals.items())
@@ -136,6 +137,11 @@ def findings(run: Run) -> Iterator[Finding]:
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
         yield Finding(title, text, "warn" if lost else "")
+
+
+def _by_kind(item: tuple[tuple[str, float], list[Row]]) -> tuple[int, float]:
+    kind, accuracy = item[0]
+    return [*KINDS, kind].index(kind), -accuracy
 
 
 def _requirement(row: Row) -> tuple[str, float]:

@@ -21,13 +21,13 @@ from gauss_bench.report.content import (
 )
 from gauss_bench.report.palette import INK
 from gauss_bench.report.plotting import Looks, logarithmic, panels, svg, titled
-from gauss_bench.report.rows import Row, Run, costs, known, named, number
+from gauss_bench.report.rows import Row, Run, costs, known, named, number, plain
 
 PLACE = 50
 TABLES = ("results",)
 OWN, RIVAL = "gauss", "lagrange"
 HEAD = (
-    *("engine", "settings", "integrator"),
+    *("engine", "settings", "integrator", "stabilization"),
     *("step µs", "ratio", "spread"),
     *("own loop µs", "ratio", "spread"),
     *("acceleration µs", "ratio", "spread"),
@@ -46,10 +46,10 @@ def section(run: Run, name: str) -> Section | None:
         "its first step where what is generated is stored, **cold build** the first one in a new process with nothing stored, "
         "once; engines without one generate no code."
     )
-    head, numeric = columns(HEAD, 3)
+    head, numeric = columns(HEAD, 4)
     lines = []
     for row in rows:
-        names = tuple(text_cell(row[key]) for key in ("settings", "integrator"))
+        names = tuple(text_cell(row[key]) for key in ("settings", "integrator", "stabilization"))
         step = (time_cell(row, "step_time"), *ratio_cells(row, "step_ratio"))
         own = (time_cell(row, "native_step_time"), *ratio_cells(row, "native_step_ratio"))
         one = (time_cell(row, "acceleration_time"), *ratio_cells(row, "acceleration_ratio"))
@@ -57,8 +57,8 @@ def section(run: Run, name: str) -> Section | None:
         lines.append((engine_cell(row), *names, *step, *own, *one, *built))
     note = "A spread is the range of the ratio from its 5 to its 95 percent point over resampled rounds."
     table = Table(f"{name}: cost", head, tuple(lines), numeric, note=note)
-    svg = cost_ratios(rows, str(baseline))
-    pictures = (Picture(f"cost_{name}", svg, f"Cost ratios of {name}"),) if svg else ()
+    svg = cost_ratios([row for row in rows if plain(row)], str(baseline))
+    pictures = (Picture(f"cost_{name}", svg, f"Cost ratios of {name}, without stabilisation"),) if svg else ()
     return Section("Cost", f"{name}-cost", (Text(words), *pictures, table))
 
 
@@ -111,7 +111,7 @@ def _drawn(axes: Axes, i: int, row: Row, column: str, looks: Looks) -> None:
 
 def findings(run: Run) -> Iterator[Finding]:
     """The suite's own formulation against Lagrange multipliers: the cost of a step and of an acceleration."""
-    rows = costs(run.results)
+    rows = [row for row in costs(run.results) if plain(row)]
     for quantity, what in (("step", "A step"), ("acceleration", "One acceleration")):
         spreads: dict[str, list[float]] = {}
         for row in (r for r in rows if r["engine"] == OWN):

@@ -1,0 +1,414 @@
+"""The equation of motion of a linkage in one coordinate q, written out as expressions.
+
+Everything that moves is known by its place and its first two derivatives by q, a prime each: of a link its direction
+e = exp(i theta), omega = theta' and alpha = theta'', of its point at the arm r
+
+    p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
+
+so that velocities are v = p' q', accelerations p' q'' + p'' q'^2. With the kinetic energy m(q) q'^2 / 2 Lagrange's equation is
+
+    m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
+
+where Q is the power of the loads at q' = 1. A link between two pins A, B with its centre at A + kappa (B - A), kappa = k + i j, is
+carried as masses at its pins and an inertia, for neighbours share the pins and a pin next to the ground needs no more than omega:
+
+    M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s,    s = B - A
+
+A dyad's place comes from elementary geometry, with one root; its derivatives from two linear equations whose determinant is that
+root again, so that the root is also how far the dyad is from its dead centre.
+
+Angles that a force needs are those of the coordinate or of what slides tie to it; any other angle is integrated beside q from its
+rate omega q', for it is known to whole turns only.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.function import Function, Inputs, function, uses
+from gauss_bench.compiler.elimination.program import Program
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
+from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, Dyad, Held, Way
+from gauss_bench.mechanism.coordinates import DistanceState, End, state, strength
+from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
+from gauss_bench.terms import Array
+
+NEAR = 0.02  # [rad, m] by a part of which the expressions' random points lie off the samples
+AXIS = 1e-14  # of a vector's length: less is rounding of a right angle
+NOTHING = Function((), (), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Equation:
+    """The equation of one way on one branch.
+
+    Attributes:
+        way, signs: the coordinate, and which of its two solutions each dyad has.
+        followed: links whose angles are integrated beside the coordinate.
+        program: its acceleration as the compiler steps it; q is the coordinate and the angles of `followed`.
+        angles: links whose angles forces need -> which of the program's q they follow, and by how much they are turned [rad].
+        told: (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha.
+        seen: (t, q, v, p) -> for every way of the linkage its coordinate as it is, its rate and the openings of its dyads: three
+            numbers (cos, sin, rate) of a link's angle, (value, 0, rate) of a slide, then one a dyad; last the rates of the angles
+            that forces need. Rates are those at a rate 1 of this coordinate.
+    """
+
+    way: Way
+    signs: tuple[float, ...]
+    followed: tuple[int, ...]
+    angles: Mapping[int, tuple[int, float]]
+    program: Program
+    told: Function
+    seen: Function
+
+    def known(self, q: Array) -> dict[int, float]:
+        """The angles that forces need, at the program's q (n,)."""
+        return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
+
+    def state(self, value: float, rate: float, known: Mapping[int, tuple[float, float]]) -> Array:
+        """The program's q and v (2n,) at a value and rate of the coordinate, given angles that forces need with their rates."""
+        q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
+        for link, (k, turn) in self.angles.items():
+            q[k], v[k] = known[link][0] - turn, known[link][1]
+        return np.concatenate([q, v])
+
+
+def needed_angles(mechanism: Mechanism) -> list[int]:
+    """Links whose angles forces need, in the file's order."""
+    sprung = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and isinstance(x.coordinate, Angle) and x.k]
+    return sorted({link for x in sprung for link in (x.a, x.b)} - {GROUND})
+
+
+def _roots(way: Way) -> dict[int, tuple[int, float]]:
+    """For every link the one whose angle it follows, and by how much it is turned against that [rad]."""
+    found = {GROUND: (GROUND, 0.0), way.link: (way.link, 0.0)}
+    if isinstance(way.joint, Prismatic):
+        found[way.link] = (GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
+    for dyad in way.dyads:
+        first, second = dyad.links
+        found[first] = first, 0.0
+        match dyad:
+            case RRR():
+                found[second] = second, 0.0
+            case RRP():
+                root, turn = found[dyad.second.to]
+                found[second] = root, turn + dyad.turn
+            case RPR():
+                found[second] = first, dyad.turn
+    return found
+
+
+def write_equation(
+    mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array, others: Sequence[Way] = ()
+) -> Equation:
+    """The equation of a way.
+
+    Args:
+        signs: of each dyad.
+        q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
+        least: (dyads,) opening of each dyad below which the equation is not to be used.
+        others: the ways that are to be seen.
+    """
+    needed, roots = needed_angles(mechanism), _roots(way)
+    followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
+    place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
+    angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}
+    value, _ = way.state(q, np.zeros_like(q))
+    states = np.column_stack([value, *(q[:, 3 * link + 2] for link in followed)])
+    motion = _Motion(mechanism, way, signs, followed, states)
+    a, guards = motion.acceleration(), motion.openings
+    at: Inputs = (("t", 1), ("q", 1 + len(followed)), ("v", 1 + len(followed)), ("p", 0))
+    program = Program(
+        name=mechanism.name,
+        formulation="minimal",
+        n=1 + len(followed),
+        m=0,
+        independent=(0,),
+        parameters=(),
+        values=np.zeros(0),
+        dropped=(),
+        thresholds=np.array([size * x for (_, size), x in zip(guards, least, strict=True)]),
+        acceleration=function(at, [a, [x for x, _ in guards]], uses([*a, *(x for x, _ in guards)])),
+        position_correction=NOTHING,
+        velocity_correction=NOTHING,
+        multipliers=NOTHING,
+        energy=NOTHING,
+        residual=NOTHING,
+        stabilized=None,
+    )
+    told, seen = function(at, motion.told(), None), function(at, [*map(motion.seen, others), motion.turning(needed)], None)
+    return Equation(way, tuple(signs), followed, angles, program, told, seen)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point: position, and its first and second derivative by the coordinate."""
+
+    p: Vector
+    d: Vector
+    b: Vector
+
+    def __sub__(self, other: "Place") -> "Place":
+        return Place(self.p - other.p, self.d - other.d, self.b - other.b)
+
+
+class Body:
+    """A link in motion: its direction with derivatives, and one of its points, `at` in its own frame; `pin` is another one."""
+
+    def __init__(self, e: Vector, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
+        self.e, self.omega, self.alpha, self.at, self.place, self.pin = e, omega, alpha, at, place, pin
+        self.square, self.change = omega * omega, omega * alpha
+
+    def arm(self, to: Array) -> Vector:
+        return self.e * _fixed(self.omega.graph, *(to - self.at))
+
+    def point(self, local: Array) -> Place:
+        r, o = self.arm(local), self.place
+        return Place(o.p + r, o.d + r.turned(self.omega), o.b + r.turned(self.alpha) - r * self.square)
+
+
+def _fixed(graph: ExpressionGraph, x: float, y: float) -> Vector:
+    size = AXIS * max(abs(x), abs(y))
+    return Vector(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
+
+
+def _unit(graph: ExpressionGraph, angle: float) -> Vector:
+    return _fixed(graph, float(np.cos(angle)), float(np.sin(angle)))
+
+
+def _between(graph: ExpressionGraph, a: Point, b: Point) -> Vector:
+    """From a to b in the frame of their link."""
+    return _fixed(graph, *(b.local - a.local))
+
+
+class _Motion:
+    """All links of a linkage as functions of the coordinate.
+
+    Attributes:
+        openings: root of each dyad, and what it is at an opening of 1.
+    """
+
+    def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], followed: tuple[int, ...], states: Array):
+        self.mechanism, self.followed, self.roots = mechanism, followed, _roots(way)
+        self.graph = graph = ExpressionGraph(len(states))
+        self.q = [graph.input("q", k, states[:, k], NEAR) for k in range(states.shape[1])]
+        self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)
+        self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
+        still = Vector(self.zero, self.zero)
+        rest = Place(still, still, still)
+        self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
+        self.bodies[way.link] = self._input(way)
+        self.openings: list[tuple[Node, float]] = []
+        for dyad, sign in zip(way.dyads, signs, strict=True):
+            self._close(dyad, sign)
+
+    def _input(self, way: Way) -> Body:
+        graph, joint, q = self.graph, way.joint, self.q[0]
+        still = Vector(self.zero, self.zero)
+        if not isinstance(joint, Prismatic):
+            at = Place(_fixed(graph, *way.fixed.local), still, still)
+            return Body(Vector(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
+        guided = joint.guide.link == GROUND  # else the guide moves, against the way of the block in it
+        turn = joint.turn if guided else -joint.turn
+        along = _unit(graph, joint.angle + (0.0 if guided else turn)) * (1.0 if guided else -1.0)
+        place = _fixed(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
+        return Body(_unit(graph, turn), self.zero, self.zero, way.moved.local, Place(place, along, still))
+
+    def at(self, point: Point) -> Place:
+        return self.bodies[point.link].point(point.local)
+
+    def _close(self, dyad: Dyad, sign: float) -> None:
+        match dyad:
+            case RRR():
+                self._rrr(dyad, sign)
+            case RRP():
+                self._rrp(dyad, sign)
+            case RPR():
+                self._rpr(dyad, sign)
+
+    def _rrr(self, dyad: RRR, sign: float) -> None:
+        """With a = B - A, c = B - C: a' = i omega1 a, c' = i omega2 c, and (a - c)' is known; a x c is half the root."""
+        A, C = self.at(dyad.first.other), self.at(dyad.second.other)
+        r1, r2 = dyad.lengths()
+        way = C - A
+        d, D = way.p, way.p.dot(way.p)
+        near = D + (r1 * r1 - r2 * r2)
+        square = D * (4 * r1 * r1) - near * near
+        root = self.graph.sqrt(square)
+        a = (d * near + d.turned(root * sign)) * (self.graph.inverse(D) * 0.5)
+        c = a - d
+        both, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(square) * (2 * sign)
+        omega1, omega2 = way.d.dot(c) * inverse, way.d.dot(a) * inverse
+        s1, s2 = omega1 * omega1, omega2 * omega2
+        alpha1 = (way.b.dot(c) + s1 * both - s2 * (r2 * r2)) * inverse
+        alpha2 = (way.b.dot(a) + s1 * (r1 * r1) - s2 * both) * inverse
+        ends = ((dyad.first, a, A, omega1, alpha1), (dyad.second, c, C, omega2, alpha2))
+        for (held, arm, place, omega, alpha), pin in zip(ends, dyad.middle, strict=True):
+            e = arm * self._backwards(pin.local - held.own.local)
+            self.bodies[held.link] = Body(e, omega, alpha, held.own.local, place, pin.local)
+        self.openings.append((root, 2 * r1 * r2))
+
+    def _backwards(self, s: Array) -> Vector:
+        """1 / s of a vector of a link's frame: what turns it in world axes into the link's direction."""
+        return _fixed(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
+
+    def _rrp(self, dyad: RRP, sign: float) -> None:
+        """With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link."""
+        guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
+        u = guide.e * _unit(self.graph, dyad.angle)
+        n, way, height, r = u.turned(), R - A, dyad.height, dyad.length
+        y = n.dot(way.p) + height
+        square = r * r - y * y
+        root = self.graph.sqrt(square)
+        x = root * sign
+        inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - u.dot(way.p)
+        omega = (n.dot(way.d) + guide.omega * s) * inverse
+        slip = -(omega * y) - (u.dot(way.d) - guide.omega * height)
+        turning = guide.alpha * s - guide.square * height + guide.omega * slip * 2.0
+        alpha = (n.dot(way.b) + turning + omega * omega * y) * inverse
+        rod, own = dyad.first, dyad.first.own.local
+        pins = [pin.local for pin in dyad.middle]
+        self.bodies[rod.link] = Body(a * self._backwards(pins[0] - own), omega, alpha, own, A, pins[0])
+        B = self.bodies[rod.link].point(pins[0])
+        e = guide.e * _unit(self.graph, dyad.turn)
+        self.bodies[dyad.second.link] = Body(e, guide.omega, guide.alpha, pins[1], Place(A.p + a, B.d, B.b))
+        self.openings.append((root, r))
+
+    def _rpr(self, dyad: RPR, sign: float) -> None:
+        """A - C = (x + i height) u with u along the guide."""
+        C, A = self.at(dyad.guide.other), self.at(dyad.block.other)
+        way, height = A - C, dyad.height
+        D = way.p.dot(way.p)
+        square = D - height * height
+        root = self.graph.sqrt(square)
+        x = root * sign
+        inverse = x * self.graph.inverse(square)
+        u = way.p * inverse if height == 0 else (way.p * x - way.p.turned(height)) * self.graph.inverse(D)
+        n = u.turned()
+        omega = n.dot(way.d) * inverse
+        slip = u.dot(way.d) + omega * height
+        alpha = (n.dot(way.b) + omega * omega * height - omega * slip * 2.0) * inverse
+        e = u * _unit(self.graph, -dyad.angle)
+        self.bodies[dyad.guide.link] = Body(e, omega, alpha, dyad.guide.own.local, C)
+        turned = e * _unit(self.graph, dyad.turn)
+        self.bodies[dyad.block.link] = Body(turned, omega, alpha, dyad.block.own.local, A)
+        self.openings.append((root, 1.0))
+
+    def acceleration(self) -> list[Node]:
+        """Of the coordinate and of the angles followed."""
+        m, h, Q = list[Node](), list[Node](), list[Node]()
+        for k, link in enumerate(self.mechanism.links):
+            masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
+            m, h = [*m, *masses], [*h, *halves]
+            Q.append(_fixed(self.graph, *self.mechanism.gravity).dot(moment))
+        for load in loads(self.mechanism.forces):
+            Q.append(self._law(load) if isinstance(load, Law) else self._push(load))
+        total, square = self.graph.total, self.v * self.v
+        a = (total(Q) - total(h) * square) / total(m)
+        return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.followed)]
+
+    def _law(self, law: Law) -> Node:
+        unit = state(law.coordinate, _Rates(self, self.one))
+        rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
+        known = self.graph.node(rate)
+        self.graph.mul(known, self.v)  # so that what follows is found to be this
+        return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * known
+
+    def _push(self, force: PointForce) -> Node:
+        F = self.bodies[force.frame].e * _fixed(self.graph, *force.value)
+        return F.dot(self.at(force.point).d)
+
+    def angle(self, link: int) -> Node:
+        root, turn = self.roots[link]
+        if root == GROUND:
+            return self.graph.constant(turn)
+        k = 1 + self.followed.index(root) if root in self.followed else 0
+        return self.q[k] + turn
+
+    def seen(self, way: Way) -> list[Node]:
+        """What `Equation.seen` says of one way."""
+        body = self.bodies[way.link]
+        if isinstance(way.joint, Prismatic):
+            slid = state(way.coordinate, _Rates(self, self.one))
+            return [*map(self.graph.node, (slid.value, 0.0, slid.rate)), *map(self._opening, way.dyads)]
+        return [body.e.x, body.e.y, body.omega, *map(self._opening, way.dyads)]
+
+    def turning(self, links: Sequence[int]) -> list[Node]:
+        return [self.bodies[link].omega for link in links]
+
+    def _opening(self, dyad: Dyad) -> Node:
+        """As `Way.opening`."""
+        match dyad:
+            case RRR():
+                a, c = (self.bodies[x.link].e * _between(self.graph, held.own, x) for held, x in self._arms(dyad))
+                r1, r2 = dyad.lengths()
+                return a.cross(c) * (1 / (r1 * r2))
+            case RRP():
+                u = self.bodies[dyad.line.link].e * _unit(self.graph, dyad.angle)
+                rod = self.bodies[dyad.first.link].e * _between(self.graph, dyad.first.own, dyad.middle[0])
+                return u.dot(rod) * (1 / dyad.length)
+            case RPR():
+                u = self.bodies[dyad.guide.link].e * _unit(self.graph, dyad.angle)
+                return u.dot(self.at(dyad.block.own).p - self.at(dyad.guide.own).p)
+
+    def _arms(self, dyad: RRR) -> Iterator[tuple[Held, Point]]:
+        return zip((dyad.first, dyad.second), dyad.middle, strict=True)
+
+    def told(self) -> list[list[Node]]:
+        """What `Equation.told` returns."""
+        rows: list[list[Node]] = [[], [], []]
+        for k in range(len(self.mechanism.links)):
+            body = self.bodies[k]
+            centre = body.point(np.zeros(2))
+            rows[0] += [centre.p.x, centre.p.y, body.e.x, body.e.y]
+            rows[1] += [centre.d.x, centre.d.y, body.omega]
+            rows[2] += [centre.b.x, centre.b.y, body.alpha]
+        return rows
+
+
+def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vector]:
+    """What a link adds to m and h, and its mass times the derivative of its centre."""
+    if body.pin is None:
+        z = body.point(np.zeros(2))
+        return (
+            [z.d.dot(z.d) * mass, body.square * inertia],
+            [z.d.dot(z.b) * mass, body.change * inertia],
+            z.d * mass,
+        )
+    s = body.pin - body.at
+    kappa = complex(*-body.at) / complex(*s)
+    k, j = kappa.real, (0.0 if abs(kappa.imag) < AXIS else kappa.imag)
+    A, B, J = body.place, body.point(body.pin), inertia + mass * float(s @ s) * (abs(kappa) ** 2 - k)
+    m = [A.d.dot(A.d) * (mass * (1 - k)), B.d.dot(B.d) * (mass * k), body.square * J]
+    h = [A.d.dot(A.b) * (mass * (1 - k)), B.d.dot(B.b) * (mass * k), body.change * J]
+    moment = A.d * (mass * (1 - k)) + B.d * (mass * k)
+    if j:  # the centre lies beside the line of the pins
+        arm = body.arm(body.pin)
+        aside = A.d.dot(arm)
+        m.append(body.omega * aside * (-2 * mass * j))
+        turning = A.b.dot(arm) + A.d.dot(arm.turned(body.omega))
+        h.append((body.alpha * aside + body.omega * turning) * (-mass * j))
+        moment = moment - arm * (body.omega * (mass * j))
+    return m, h, moment
+
+
+class _Rates:
+    """The links as coordinates of forces see them, at a speed of the coordinate; points stand for themselves, without arms."""
+
+    def __init__(self, motion: _Motion, speed: Node):
+        self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
+
+    def angle(self, link: int) -> Node:
+        return self.motion.angle(link)
+
+    def omega(self, link: int) -> Node:
+        return self.motion.bodies[link].omega * self.speed
+
+    def end(self, point: Point) -> End:
+        place, zero = self.motion.at(point), self.motion.zero
+        return End(place.p, place.d * self.speed, self.omega(point.link), Vector(zero, zero))
+
+    def direction(self, link: int, angle: float, across: bool = False) -> Vector:
+        n = self.motion.bodies[link].e * _unit(self.motion.graph, angle)
+        return n.turned() if across else n

@@ -1,0 +1,102 @@
+"""One equation as machine code: steps by the compiler's own rollouts, and what else a change of coordinate has to see."""
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.function import Function
+from gauss_bench.compiler.machine.code import read_code
+from gauss_bench.compiler.machine.graph import Array as Rows
+from gauss_bench.compiler.machine.graph import Compute, Graph, Load, Routine, Store, count_operations, inline, live, order, rewrite
+from gauss_bench.compiler.machine.native_code import Loaded, Single, Target
+from gauss_bench.compiler.machine.trigonometry import sincos
+from gauss_bench.compiler.stepping.driver import Course
+from gauss_bench.compiler.stepping.programs import Adaptive
+from gauss_bench.compiler.stepping.rollout import adaptive, bodies, rollout
+from gauss_bench.compiler.stepping.steps import REACHES
+from gauss_bench.engines.minimal.equation import Equation
+from gauss_bench.terms import Array
+
+TARGET = Target("llvm", 1, True)
+
+
+class Machine:
+    """An equation that steps, by one integrator. A state y (2n,) is the program's q and v.
+
+    Attributes:
+        adaptive: whether steps are the integrator's own choice.
+    """
+
+    def __init__(self, equation: Equation, integrator: str):
+        self.equation, self.n, self.adaptive = equation, equation.program.n, integrator == "dop853"
+        code = read_code(equation.program, "none")
+        if self.adaptive:
+            self._chosen = Adaptive(Loaded(lambda many: adaptive(code), TARGET))
+            self._chosen.loaded.call(1)
+        else:
+            self._steps = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
+            self._steps.call(1)
+        self._rooms: dict[int, Single] = {}
+
+    def room(self, slots: int) -> Single:
+        """Memory for a rollout with so many samples, made once."""
+        if slots not in self._rooms:
+            self._rooms[slots] = Single(self._steps.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
+        return self._rooms[slots]
+
+    def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
+        """`count` steps with a sample after each `every`: samples (k, 2n), steps that count, and the state they came to.
+
+        The state is the last sample where all steps count; otherwise the one before the step that does not.
+        """
+        slots = max(1, -(-count // every))
+        one = self.room(slots)
+        start, _, samples, report = one.arrays
+        start[:] = y
+        one.numbers[:] = h, t
+        one.counts[:3] = count, every, slots
+        one.run()
+        found = samples.reshape(slots, 2 * self.n)
+        if report[1]:
+            return found, count, found[-1]
+        done = int(report[0])
+        return found[: max(0, -(-done // every) - 1)], done, start
+
+    def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
+        """Steps of its own choice, as far as the equation is to be used."""
+        return self._chosen.run(y, np.zeros(0), times, tolerances)
+
+    @cached_property
+    def _view(self) -> Callable[[Array], Array]:
+        return compiled(self.equation.seen, self.n)
+
+    def seen(self, y: Array) -> list[Array]:
+        """What `Equation.seen` says at a state, its parts one by one."""
+        return np.split(self._view(y), self._cuts)
+
+    @cached_property
+    def _cuts(self) -> Array:
+        return np.cumsum([len(x) for x in self.equation.seen.outputs])[:-1]
+
+
+def compiled(function: Function, n: int) -> Callable[[Array], Array]:
+    """All results of a function (t, q, v, p), which depends on neither t nor p, in one row for a state y (2n,)."""
+    g = Graph()
+    leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]
+    results = inline(g, function, ([g.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(g, x))
+    new, roots = rewrite(g, [x for row in results for x in row])
+    values = order(new, live(new, roots), {})
+    load = Load("y", {new.leaf(f"%y{k}"): k for k in range(2 * n)})
+    rows, steps = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
+    routine = Routine("evaluate", new, rows, (), (), steps, new.all(True), count_operations(new, values))
+    loaded = Loaded(lambda many: routine, TARGET)
+    loaded.call(1)
+
+    def evaluate(y: Array) -> Array:
+        one = loaded.single(2 * n, len(roots))
+        one.arrays[0][:] = y
+        one.run()
+        return one.arrays[1].copy()
+
+    return evaluate

@@ -1,0 +1,79 @@
+"""What every import shares: which kind a file is, and from its mechanism in space to the text of a linkage file that assembles."""
+
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from gauss_bench import __version__
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.planar import planar_document
+from gauss_bench.exchange.safe_xml import read_xml
+from gauss_bench.exchange.spatial import Spatial
+from gauss_bench.exchange.toml import toml
+from gauss_bench.mechanism.errors import AssemblyError, LinkageError
+from gauss_bench.mechanism.load import load_document
+
+FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # by the root element
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A linkage file that is not written yet.
+
+    Attributes:
+        kind: of the file that was read.
+        left_out: what of it the linkage lacks, or has otherwise: sentences.
+        links, dof: how many.
+    """
+
+    text: str
+    kind: str
+    left_out: tuple[str, ...]
+    links: int
+    dof: int
+
+
+def imported(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
+    """A model of MuJoCo or a URDF as a linkage file called `name`.
+
+    Args:
+        close: LINK.FRAME=LINK.FRAME, loops of a URDF.
+
+    Raises:
+        ExchangeError: naming the file, the element and the reason.
+        ImportError: MuJoCo is not installed, which reads MJCF.
+    """
+    if not re.fullmatch("[A-Za-z0-9_]+", name):
+        raise ExchangeError(f"{name}.toml: the name of a linkage file has letters, digits and underscores only")
+    root = read_xml(path)
+    kind = FORMS.get(str(root.tag), "")
+    if not kind:
+        raise ExchangeError(f"{path}: <{root.tag}>: neither MJCF (<mujoco>) nor URDF (<robot>)")
+    spatial = _spatial(kind, root, path, close)
+    title = root.get("model" if kind == "MJCF" else "name") or path.stem
+    try:
+        document, left_out = planar_document(spatial, name, f"{title}, from {kind}")
+        head = [
+            f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",
+            "SI units. Links' frames are those of their first bodies; signs of angles are those of the plane's own axes.",
+            *(f"Not taken over: {x}" for x in left_out),
+        ]
+        text = toml(document, head)
+        mechanism = load_document(tomllib.loads(text), None, str(path), "", name)
+    except (AssemblyError, LinkageError) as error:
+        raise ExchangeError(f"{path}: no linkage that can be assembled: {' '.join(str(error).split())}") from error
+    return Imported(text, kind, left_out, len(mechanism.links), mechanism.dof)
+
+
+def _spatial(kind: str, root: Element, path: Path, close: Sequence[str]) -> Spatial:
+    from gauss_bench.exchange.from_mjcf import from_mjcf
+    from gauss_bench.exchange.from_urdf import from_urdf
+
+    if kind == "URDF":
+        return from_urdf(root, path, close)
+    if close:
+        raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
+    return from_mjcf(root, path)

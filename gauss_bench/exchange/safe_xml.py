@@ -1,0 +1,88 @@
+"""XML of strangers: bounded, without document types and entities, and nothing in it that would open another file or run code."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError, fromstring
+from xml.parsers import expat
+
+from gauss_bench.exchange.errors import ExchangeError
+
+MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
+OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
+
+
+def read_xml(path: Path) -> Element:
+    """The root of a file.
+
+    Raises:
+        ExchangeError: it cannot be read, is no XML, too large, or declares a document type or entities.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ExchangeError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) > MAX_BYTES:
+        raise ExchangeError(f"{path}: larger than {MAX_BYTES} bytes")
+    try:
+        _inspect(content, path)
+        return fromstring(content)
+    except (expat.ExpatError, ParseError, LookupError, ValueError) as error:
+        if isinstance(error, ExchangeError):
+            raise
+        raise ExchangeError(f"{path}: no XML that can be read: {error}") from error
+
+
+def _inspect(content: bytes, path: Path) -> None:
+    """Go through a file without building anything.
+
+    Raises:
+        ExchangeError: naming what is refused, and its line.
+    """
+    parser = expat.ParserCreate()
+    counts = {"elements": 0, "depth": 0}
+
+    def refuse(what: str) -> Callable[..., Any]:
+        def handler(*_: object) -> None:
+            raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
+
+        return handler
+
+    def begin(name: str, _: object) -> None:
+        counts["elements"] += 1
+        counts["depth"] += 1
+        if counts["elements"] > ELEMENTS:
+            refuse(f"more than {ELEMENTS} elements")()
+        if counts["depth"] > DEEPEST:
+            refuse(f"<{name}>, elements more than {DEEPEST} deep,")()
+
+    def end(_: str) -> None:
+        counts["depth"] -= 1
+
+    parser.StartDoctypeDeclHandler = refuse("a document type")
+    parser.EntityDeclHandler = refuse("an entity")
+    parser.ProcessingInstructionHandler = refuse("a processing instruction")
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    parser.Parse(content, True)
+
+
+def called(node: Element) -> str:
+    """An element, as a message names it."""
+    name = node.get("name")
+    return f"<{node.tag}>" if name is None else f'<{node.tag} name="{name}">'
+
+
+def refuse_files(root: Element, path: Path) -> None:
+    """Let pass a model in one file.
+
+    Raises:
+        ExchangeError: an element that reads another file or loads a plug-in.
+    """
+    for node in root.iter():
+        tag = str(node.tag)
+        if tag in OPENS or ":" in tag or "{" in tag:
+            raise ExchangeError(f"{path}: {called(node)}: includes, plug-ins, flexible and composed bodies are not read")
+        for key, x in node.items():
+            if key.startswith("file") or key == "content_type":
+                raise ExchangeError(f"{path}: {called(node)}: {key}={x!r}: other files are not read")

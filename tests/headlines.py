@@ -1,0 +1,239 @@
+"""The report's headlines, worked out a second time: from raw rows alone, and by other code than the report's or the tables'.
+
+`compared` holds every number that a headline prints against its own, and every table that tells a step's time against the samples.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.report.build import all_findings, read_run
+from gauss_bench.report.rows import Run
+from gauss_bench.tables import read_table
+
+Row = Mapping[str, Any]
+PRINTED = 6e-3  # three digits are printed
+SLOW = 0.1  # [s] blocks beyond it are in some rounds only
+NUMBER = r"(\d+(?:\.\d+)?)"
+
+
+def low(values: Iterable[float]) -> float:
+    """The lower quartile, by sorting: the value a quarter of the way up, between its neighbours where that is no whole place."""
+    x = sorted(values)
+    place = (len(x) - 1) / 4
+    k = int(place)
+    return x[k] if k + 1 == len(x) else x[k] + (place - k) * (x[k + 1] - x[k])
+
+
+class Samples:
+    """Rounds of the races, by linkage and by what was timed."""
+
+    def __init__(self, rows: Iterable[Row]):
+        self.seconds: dict[tuple[str, ...], list[float]] = defaultdict(list)
+        for r in sorted(rows, key=lambda r: float(r["round"])):
+            self.seconds[tuple(str(r[k]) for k in ("mechanism", "quantity", "engine", "settings", "stabilization"))].append(
+                r["seconds"]
+            )
+
+    def of(self, mechanism: str, quantity: str, engine: str, settings: str = "default", stabilization: str = "none") -> list[float]:
+        """All integrators are one here: only the first of each is asked for."""
+        return self.seconds[mechanism, quantity, engine, settings, stabilization]
+
+    def ratio(self, one: list[float], other: list[float]) -> float:
+        """Of lower quartiles, in the rounds that both have."""
+        rounds = min(len(one), len(other))
+        return low(one[:rounds]) / low(other[:rounds])
+
+
+def first_integrators(run: Run) -> Samples:
+    """Samples of the integrator that each engine names first, which is what tables of the kernel compare."""
+    rows = [r for r in run.table("samples") if r["integrator"] in ("rk4", "")]
+    return Samples(rows)
+
+
+def said(run: Run, title: str) -> list[str]:
+    return [f.text for f in all_findings(run) if f.title == title]
+
+
+def after(text: str, name: str) -> float:
+    """The number that a text prints after a linkage's name."""
+    found = re.search(rf"{re.escape(name)} {NUMBER}", text)
+    assert found, f"no number after {name}: {text}"
+    return float(found[1])
+
+
+def compared(run: Run) -> list[str]:
+    """What was held against a second source, as names; fails where two differ."""
+    told: list[str] = []
+    for check in (steps, one_value, costs, right_hand_sides, claim, batch, share, kinematics, search):
+        if list(check(run)):
+            told.append(check.__name__)
+    return told
+
+
+def steps(run: Run) -> Iterator[None]:
+    samples = first_integrators(run)
+    for text in said(run, "A step in its own loop"):
+        stabilization = "projection" if "with projection" in text else "none"
+        linkages = {str(r["mechanism"]) for r in run.table("kernel_steps") if r["status"] == "ok"}
+        for name in linkages:
+            own = samples.of(name, "native_step", "gauss-native", stabilization=stabilization)
+            if not own:
+                continue
+            rivals = [samples.of(name, "native_step", "mujoco", x) for x in ("tuned", "default")]
+            least = min(samples.ratio(x, own) for x in rivals if x)
+            assert after(text, name) == pytest.approx(least, rel=PRINTED), f"{name}, {stabilization}"
+            yield
+
+
+def one_value(run: Run) -> Iterator[None]:
+    """A step of the kernel has one time, in every table that tells it."""
+    samples = first_integrators(run)
+    tables = {"kernel_steps": 1.0, "kernel_bounds": 1.0, "kernel_rhs": 4.0}
+    for table, factor in tables.items():
+        for r in run.table(table):
+            apart = {"kernel_steps": r.get("formulation") != "gauss", "kernel_bounds": r.get("quantity") != "one trajectory"}
+            if r["status"] != "ok" or apart.get(table) or (table == "kernel_rhs" and r["own"] != "in its own loop"):
+                continue
+            own = samples.of(r["mechanism"], "native_step", "gauss-native", stabilization=r.get("stabilization") or "none")
+            assert factor * r["seconds"] == pytest.approx(low(own), rel=1e-8), f"{table} {r['mechanism']}"
+            if table == "kernel_steps":
+                rival = samples.of(r["mechanism"], "native_step", r["rival"], r["settings"])
+                assert r["rival_seconds"] == pytest.approx(low(rival), rel=1e-8), f"{table} {r['mechanism']}"
+            yield
+    for r in run.results:
+        for quantity in ("native_step", "step"):
+            if r["integrator"] == "rk4" and np.isfinite(r[f"{quantity}_time"]):
+                raw = samples.of(r["mechanism"], quantity, r["engine"], r["settings"], r["stabilization"])
+                assert r[f"{quantity}_time"] == pytest.approx(low(raw), rel=1e-8), f"{quantity} {r['mechanism']} {r['engine']}"
+                yield
+
+
+def costs(run: Run) -> Iterator[None]:
+    samples = first_integrators(run)
+    for text in said(run, "Cost of gauss against lagrange"):
+        quantity = "step" if text.startswith("A step") else "acceleration"
+        for name in run.linkages:
+            pair = [samples.of(name, quantity, x) for x in ("gauss", "lagrange")]
+            words = f"{name} rk4" if quantity == "step" else name
+            if all(pair) and f"{words} " in text:
+                assert after(text, words) == pytest.approx(samples.ratio(*pair), rel=PRINTED), name
+                yield
+
+
+def right_hand_sides(run: Run) -> Iterator[None]:
+    """Without the call, a quarter of a step: the ends of the range."""
+    samples, found = first_integrators(run), []
+    for r in run.table("kernel_rhs"):
+        if r["status"] == "ok" and (r["own"], r["rival"]) == ("in its own loop", "less the call"):
+            bare, empty = (samples.of(r["mechanism"], x, "pinocchio", r["settings"]) for x in ("bare call", "empty call"))
+            own = samples.of(r["mechanism"], "native_step", "gauss-native")
+            found.append(samples.ratio([x - low(empty) for x in bare], own) * 4)
+    for text in said(run, "One right-hand side"):
+        ends = re.search(rf"takes {NUMBER}(?: to {NUMBER})? times", text)
+        assert ends
+        printed = [float(x) for x in ends.groups() if x]
+        assert (printed[0], printed[-1]) == pytest.approx((min(found), max(found)), rel=PRINTED)
+        yield
+
+
+def claim(run: Run) -> Iterator[None]:
+    """How many linkages, and between which ratios, for one free coordinate and for more."""
+    unknowns = {str(r["mechanism"]): int(r["unknowns_gauss"]) for r in run.table("kernel_claim")}
+    words = {"step": "a step is", "projected": "a step with projection is", "batch": "a step in a batch is"}
+    for text in said(run, "The paper's claim"):
+        for few, part in ((True, text.split("; with 2")[0]), (False, "".join(text.split("; with 2")[1:]))):
+            for what, start in words.items():
+                ratios: dict[str, list[float]] = defaultdict(list)
+                for r in run.table("claim_races"):
+                    if r["what"] == what and r["status"] == "ok" and (unknowns[r["mechanism"]] == 1) is few:
+                        ratios[r["mechanism"]].append(r["rival_seconds"] / r["seconds"])
+                if not ratios:
+                    continue
+                medians = [float(np.median(x)) for x in ratios.values()]
+                faster = sum(min(x) > 1 for x in ratios.values())
+                found = re.search(rf"{start} faster on (\d+) of (\d+) linkages? \(ratio {NUMBER}(?: to {NUMBER})?", part)
+                assert found, part
+                assert (int(found[1]), int(found[2])) == (faster, len(ratios))
+                ends = (float(found[3]), float(found[4] or found[3]))
+                assert ends == pytest.approx((min(medians), max(medians)), rel=PRINTED)
+                yield
+
+
+def batch(run: Run) -> Iterator[None]:
+    for text in said(run, "Many trajectories"):
+        for r in run.table("kernel_batch"):
+            if r["status"] == "ok":
+                assert after(text, r["mechanism"]) == pytest.approx(r["rival_seconds"] / r["seconds"], rel=PRINTED)
+                yield
+
+
+def share(run: Run) -> Iterator[None]:
+    """Of one trajectory: cycles of the chain at a quarter of the latency of a multiply-add, over the time of a step."""
+    samples = Samples(run.table("samples"))
+    found = []
+    for r in run.table("kernel_bounds"):
+        if r["status"] == "ok" and r["quantity"] == "one trajectory" and np.isfinite(r["share"]):
+            latency = [s["seconds"] for s in run.table("samples") if (s["mechanism"], s["quantity"]) == (r["mechanism"], "latency")]
+            own = first_integrators(run).of(r["mechanism"], "native_step", "gauss-native")
+            found.append(100 * r["cycles"] * low(latency) / 4 / low(own))
+    for text in said(run, "What is left to be gained") if found and samples.seconds else ():
+        ends = re.search(r"(\d+) to (\d+) % for one trajectory", text)
+        assert ends, text
+        assert (float(ends[1]), float(ends[2])) == pytest.approx((min(found), max(found)), abs=0.51)
+        yield
+
+
+def kinematics(run: Run) -> Iterator[None]:
+    for text in said(run, "Kinematics"):
+        for r in run.table("kernel_kinematics"):
+            if r["status"] == "ok" and np.isfinite(r["target"]):
+                million = float(re.search(rf"{NUMBER} million on {r['mechanism']}", text)[1])  # type: ignore[index]
+                assert million == pytest.approx(1e-6 / r["seconds"], abs=0.051)
+                yield
+
+
+def search(run: Run) -> Iterator[None]:
+    """Rivals' winners over our own, from what the race of whole runs took; what wins is exact enough by its ladder."""
+    way = ("mechanism", "engine", "settings", "integrator", "stabilization")
+
+    def key(r: Row) -> tuple[Any, ...]:
+        size = next(x for x in (r["step"], r["tolerance"]) if x is not None and np.isfinite(x))
+        return (*(r[k] for k in way), f"{size:.9g}")
+
+    raced = {key(r): r["seconds"] for r in run.table("search_times") if r["status"] == "ok"}
+    ladder = {key(r): r for r in run.table("search_ladder") if r["status"] == "ok"}
+    ours = {r["engine"] for r in run.table("search_winners") if r["ours"]}
+    for f in all_findings(run):
+        found = re.fullmatch(r"Within (\S+) \S+ of (\w+) over the whole run", f.title)
+        if not found:
+            continue
+        rows = [r for r in run.table("search_winners") if r["required"] == found[2] and f"{r['accuracy']:.0e}" == found[1]]
+        sentence = f.text[f.text.index("searched best of") :]
+        for r in rows:
+            if r["status"] != "ok" or r["engine"] in ours:
+                continue
+            assert ladder[key(r)][f"{found[2]}_error"] <= r["accuracy"]
+            here = [x for x in rows if x["mechanism"] == r["mechanism"] and x["engine"] in ours and x["status"] == "ok"]
+            if not here:
+                continue
+            expected = raced[key(r)] / min(raced[key(x)] for x in here)
+            part = re.search(rf"`{re.escape(r['engine'])}` ([^;]*)", sentence)
+            assert part, sentence
+            within = PRINTED if r["seconds"] < SLOW else 0.2  # it sat later rounds out, which its own time does not tell
+            assert after(part[1], r["mechanism"]) == pytest.approx(expected, rel=within), f"{r['engine']} {r['mechanism']}"
+            yield
+
+
+RAW = ("samples", "claim_races", "search_times", "search_ladder")  # no section reads them
+
+
+def with_raw_rows(folder: Path) -> Run:
+    """A run as the report reads it, and the rows that its tables were worked out from."""
+    run = read_run(folder)
+    return Run(run.environment, {**run.tables, **{name: read_table(name, folder) for name in RAW}})

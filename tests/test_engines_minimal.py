@@ -1,0 +1,256 @@
+"""The equation in one coordinate: right on every dyad and force, exact through dead centres, refused where one is not enough."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.minimal import adapter
+from gauss_bench.engines.minimal.adapter import Minimal
+from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, ways
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.reference.store import certified_reference
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.conftest import DATA, needs
+from tests.engine_runs import linkage, open_by, ran, relative_error
+from tests.test_engines_rivals import changed
+
+ROOM = Path(adapter.__file__).parent
+ENGINE = Minimal()
+LINKAGES = [("crank_slider", "paper"), ("four_bar", "torque"), ("six_bar", "torque"), ("shaper", "torque"), ("jansen", "walk")]
+FREE = [*LINKAGES, ("squeezer", "squeeze"), ("dyads", "loaded")]
+ORDERS = {"rk4": 4, "semi_implicit_euler": 1}
+ROCKERS = {  # none of its links turns round: crank and rocker each have dead centres
+    "links.crank.points.B": [0.25, 0.0],
+    "links.coupler.points.C": [0.3, 0.0],
+    "links.rocker.points.C": [0.2, 0.0],
+    "assembly.sketch": {"B": [0.12, 0.2], "C": [0.4, 0.2]},
+    "scenarios.conservative.start.crank_deg": 60.0,
+}
+SHORT_ROD = {  # shorter than the crank, which therefore swings: dead centres of the crank's angle and of the slide
+    "links.crank.points.A": [0.3, 0.0],
+    "links.rod.points": {"A": [0.0, 0.0], "B": [0.2, 0.0], "P": [0.1, 0.05]},
+    "assembly.sketch": {"A": [0.3, 0.0], "B": [0.5, 0.0]},
+    "scenarios.conservative.start.crank_deg": 10.0,
+    "scenarios.conservative.start.speed": 5.0,
+}
+
+
+@pytest.fixture(autouse=True)
+def _compiler() -> None:
+    needs("llvmlite")
+
+
+def by_kernel(mechanism: Mechanism, times: Array) -> Trajectory:
+    """Gauss's principle in absolute coordinates, compiled: another derivation, and in hundredths of a second."""
+    return ran(get("gauss-native"), mechanism, times, integrator="dop853", tolerance=1e-12)
+
+
+def with_dead_centres(name: str) -> Mechanism:
+    return changed("four_bar", "conservative", ROCKERS) if name == "rockers" else changed("crank_slider", "conservative", SHORT_ROD)
+
+
+def errors(mechanism: Mechanism, times: Array, expected: Array, **choice: Any) -> float:
+    return float(np.abs(ran(ENGINE, mechanism, times, **choice).q - expected).max())
+
+
+@pytest.mark.parametrize(("name", "scenario"), FREE)
+def test_accelerations_are_those_of_the_linkage(name: str, scenario: str) -> None:
+    mechanism = linkage(name, scenario)
+    model, states = ENGINE.build(mechanism, Choice()), random_states(mechanism, 20)
+    for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
+        assert relative_error(model.acceleration(t, q, v), a) < 1e-9  # rounding, amplified by dyads that are nearly stretched
+
+
+def test_every_way_and_every_kind_of_dyad_gives_the_same_accelerations() -> None:
+    mechanism = linkage("dyads", "loaded")
+    model, states = ENGINE.build(mechanism, Choice()), random_states(mechanism, 12)
+    assert {type(dyad) for way in model.ways for dyad in way.dyads} == {RRR, RRP, RPR}
+    for k in range(len(model.ways)):
+        for q, v, a in zip(states.q, states.v, states.a, strict=True):
+            openings = model.ways[k].opening(q)
+            if np.abs(openings).min() < 0.2:
+                continue
+            equation = model._equation((k, tuple(np.sign(openings).tolist())), q)
+            found = model._stretch(equation, q, v)
+            assert relative_error(found[0], q) < 1e-10
+            assert relative_error(found[1], v) < 1e-10
+            assert relative_error(found[2], a) < 1e-9
+
+
+@pytest.mark.parametrize(("name", "scenario"), LINKAGES)
+def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> None:
+    mechanism = load(name, scenario)
+    exact = certified_reference(mechanism, 0.5)
+    assert exact is not None
+    found = ran(ENGINE, mechanism, exact.t, integrator="dop853_fixed", step=5e-4)
+    allowed = 1e-11 + exact.error_q.max() + exact.floor_q.max()
+    assert np.abs(found.q - exact.q).max() < 10 * allowed
+    assert relative_error(found.a, exact.a) < 1e-9
+    assert open_by(mechanism, found) < 1e-14  # nothing drifts
+    adaptive = ran(ENGINE, mechanism, exact.t, integrator="dop853", tolerance=1e-11)
+    assert np.abs(adaptive.q - exact.q).max() < 1e-8
+    assert adaptive.steps < found.steps / 4
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+@pytest.mark.parametrize(("name", "scenario"), [LINKAGES[0], LINKAGES[1], LINKAGES[4]])  # elsewhere leading terms cancel on the way
+def test_errors_fall_by_the_order_of_the_method(name: str, scenario: str, integrator: str) -> None:
+    mechanism, times = load(name, scenario), np.linspace(0.0, 0.5, 11)
+    expected = ran(ENGINE, mechanism, times, integrator="dop853_fixed", step=1.25e-4).q
+    coarse, fine = (errors(mechanism, times, expected, integrator=integrator, step=h) for h in (5e-4, 1.25e-4))
+    assert np.log2(coarse / fine) / 2 == pytest.approx(ORDERS[integrator], abs=0.35)
+
+
+@pytest.mark.parametrize("name", ["six_bar", "shaper"])
+def test_order_eight_of_fixed_steps(name: str) -> None:
+    mechanism, times = load(name, "torque"), np.linspace(0.0, 0.5, 11)
+    expected = ran(ENGINE, mechanism, times, integrator="dop853_fixed", step=2.5e-4).q
+    coarse, fine = (errors(mechanism, times, expected, integrator="dop853_fixed", step=h) for h in (2e-3, 1e-3))
+    assert np.log2(coarse / fine) > 7.0
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
+@pytest.mark.parametrize("name", ["rockers", "short_rod"])
+def test_dead_centres_are_passed_in_another_coordinate(name: str, integrator: str) -> None:
+    mechanism, times = with_dead_centres(name), np.linspace(0.0, 1.0, 7)
+    model = ENGINE.build(mechanism, Choice(integrator=integrator, step=2e-4))
+    assert (model.open.min(axis=1) < 0.1).all()  # no coordinate is regular everywhere
+    expected = by_kernel(mechanism, times)
+    found = ran(ENGINE, mechanism, times, integrator=integrator, step=2e-4, tolerance=1e-11)
+    assert "changed" in found.note
+    assert np.abs(found.q - expected.q).max() < (1e-5 if integrator == "rk4" else 1e-7)
+    assert relative_error(found.v, expected.v) < (1e-4 if integrator == "rk4" else 1e-6)
+    assert open_by(mechanism, found) < 1e-13
+
+
+@pytest.mark.parametrize("name", ["rockers", "short_rod"])
+def test_order_is_kept_through_changes_of_coordinate(name: str) -> None:
+    mechanism, times = with_dead_centres(name), np.linspace(0.0, 1.0, 5)
+    expected = by_kernel(mechanism, times).q
+    coarse, fine = (errors(mechanism, times, expected, integrator="rk4", step=h) for h in (4e-4, 2e-4))
+    assert np.log2(coarse / fine) == pytest.approx(4.0, abs=0.5)
+
+
+def test_a_sample_may_fall_on_a_change_of_coordinate() -> None:
+    """Samples at every step hold the one at which a guard stopped the steps, and all agree with rare ones."""
+    mechanism = with_dead_centres("short_rod")
+    often = ran(ENGINE, mechanism, np.linspace(0.0, 1.0, 2001), step=5e-4, integrator="rk4")
+    rare = ran(ENGINE, mechanism, np.array([0.0, 0.1, 1.0]), step=5e-4, integrator="rk4")
+    assert "changed" in often.note
+    assert np.isfinite(often.q).all()
+    np.testing.assert_allclose(often.q[[0, 200, 2000]], rare.q, atol=1e-12)
+    assert np.abs(np.diff(often.q, axis=0)).max() < 0.05
+
+
+def test_angles_are_followed_over_turns_however_rare_the_samples() -> None:
+    mechanism = load("crank_slider", "paper")
+    rare, often = (ran(ENGINE, mechanism, times, step=1e-3) for times in ([0.0, 2.0], np.linspace(0.0, 2.0, 401)))
+    np.testing.assert_allclose(rare.q[-1], often.q[-1], atol=1e-12)
+    assert np.ptp(often.q[:, 2]) > 4 * np.pi
+    assert np.abs(np.diff(often.q, axis=0)).max() < 1.0
+
+
+def test_a_spring_on_the_angle_of_a_link_that_dyads_hold_counts_whole_turns() -> None:
+    """The shaper's lever only swings, the crank turns; a coil between them is wound up turn by turn."""
+    coil = {"type": "rotational_spring_damper", "links": ["lever", "crank"], "k": 0.02, "c": 0.005}
+    scenario = {"start": {"crank_deg": 0.0, "speed": 20.0}, "duration": 1.0, "forces": ["coil"]}
+    mechanism = changed("shaper", "wound", {"forces.coil": coil, "scenarios.wound": scenario})
+    times = np.linspace(0.0, 1.0, 5)
+    expected = by_kernel(mechanism, times)
+    assert np.ptp(expected.q[:, 2]) > 2 * np.pi
+    assert errors(mechanism, times, expected.q, integrator="dop853_fixed", step=5e-4) < 1e-9
+
+
+PENDULUM = {
+    "format": "planar-linkage/1",
+    "name": "pendulum",
+    "gravity": [0.0, -9.81],
+    "crank": "rod",
+    "ground": {"points": {"O": [0.0, 0.0]}},
+    "links": {"rod": {"points": {"O": [0.0, 0.0], "A": [0.5, 0.0]}, "mass": 1.0, "com": [0.3, 0.02], "inertia": 0.02}},
+    "joints": {"O": {"type": "revolute", "at": ["ground.O", "rod.O"]}},
+    "assembly": {"angles": {"rod": 0.5}},
+    "scenarios": {"swing": {"duration": 1.0, "start": {"crank_deg": 30.0, "speed": 1.0}}},
+}
+
+
+def test_a_pendulum_needs_no_dyad_at_all() -> None:
+    mechanism, times = load_document(PENDULUM, "swing"), np.linspace(0.0, 1.0, 5)
+    assert [way.dyads for way in ways(mechanism)] == [()]
+    expected = by_kernel(mechanism, times)
+    assert errors(mechanism, times, expected.q, integrator="dop853_fixed", step=1e-3) < 1e-11
+
+
+REFUSED = {
+    ("eight_bar", "torque"): "no dyad of pins and slides closes the loops",
+    ("parallelogram", "torque"): "redundant constraint rows",
+    ("five_bar", "spring"): "2 degrees of freedom",
+    ("sleigh", "glide"): "knife edge",
+    ("four_bar", "driven"): "prescribed",
+    ("friction", None): "dry friction",
+}
+
+
+@pytest.mark.parametrize(("name", "scenario"), REFUSED)
+def test_what_one_coordinate_does_not_hold_is_said(name: str, scenario: str | None) -> None:
+    assert REFUSED[name, scenario] in str(ENGINE.skip(linkage(name, scenario), Choice()))
+
+
+def test_a_run_that_no_coordinate_can_go_on_with_ends_with_a_reason() -> None:
+    """Steps of a fifth of a turn go past every dead centre at once."""
+    mechanism = with_dead_centres("rockers")
+    model = ENGINE.build(mechanism, Choice(integrator="rk4", step=0.2))
+    model.prepare(np.linspace(0.0, 2.0, 11))
+    model.run()
+    with pytest.raises(RunFailure, match="smaller step") as failure:
+        model.read()
+    assert failure.value.status is Status.NOT_CONVERGED
+    reached = failure.value.reached
+    assert reached is not None
+    assert np.isfinite(reached.q[0]).all()
+    assert not np.isfinite(reached.q[-1]).any()
+
+
+def test_a_derivation_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from gauss_bench.engines.minimal.equation import write_equation as right
+
+    def wrong(mechanism: Mechanism, *rest: Any) -> Any:
+        links = tuple(replace(link, inertia=1.05 * link.inertia) for link in mechanism.links)
+        return right(replace(mechanism, links=links), *rest)
+
+    monkeypatch.setattr(adapter, "write_equation", wrong)
+    with pytest.raises(RunFailure, match="differs from the linkage"):
+        ENGINE.build(load("four_bar", "torque"), Choice())
+
+
+def test_it_shares_no_code_with_the_reference_in_minimal_coordinates() -> None:
+    """Neither imports the other, and what both import is the linkage itself, not how it is closed or what acts."""
+
+    def used(path: Path) -> set[str]:
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("gauss_bench"):
+                found |= {str(node.module)}
+        return found
+
+    here = set().union(*map(used, ROOM.glob("*.py")))
+    there = used(DATA.parents[1] / "gauss_bench" / "reference" / "minimal.py")
+    assert there
+    assert not any(name.startswith("gauss_bench.reference") for name in here)
+    assert not any(name.startswith("gauss_bench.engines") for name in there)
+    assert here & there == {"gauss_bench.mechanism.model", "gauss_bench.terms"}
+
+
+def test_it_is_an_engine_as_all_are() -> None:
+    engine: Any = get("minimal")
+    assert engine.knobs
+    assert all(knob.source.startswith("own search: ") for knob in engine.knobs.values())  # our own derivation, and said so

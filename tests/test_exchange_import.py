@@ -1,0 +1,395 @@
+"""Models that come in: masses, forces and motions are MuJoCo's own, and what is no planar linkage is refused by name."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.cli import main
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import exported
+from gauss_bench.exchange.from_mjcf import from_mjcf
+from gauss_bench.exchange.imports import imported
+from gauss_bench.exchange.planar import plane_of
+from gauss_bench.exchange.safe_xml import read_xml
+from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.terms import Array
+from tests.conftest import DATA
+from tests.planar_models import random_model
+
+mujoco = pytest.importorskip("mujoco")
+UPRIGHT = DATA / "four_bar_xz.xml"
+URDF, CLOSE = DATA / "four_bar.urdf", ["coupler.coupler_end=rocker.rocker_end"]
+EXACT = 1e-12  # rounding of places in the world
+
+
+def brought_in(text: str, folder: Path, close: list[str] | None = None) -> Mechanism:
+    file = folder / "model.xml"
+    file.write_text(text, encoding="utf-8")
+    return load_document(tomllib.loads(imported(file, "back", close or []).text))
+
+
+def acceleration(mechanism: Mechanism) -> Array:
+    model = get("gauss").build(mechanism, Choice("default", "rk4"))
+    return model.acceleration(0.0, mechanism.q0, mechanism.v0).reshape(-1, 3)
+
+
+ROUND = ["crank_slider", "four_bar", "six_bar", "eight_bar", "five_bar/spring", "parallelogram", "shaper/torque", "squeezer"]
+ROUND += ["jansen/walk", "four_bar/conservative", "n_four_bar_3", str(DATA / "loaded.toml"), str(DATA / "slides.toml")]
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_what_goes_out_comes_back(name: str, tmp_path: Path) -> None:
+    """Everything that MJCF holds: dimensions, masses, inertias, start, and the forces, by the accelerations that they make."""
+    mechanism = load(name) if name.endswith(".toml") else load(*name.split("/"))
+    back = brought_in(exported(mechanism, "mujoco", 1e-3).text, tmp_path)
+    order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
+    assert (back.dof, back.redundant) == (mechanism.dof, mechanism.redundant)
+    for link, own in zip(mechanism.links, (back.links[k] for k in order), strict=True):
+        assert own.mass == link.mass
+        assert own.inertia == pytest.approx(link.inertia, rel=EXACT)
+        for point, place in link.points.items():
+            assert np.abs(own.points[point] - own.com - (place - link.com)).max() < EXACT
+    for found, wanted in ((back.q0, mechanism.q0), (back.v0, mechanism.v0)):
+        assert np.abs(found.reshape(-1, 3)[order] - wanted.reshape(-1, 3)).max() < EXACT * max(1.0, np.abs(wanted).max())
+    wanted = acceleration(mechanism)
+    assert np.abs(acceleration(back)[order] - wanted).max() < 3e-12 * np.abs(wanted).max()  # a linear system lies between
+    assert back.gravity == pytest.approx(mechanism.gravity)
+
+
+def own_model(text: str) -> Any:
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def turned(text: str, x: str, y: str, z: str) -> str:
+    """The upright model in another plane: its world becomes a fixed body with these axes, and gravity goes along."""
+    axes = np.array([[float(v) for v in axis.split()] for axis in (x, y, z)])
+    down = " ".join(repr(float(v)) for v in -9.81 * axes[2] / np.linalg.norm(axes[2]))
+    text = text.replace('gravity="0 0 -9.81"', f'gravity="{down}"')
+    head, tail = text.split("<worldbody>")
+    inside, rest = tail.split("</worldbody>")
+    return f'{head}<worldbody><body name="rig" xyaxes="{x} {y}">{inside}</body></worldbody>{rest}'
+
+
+PLANES = {
+    "xz": ("1 0 0", "0 1 0", "0 0 1"),
+    "yz": ("0 1 0", "-1 0 0", "0 0 1"),
+    "xy": ("1 0 0", "0 0 -1", "0 1 0"),
+    "seen from behind": ("-1 0 0", "0 -1 0", "0 0 1"),
+    "tilted": ("0.6 0.8 0", "-0.64 0.48 0.6", "0.48 -0.36 0.8"),
+}
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_masses_and_inertias_are_mujocos_own_in_any_plane(plane: str, tmp_path: Path) -> None:
+    text = turned(UPRIGHT.read_text(), *PLANES[plane])
+    model, back = own_model(text), brought_in(text, tmp_path)
+    normal = np.array([float(x) for x in PLANES[plane][1].split()])
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert [link.name for link in back.links] == ["crank", "coupler", "rocker"]
+
+    def about_the_normal(body: str, place: Array) -> float:
+        k = model.body(body).id
+        axes = np.array(data.ximat[k]).reshape(3, 3)
+        arm = data.xipos[k] - place
+        flat = arm - (arm @ normal) * normal
+        return float(normal @ axes @ np.diag(model.body_inertia[k]) @ axes.T @ normal + model.body_mass[k] * flat @ flat)
+
+    for link, bodies in zip(back.links, (["crank"], ["coupler", "plate"], ["rocker"]), strict=True):
+        numbers = [model.body(name).id for name in bodies]
+        masses = model.body_mass[numbers]
+        com = masses @ data.xipos[numbers] / masses.sum()
+        assert link.mass == pytest.approx(masses.sum(), rel=EXACT)
+        armature = 0.0003 if link.name == "rocker" else 0.0
+        assert link.inertia == pytest.approx(sum(about_the_normal(x, com) for x in bodies) + armature, rel=EXACT)
+    lengths = {link.name: {x: np.linalg.norm(y) for x, y in link.points.items()} for link in back.links}
+    assert lengths["coupler"]["tracer"] == pytest.approx(np.hypot(0.18, 0.09), rel=EXACT)
+
+
+def rigid_run(text: str, until: float, step: float) -> Any:
+    """MuJoCo's own motion of a document, with closures as rigid as it can have them: data at the end."""
+    model = own_model(text)
+    model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.tolerance, model.opt.iterations = 0.0, 3
+    model.eq_solref[:], model.eq_solimp[:] = [0.02, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
+    model.body_invweight0[:] *= 1e-7
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    if until:
+        mujoco.mj_step(model, data, nstep=round(until / step))
+    return data
+
+
+@pytest.mark.parametrize("plane", ["xz", "tilted"])
+def test_it_moves_as_in_mujoco(plane: str, tmp_path: Path) -> None:
+    """Springs, dampers, a motor and a servo, armature, a start at speed: all together, by two programs."""
+    text = turned(UPRIGHT.read_text(), *PLANES[plane])
+    back = brought_in(text, tmp_path)
+    crank, coupler, rocker = -back.v0[2::3]  # hinges turn about y, to the right where x and z are seen from the front
+    text = text.replace('qvel="1.5 0 0"', f'qvel="{float(crank)!r} {float(coupler - crank)!r} {float(rocker)!r}"')
+    back = brought_in(text, tmp_path)
+    run = get("gauss").build(back, Choice("default", "rk4", "none", 1e-3))
+    run.prepare(np.array([0.0, 0.5]))
+    run.run()
+    found = run.read()
+    data, first = rigid_run(text, 0.5, 2e-4), rigid_run(text, 0.0, 2e-4)
+    joints = [float(data.joint(name).qpos[0]) for name in ("A", "B", "D")]
+    wanted = -np.array([joints[0], joints[0] + joints[1], joints[2]])
+    assert found.q[-1, 2::3] - found.q[0, 2::3] == pytest.approx(wanted, abs=1e-6)
+    assert np.abs(wanted).max() > 0.3
+    for k, name in ((0, "crank"), (2, "rocker")):  # the coupler is two bodies
+        moved = np.linalg.norm(data.body(name).xipos - first.body(name).xipos)
+        assert np.linalg.norm(found.q[-1, 3 * k : 3 * k + 2] - found.q[0, 3 * k : 3 * k + 2]) == pytest.approx(moved, abs=1e-6)
+
+
+def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
+    """q (x and y only), v and a (links, 3) of the bodies of a document at its start, by MuJoCo, in the plane of the linkage."""
+    plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
+    if rigid:
+        model.opt.tolerance, model.opt.iterations = 0.0, 5
+        model.eq_solimp[:] = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+        model.body_invweight0[:] *= 1e-6
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    places, rates, seconds = [], [], []
+    for link in back.links:
+        body, found = model.body(link.name).id, np.zeros((2, 6))
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[0], 0)
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[1], 0)
+        found[1, 3:] += model.opt.gravity  # which MuJoCo takes for an acceleration of the world
+        places.append(plane.flat(data.xipos[body]))
+        for levels, x in zip((rates, seconds), found, strict=True):
+            levels.append([*plane.flat(x[3:]), x[:3] @ plane.normal])
+    return np.array(places), np.array(rates), np.array(seconds)
+
+
+@pytest.mark.parametrize("loops", [0, 1, 2])
+@pytest.mark.parametrize("seed", range(15))
+def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp_path: Path) -> None:
+    text = random_model(np.random.default_rng(1000 * loops + seed), loops)
+    back = brought_in(text, tmp_path)
+    places, rates, seconds = flat_motion(text, back, tmp_path / "model.xml", rigid=loops > 0)
+    own = acceleration(back)
+    assert np.abs(back.q0.reshape(-1, 3)[:, :2] - places).max() < 1e-11
+    assert np.abs(back.v0.reshape(-1, 3) - rates).max() < 1e-11
+    assert np.abs(own - seconds).max() < (1e-5 if loops else 1e-11) * max(1.0, np.abs(own).max())  # closures are nearly rigid
+
+
+def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
+    found = imported(UPRIGHT, "back")
+    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was parting"):
+        assert any(word in x for x in found.left_out), word
+        assert any(word in line for line in found.text.splitlines() if line.startswith("#")), word
+    assert "This file is yours" in found.text
+
+
+BODY = '<body name="b" pos="{pos}"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
+
+
+def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "", pos: str = "0.3 0 0") -> str:
+    return f"<mujoco><worldbody>{BODY.format(joint=joint, more=more, pos=pos)}{world}</worldbody>{after}</mujoco>"
+
+
+SECOND = '<body name="c" pos="0.5 0 0"><joint name="k" {joint}/><geom size="0.1" mass="1"/></body>'
+REFUSED = {
+    "ball": (model('type="ball"'), ["j", "ball"]),
+    "free": (model(more="", joint='type="free"'), ["j", "free"]),
+    "another axis": (model(more=SECOND.format(joint='axis="0 1 0"')), ["joint k", "not planar"]),
+    "a slide out of the plane": (model(more=SECOND.format(joint='type="slide" axis="0 0 1"')), ["joint k", "not planar"]),
+    "friction": (model('axis="0 0 1" frictionloss="1"'), ["j", "frictionloss"]),
+    "armature between": (model(more=SECOND.format(joint='axis="0 0 1" armature="1"')), ["joint k", "armature"]),
+    "pin in a slot": (
+        model(more='<body name="c"><joint type="slide" axis="1 0 0"/><joint axis="0 0 1"/><geom size="0.1"/></body>'),
+        ["body c", "slide and hinge"],
+    ),
+    "gear": (
+        model(more=SECOND.format(joint='axis="0 0 1"'), after='<equality><joint name="e" joint1="j" joint2="k"/></equality>'),
+        ["e", "connect and weld"],
+    ),
+    "another plane's point": (
+        model(
+            after='<equality><connect name="e" site1="s" site2="t"/></equality>',
+            more='<site name="s" pos="0 0 1"/>',
+            world='<site name="t"/>',
+        ),
+        ["closure e", "different planes"],
+    ),
+    "muscle": (model(after='<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>'), ["m", "motors"]),
+    "medium": (model(after='<option density="1000"/>'), ["option", "medium"]),
+    "gravity compensation": (model().replace('name="b"', 'name="b" gravcomp="1"'), ["b", "gravity compensation"]),
+    "no joint": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", ["no joints"]),
+    "springs off": (model(after='<option><flag spring="disable"/></option>'), ["flag", "spring"]),
+    "does not compile": (model('axis="0 0 0"'), ["MuJoCo does not compile it"]),
+    "include": (model(world='<include file="/etc/passwd"/>'), ["include", "not read"]),
+    "mesh": (model(after='<asset><mesh name="m" file="/etc/passwd"/></asset>'), ["/etc/passwd", "other files are not read"]),
+    "plug-in": (model(after='<extension><plugin plugin="x"/></extension>'), ["extension", "plug-ins"]),
+    "entity": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', ["line 1", "document type is not read"]),
+    "no XML": ("<mujoco>", ["no XML"]),
+    "neither": ("<html/>", ["<html>", "MJCF", "URDF"]),
+    "too deep": ("<mujoco>" + "<a>" * 200 + "</a>" * 200 + "</mujoco>", ["deep"]),
+    "too large": ("<mujoco>" + " " * 5_000_000 + "</mujoco>", ["larger"]),
+    "another encoding": (
+        '<?xml version="1.0" encoding="utf-16"?><mujoco/>',
+        ["no XML"],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str, tmp_path: Path) -> None:
+    text, words = REFUSED[what]
+    file = tmp_path / "model.xml"
+    file.write_text(text)
+    with pytest.raises(ExchangeError) as caught:
+        imported(file, "back")
+    said = str(caught.value)
+    assert said.startswith(str(file))
+    assert "\n" not in said
+    for word in words:
+        assert word in said, said
+
+
+def test_the_verb_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "model.xml", tmp_path / "my.toml"
+    file.write_text(REFUSED["ball"][0])
+    assert main(["import", str(file), "--out", str(out)]) == 2
+    assert "a ball joint does not move in a plane" in capsys.readouterr().err
+    assert not out.exists()
+    assert main(["import", str(tmp_path / "none.xml"), "--out", str(out)]) == 2
+    assert "none.xml: cannot be read" in capsys.readouterr().err
+    assert main(["import", str(UPRIGHT), "--out", str(tmp_path / "my model.toml")]) == 2
+    assert "letters, digits and underscores" in capsys.readouterr().err
+    out.write_text("mine")
+    assert main(["import", str(UPRIGHT), "--out", str(out)]) == 2
+    assert out.read_text() == "mine"
+    assert {x.name for x in tmp_path.iterdir()} == {"model.xml", "my.toml"}
+
+
+def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "upright.toml"
+    assert main(["import", str(UPRIGHT), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["links"], found["dof"], found["kind"], found["name"]) == (3, 1, "MJCF", "upright")
+    assert main(["show", str(out)]) == 0
+    assert main(["simulate", str(out), "--at", "0.1"]) == 0
+    again = gauss_bench.import_model(UPRIGHT, out, replace=True)
+    assert again.left_out == tuple(found["left_out"])
+
+
+def test_show_says_that_import_exists(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", str(UPRIGHT)]) == 2
+    said = capsys.readouterr().err
+    assert "gauss-bench import" in said
+    assert str(UPRIGHT) in said
+
+
+def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
+    """A weld of two bodies that hang apart, one of them by a hinge that it holds, and a body fixed to the world."""
+    text = """<mujoco><worldbody>
+      <body name="post" pos="0 0 1"><geom size="0.1"/>
+        <body name="a"><joint name="A" axis="0 1 0"/><geom size="0.05" pos="0.2 0 0" mass="1"/></body>
+      </body>
+      <body name="b" pos="0.3 0 1"><joint name="B" type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+        <joint axis="0 1 0"/><geom size="0.05" mass="2"/></body>
+      </worldbody><equality><weld body1="a" body2="b"/></equality></mujoco>"""
+    back = brought_in(text, tmp_path)
+    (link,) = back.links
+    assert link.mass == pytest.approx(3.0)
+    assert back.dof == 1
+    own = 0.4 * 0.05**2 * 3.0
+    assert link.inertia == pytest.approx(own + (2 / 3) * 0.1**2, rel=1e-9)
+
+
+def test_names_of_any_kind_become_names(tmp_path: Path) -> None:
+    text = (
+        model(more='<site name="a &quot;b&#10;c"/><site name="a b c"/>')
+        .replace('"j"', '"= ] # &lt;"')
+        .replace('name="b"', 'name="ground"')
+    )
+    back = brought_in(text, tmp_path)
+    assert [x.name for x in back.links] == ["ground_2"]
+    assert back.dof == 1
+
+
+def test_a_urdf_with_its_loop_closed(tmp_path: Path) -> None:
+    found = imported(URDF, "back", CLOSE)
+    back = load_document(tomllib.loads(found.text))
+    assert found.kind == "URDF"
+    assert back.dof == 1
+    wanted = {"crank": (0.1, 0.00012), "coupler": (0.3, 0.0032), "rocker": (0.25, 0.0019)}
+    assert {x.name: (x.mass, x.inertia) for x in back.links} == wanted
+    assert back.gravity == pytest.approx([0.0, -9.81])
+    lengths = {x.name: float(np.linalg.norm(x.a.local - x.b.local)) for x in back.joints if isinstance(x, Revolute)}
+    assert len(lengths) == 4
+    q = back.q0.reshape(-1, 3)
+    crank = back.links[0]
+    assert np.linalg.norm(crank.points["B"] - crank.points["A"]) == pytest.approx(0.12, rel=EXACT)
+    assert np.isfinite(q).all()
+    assert any("limits of joint B" in x for x in found.left_out)
+    assert any("<visual>" in x for x in found.left_out)
+    assert any("was open by" in x for x in found.left_out)
+
+
+URDF_REFUSED = {
+    "mimic": ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><mimic joint="B"/></joint>', [], ["A", "mimic"]),
+    "floating": ('type="continuous"', 'type="floating"', [], ["A", "floating"]),
+    "not planar": (
+        '<child link="rocker"/><axis xyz="0 1 0"/>',
+        '<child link="rocker"/><axis xyz="0 0 1"/>',
+        [],
+        ["D", "not planar"],
+    ),
+    "friction": ('damping="0.01"', 'damping="0.01" friction="1"', [], ["B", "friction"]),
+    "numbers": ('xyz="0.12 0 0"', 'xyz="0.12 0 nan"', [], ["origin", "finite"]),
+    "words": ('xyz="0.12 0 0"', 'xyz="a b c"', [], ["origin", "no numbers"]),
+    "no link": ('<child link="crank"/>', '<child link="crunk"/>', [], ["A", "crunk"]),
+    "circle": (
+        '<parent link="base"/><child link="crank"/>',
+        '<parent link="coupler"/><child link="crank"/>',
+        [],
+        ["hangs on itself"],
+    ),
+    "no mass": ('<mass value="0.1"/>', '<mass value="0"/>', [], ["crank", "no mass"]),
+    "xacro": ('<link name="base"/>', '<link name="base"/><xacro:x xmlns:xacro="y"/>', [], ["xacro"]),
+    "closure of nothing": ("", "", ["coupler.none=rocker.rocker_end"], ["--close", "coupler.none"]),
+    "closure of one": ("", "", ["coupler.coupler_end"], ["--close", "wanted"]),
+    "closure too far": ("", "", ["coupler.coupler_end=base.A", "rocker.rocker_end=base.A"], ["assembled"]),
+}
+
+
+@pytest.mark.parametrize("what", URDF_REFUSED)
+def test_what_a_urdf_may_not_have_is_refused(what: str, tmp_path: Path) -> None:
+    old, new, close, words = URDF_REFUSED[what]
+    text = URDF.read_text()
+    assert old in text
+    file = tmp_path / "model.urdf"
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ExchangeError) as caught:
+        imported(file, "back", close or CLOSE)
+    for word in (str(file), *words):
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_closures_are_for_urdf_alone() -> None:
+    with pytest.raises(ExchangeError, match="--close is for URDF"):
+        imported(UPRIGHT, "back", CLOSE)
+
+
+def test_a_hostile_file_ends_in_bounded_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What would take MuJoCo's compiler long or much ends in the worker."""
+    file = tmp_path / "model.xml"
+    file.write_text(model(world='<replicate count="100000000"><geom size="1"/></replicate>'))
+    assert main(["import", str(file), "--out", str(tmp_path / "my.toml")]) == 2
+    assert str(file) in capsys.readouterr().err
+    assert not (tmp_path / "my.toml").exists()

@@ -1,0 +1,95 @@
+"""Every headline is worked out again from raw rows: a figure that has two values fails here."""
+
+from pathlib import Path
+
+import pytest
+
+from gauss_bench.report.rows import Run
+from gauss_bench.tables import FORMAT, format_of
+from tests.headlines import RAW, compared, with_raw_rows
+
+PUBLISHED = Path(__file__).parents[1] / "reports"
+COMPARED = {"steps", "one_value", "costs", "right_hand_sides", "claim", "batch", "share", "kinematics", "search"}
+
+
+@pytest.mark.skipif(
+    format_of(PUBLISHED) < FORMAT or not all(any(PUBLISHED.glob(f"{name}.*")) for name in RAW),
+    reason="what is published was written before raw rows were",
+)
+def test_every_published_headline_is_that_of_the_raw_rows() -> None:
+    assert set(compared(with_raw_rows(PUBLISHED))) == COMPARED
+
+
+WHERE = {"mechanism": "four_bar", "scenario": "torque"}
+PLAIN = {"settings": "default", "integrator": "rk4", "stabilization": "none"}
+
+
+def invented() -> dict[str, tuple[dict[str, object], ...]]:
+    """A run in which a step of the kernel takes 1 us, MuJoCo's 50 at best, and Gauss's step in numpy twice Lagrange's 20 us."""
+    times = {
+        ("native_step", "gauss-native", "default"): 1e-6,
+        ("native_step", "mujoco", "tuned"): 50e-6,
+        ("native_step", "mujoco", "default"): 60e-6,
+        ("step", "gauss", "default"): 40e-6,
+        ("step", "lagrange", "default"): 20e-6,
+    }
+    samples = [
+        WHERE | PLAIN | {"quantity": quantity, "engine": engine, "settings": settings, "step": 1e-4, "round": k, "seconds": x}
+        for (quantity, engine, settings), x in times.items()
+        for k in range(3)
+    ]
+    step = WHERE | {
+        "formulation": "gauss",
+        "stabilization": "none",
+        "rival": "mujoco",
+        "status": "ok",
+        "message": "",
+        "seconds": 1e-6,
+    }
+    steps = [step | {"settings": s, "rival_seconds": x, "ratio": x / 1e-6} for s, x in (("tuned", 50e-6), ("default", 60e-6))]
+    nothing = {"native_step_time": float("nan"), "control": False, "status": "ok"}
+    ratio = {"step_ratio": 1.0, "step_ratio_low": 1.0, "step_ratio_high": 1.0}
+    half = {"step_ratio": 0.5, "step_ratio_low": 0.4, "step_ratio_high": 0.6}
+    results = [WHERE | PLAIN | nothing | {"engine": "gauss", "step_time": 40e-6} | ratio]
+    results.append(WHERE | PLAIN | nothing | {"engine": "lagrange", "step_time": 20e-6} | half)
+    races = [
+        WHERE | {"process": k, "what": "step", "status": "ok", "seconds": 1e-6, "rival_seconds": x * 1e-6, "ratio": x}
+        for k, x in enumerate((1.2, 1.3, 1.5))
+    ]
+    claim = WHERE | {"unknowns_gauss": 1.0, "processes": 3.0, "status": "ok", "message": "", "verdict": "holds"}
+    claim |= {"ratio": 1.3, "ratio_low": 1.2, "ratio_high": 1.5}
+    return {
+        "samples": tuple(samples),
+        "kernel_steps": tuple(steps),
+        "results": tuple(r | {"valid": False} for r in results),
+        "claim_races": tuple(races),
+        "kernel_claim": (claim,),
+    }
+
+
+def changed(table: str, **columns: object) -> Run:
+    """That run, with the first row of a table changed."""
+    tables = invented()
+    first, *rest = tables[table]
+    return Run({"baseline_engine": "gauss"}, tables | {table: (first | columns, *rest)})
+
+
+def test_a_run_whose_figures_have_one_value_passes() -> None:
+    assert compared(changed("results")) == ["steps", "one_value", "costs", "claim"]
+
+
+@pytest.mark.parametrize(
+    ("table", "columns"),
+    [
+        ("kernel_steps", {"ratio": 49.0}),
+        ("kernel_steps", {"rival_seconds": 50.1e-6}),
+        ("kernel_steps", {"seconds": 1.01e-6}),
+        ("results", {"step_time": 41e-6}),
+        ("kernel_claim", {"ratio": 1.35}),
+        ("kernel_claim", {"verdict": "open"}),
+        ("claim_races", {"rival_seconds": 0.9e-6}),
+    ],
+)
+def test_a_figure_with_two_values_fails(table: str, columns: dict[str, object]) -> None:
+    with pytest.raises(AssertionError):
+        compared(changed(table, **columns))
