@@ -54,8 +54,8 @@ class Machine:
         one = self.room(slots)
         start, _, samples, report = one.arrays
         start[:] = y
-        (size, begin), (n, each, places, _) = one.numbers, one.counts
-        size.value, begin.value, n.value, each.value, places.value = h, t, count, every, slots
+        one.numbers[:] = h, t
+        one.counts[:3] = count, every, slots
         one.run()
         found = samples.reshape(slots, 2 * self.n)
         if report[1]:
