@@ -14,11 +14,15 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import exported
+from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import imported
+from gauss_bench.exchange.planar import plane_of
+from gauss_bench.exchange.safe_xml import read_xml
 from gauss_bench.mechanism.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.conftest import DATA
+from tests.planar_models import random_model
 
 mujoco = pytest.importorskip("mujoco")
 UPRIGHT = DATA / "four_bar_xz.xml"
@@ -145,6 +149,41 @@ def test_it_moves_as_in_mujoco(plane: str, tmp_path: Path) -> None:
     for k, name in ((0, "crank"), (2, "rocker")):  # the coupler is two bodies
         moved = np.linalg.norm(data.body(name).xipos - first.body(name).xipos)
         assert np.linalg.norm(found.q[-1, 3 * k : 3 * k + 2] - found.q[0, 3 * k : 3 * k + 2]) == pytest.approx(moved, abs=1e-6)
+
+
+def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
+    """q (x and y only), v and a (links, 3) of the bodies of a document at its start, by MuJoCo, in the plane of the linkage."""
+    plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
+    if rigid:
+        model.opt.tolerance, model.opt.iterations = 0.0, 5
+        model.eq_solimp[:] = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+        model.body_invweight0[:] *= 1e-6
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    places, rates, seconds = [], [], []
+    for link in back.links:
+        body, found = model.body(link.name).id, np.zeros((2, 6))
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[0], 0)
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[1], 0)
+        found[1, 3:] += model.opt.gravity  # which MuJoCo takes for an acceleration of the world
+        places.append(plane.flat(data.xipos[body]))
+        for levels, x in zip((rates, seconds), found, strict=True):
+            levels.append([*plane.flat(x[3:]), x[:3] @ plane.normal])
+    return np.array(places), np.array(rates), np.array(seconds)
+
+
+@pytest.mark.parametrize("loops", [0, 1, 2])
+@pytest.mark.parametrize("seed", range(15))
+def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp_path: Path) -> None:
+    text = random_model(np.random.default_rng(1000 * loops + seed), loops)
+    back = brought_in(text, tmp_path)
+    places, rates, seconds = flat_motion(text, back, tmp_path / "model.xml", rigid=loops > 0)
+    own = acceleration(back)
+    assert np.abs(back.q0.reshape(-1, 3)[:, :2] - places).max() < 1e-11
+    assert np.abs(back.v0.reshape(-1, 3) - rates).max() < 1e-11
+    assert np.abs(own - seconds).max() < (1e-5 if loops else 1e-11) * max(1.0, np.abs(own).max())  # closures are nearly rigid
 
 
 def test_what_is_left_out_is_listed(tmp_path: Path) -> None:

@@ -88,6 +88,14 @@ def test_all_formulations_agree_on_random_states(mechanism: Mechanism) -> None:
             )
 
 
+@pytest.mark.parametrize("name", SOUND)
+def test_a_thrown_body_falls(name: str) -> None:
+    mechanism = load("projectile")
+    terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+    assert len(terms.J) == 0
+    assert FORMULATIONS[name](terms).a == pytest.approx([0.0, -9.81, 0.0])
+
+
 @pytest.mark.parametrize("name", TAKES_REDUNDANT_ROWS)
 def test_a_redundant_row_changes_nothing(name: str) -> None:
     twice, once = redundant(), load("four_bar")

@@ -1,5 +1,7 @@
 """Plain C: the kernel of a linkage, a small `main` around it, and nothing else than the standard library."""
 
+import numpy as np
+
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import coordinates
@@ -7,6 +9,7 @@ from gauss_bench.exchange.scripts import SAMPLES, rates
 from gauss_bench.exchange.text import C_WORDS, c_comment, c_string, identifiers
 from gauss_bench.mechanism.model import Mechanism
 
+TRIED = 5.0  # [s] of the motion at most, in which the first choice of coordinates has to serve
 TOLD = (
     "Compile: cc -O2 -o linkage THIS_FILE -lm    Run: ./linkage [END [STEP]]    It prints t, positions and velocities as CSV.",
     "",
@@ -66,7 +69,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The source.
 
     Raises:
-        ExchangeError: no code can be generated for the linkage.
+        ExchangeError: no code can be generated for the linkage, or none that runs through its motion.
     """
     from gauss_bench.compiler.kernel import KernelError, compile_kernel
 
@@ -74,6 +77,13 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         kernel = compile_kernel(mechanism, "gauss", choice.stabilization)
     except KernelError as error:
         raise ExchangeError(f"{mechanism.source}: {mechanism.name}: cannot become a C program: {error}") from error
+    tried = min(mechanism.duration, TRIED)
+    kernel.rollout(mechanism.q0, mechanism.v0, choice.step, int(np.ceil(tried / choice.step)), integrator=choice.integrator)
+    if kernel.switches or kernel.fallbacks:
+        reason = "one file holds one choice of independent coordinates, and on its way this motion needs another"
+        raise ExchangeError(
+            f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become a C program: {reason}"
+        )
     names = [*coordinates(mechanism), *rates(mechanism)]
     places = ",\n".join(f"    {x} = {k}" for k, x in enumerate(identifiers(names, C_WORDS).values()))
     texts = ",\n".join(f"    {c_string(x)}" for x in names)

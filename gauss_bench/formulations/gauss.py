@@ -71,5 +71,5 @@ def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
 
 def least_squares(A: Array, b: Array) -> Array:
     """x that minimises |A x - b|, A (k, l) of full column rank with k >= l; exact where A is square."""
-    x: Array = dgels(A, b)[1][: A.shape[1]]
+    x: Array = dgels(A, b)[1][: A.shape[1]] if A.shape[1] else np.zeros(0)  # LAPACK takes no system without unknowns
     return x

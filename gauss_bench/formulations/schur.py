@@ -21,6 +21,8 @@ def schur(terms: Terms) -> Solution:
         SingularSystem: redundant constraint rows.
     """
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
+    if not len(J):
+        return Solution(np.linalg.solve(M, Q), np.zeros(0), 0)  # LAPACK takes no system without unknowns
     weighted = np.linalg.solve(M, np.column_stack([J.T, Q]))
     S = J @ weighted
     complement, rhs = S[:, :-1], S[:, -1] - gamma
