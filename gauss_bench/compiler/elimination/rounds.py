@@ -325,12 +325,20 @@ def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
     else:
         plans = chain([lagrange], plans) if formulation == "lagrange" else chain(plans, [lagrange])
     met: list[Plan] = []
-    others = (replace(plan, drop=k) for k in range(1, len(known.drops)) for plan in met)
-    for plan in chain((met.append(plan) or plan for plan in plans), others):
-        try:
-            yield generate_in_rounds(known, plan, wanted)
-        except KernelError:
-            continue  # not every partition can be eliminated everywhere
+    for plan in plans:
+        met.append(plan)
+        yield from _if_usable(known, plan, wanted)
+    for plan in [replace(x, drop=k) for k in range(1, len(known.drops)) for x in met]:
+        yield from _if_usable(known, plan, wanted)
+
+
+def _if_usable(known: Study, plan: Plan, wanted: Wanted) -> Iterator[RoundsProgram]:
+    """The program of a plan, or none: not every partition can be eliminated everywhere."""
+    try:
+        program = generate_in_rounds(known, plan, wanted)
+    except KernelError:
+        return
+    yield program
 
 
 def _cheapest_first(programs: Iterator[RoundsProgram], compared: int) -> Iterator[RoundsProgram]:
