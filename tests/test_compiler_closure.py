@@ -317,7 +317,7 @@ def test_a_start_at_a_dead_centre_is_refused() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("linkages", [3, 21])
+@pytest.mark.parametrize("linkages", [3, 9])  # less than a vector of eight, and one more
 def test_each_lane_has_a_linkage_of_its_own(linkages: int, backend: str, rng: np.random.Generator) -> None:
     compiled = closure("four_bar", backend, open_parameters=SHAPE)
     p = compiled.values * rng.uniform(0.95, 1.05, (linkages, 3))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.api import exchange
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -386,8 +387,11 @@ def test_closures_are_for_urdf_alone() -> None:
         imported(UPRIGHT, "back", CLOSE)
 
 
-def test_a_hostile_file_ends_in_bounded_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What would take MuJoCo's compiler long or much ends in the worker."""
+def test_a_hostile_file_ends_in_bounded_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What would take MuJoCo's compiler long or much ends with the worker."""
+    monkeypatch.setattr(exchange, "READING", 4.0)
     file = tmp_path / "model.xml"
     file.write_text(model(world='<replicate count="100000000"><geom size="1"/></replicate>'))
     assert main(["import", str(file), "--out", str(tmp_path / "my.toml")]) == 2

@@ -159,6 +159,15 @@ def test_costs_are_compared_at_the_same_stabilisation() -> None:
     assert "four_bar rk4 2.00 (1.25..2.50)" in text
 
 
+def test_the_judges_words_are_told_without_their_numbers() -> None:
+    flags = ("a link ends up 0.037 m from where it should be", "a link ends up turned by 3.1 rad from where it should be")
+    flags += ("energy off by 1.2e+03 J where 24 J move", "the loops open by 0.031 (m or rad)")
+    text = said("Ran, but not valid", *(row(engine="exudyn", valid=False, status="invalid", flag=x) for x in flags))
+    words = ("a link ends up away from where it should be", "a link ends up turned from where it should be", "energy off")
+    assert all(x in text for x in (*words, "the loops open)"))
+    assert not any(x in text for x in ("0.037", "3.1", " J", "0.031"))
+
+
 def kernel_step(settings: str, ratio: float, **columns: Any) -> dict[str, Any]:
     found = {"mechanism": "six_bar", "formulation": "gauss", "stabilization": "none", "settings": settings, "status": "ok"}
     return found | {"ratio": ratio} | columns

@@ -27,7 +27,7 @@ from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-LIMIT = 120.0  # [s] to build a model and write it
+WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
 BUDGET = 60.0  # [s] to look for a step
 STEP = 1e-3  # [s] of a file where nothing is measured
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s] that are tried, from large to small
@@ -126,17 +126,19 @@ def written(linkage: str, scenario: str, engine: str, step: float, remarks: tupl
         ExchangeError, MissingExtra: as `export`.
     """
     with Worker() as worker:
-        return answered(worker, written_there, (linkage, scenario, engine, step, remarks), linkage)
+        return answered(worker, written_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
 
 
-def answered(worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], file: str) -> dict[str, Any]:
-    """What a function of this room answers from a worker.
+def answered(
+    worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
+) -> dict[str, Any]:
+    """What a function of this room answers from a worker within `limit` seconds; `file` is named where it does not.
 
     Raises:
         ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
     """
     try:
-        found = worker.call(function, arguments, LIMIT)
+        found = worker.call(function, arguments, limit)
     except WorkerFailure as failure:
         raise ExchangeError(f"{file}: {failure}") from failure
     match found:
@@ -184,7 +186,7 @@ def import_model(
     path = writable(out, replace)
     told(f"{model}")
     with Worker() as worker:
-        found = answered(worker, read_there, (str(model), path.stem, list(close)), str(model))
+        found = answered(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
     write_text(path, found["text"])
     return Import(str(model), found["kind"], str(path), path.stem, found["links"], found["dof"], tuple(found["left_out"]))
 

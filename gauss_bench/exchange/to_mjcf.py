@@ -17,12 +17,14 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.mujoco.mjcf import START, mjcf
 
     root = mjcf(mechanism, choice)
+    closure = root.find("equality/connect")
+    soft = "" if closure is None else f" solref {closure.get('solref')}, solimp {closure.get('solimp')}."
     told = [
         *head,
         "Bodies are links, with their frames at the centres of mass; joints open the loops, which connect constraints close again.",
         f"The start is the keyframe {START!r}: mj_resetDataKeyframe(model, data, 0).",
-        f"Settings: {choice.integrator}, step {choice.step:g} s, solref of two steps, impedance 0.9999, features not used are off.",
-        "solref goes with the step: whoever changes the one changes the other (a solref below two steps is raised to that).",
+        f"Settings: {choice.settings}, {choice.integrator}, step {choice.step:g} s.{soft}",
+        "solref is two steps: whoever changes the step changes both (MuJoCo raises a smaller solref to two steps).",
     ]
     root.insert(0, Comment(xml_comment(told)))
     indent(root)

@@ -74,7 +74,6 @@ class Cost(OnLinkages):
         step: [s] of the steps that are timed.
         rounds: of the race.
         batch: engines whose steps of many trajectories at once are timed too.
-        cold: engines whose first build in a new process is timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
     """
@@ -85,9 +84,15 @@ class Cost(OnLinkages):
     step: Positive
     rounds: Count
     batch: tuple[str, ...] = ()
-    cold: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
     processor: bool = False
+
+
+class ColdBuilds(OnLinkages):
+    """First models in new processes: engines, and the step [s] that each takes."""
+
+    engines: tuple[str, ...]
+    step: Positive
 
 
 class Steps(Section):
@@ -280,6 +285,7 @@ class Suite(Section):
     accuracy: tuple[Accuracy, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     cost: tuple[Cost, ...] = ()
+    cold_builds: tuple[ColdBuilds, ...] = ()
     steps: tuple[Steps, ...] = ()
     claim: tuple[Claim, ...] = ()
     right_hand_side: tuple[RightHandSide, ...] = ()

@@ -3,28 +3,22 @@
 Each engine at its variants is asked for a model and its first step ("build"), an acceleration from Python ("acceleration"), a step
 called from Python ("step") and one in its own loop ("native_step"). Where engines have them, the bare library call and what calling
 costs ("bare call", "empty call") and steps of many trajectories at once ("batch step") race along, and so may the processor's own
-latency and rate. The first model that an engine builds in a new process, with no generated code stored ("cold build"), has that
-process to itself. Every other table of times on these linkages is worked out from the same samples, so that a quantity has one
-value.
+latency and rate. Every other table of times on these linkages is worked out from the same samples: a quantity has one value.
 """
 
-import os
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache, partial
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common, lasting, ratio, stepping
-from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
 from gauss_bench.bench.offers import offer
 from gauss_bench.bench.survived import Watch, survived, watching
 from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.mechanism.load import load
@@ -54,42 +48,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
             task = context.task("untimed", raced, (linkage, scenario, chosen), linkage, scenario)
             tasks.append(task._replace(limit=RACES * LIMIT))
-            for engine in (x for x in part.cold if x in fit):
-                asked = (linkage, scenario, engine, part.step)
-                tasks.append(context.task("untimed", first_build, asked, linkage, scenario, engine=engine, quantity=COLD))
     return tasks
-
-
-def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
-    """Seconds until an engine's first model has taken its first step, in a process of its own; or why there are none."""
-    told, mechanism = offer(engine), load(linkage, scenario or None)
-    key = Key(COLD, engine, next(iter(told.settings)), told.integrators[0])
-    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | key._asdict()
-    try:
-        with Worker() as worker:
-            found = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
-    except WorkerFailure as failure:
-        found = {"status": str(failure.status), "message": str(failure)}
-    if "status" in found:
-        return {"untimed": [start | found]}
-    return {"samples": [start | {"step": step, "round": 0} | found]}
-
-
-def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:
-    """Processor time of a build, with no generated code stored: that of this process and of compilers that it runs.
-
-    The engine's library is imported before. Call it in a new process.
-    """
-    asked, mechanism = get(engine), load(linkage, scenario or None)
-    asked.version()
-    with TemporaryDirectory() as empty:
-        os.environ["XDG_CACHE_HOME"] = empty
-        compilers = sum(os.times()[2:4])
-        try:
-            seconds = processor_time(lambda: _first_step(asked, mechanism, choice))
-        except RunFailure as failure:
-            return {"status": str(failure.status), "message": str(failure)}
-    return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
 
 
 def raced(linkage: str, scenario: str, part: Cost) -> Tables:
@@ -162,10 +121,10 @@ def _model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
 
 
 def _building(engine: Engine, mechanism: Mechanism, choice: Choice) -> Block:
-    return lasting(None, lambda: _first_step(engine, mechanism, choice))
+    return lasting(None, lambda: first_step(engine, mechanism, choice))
 
 
-def _first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
+def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
     """What is generated or compiled when it is first needed is there after a step."""
     model = _model(engine, mechanism, choice)
     model.prepare(np.array([0.0, choice.step]))

@@ -37,8 +37,8 @@ def absolute(mechanism: Mechanism, stretch: Stretch, angles: Array) -> tuple[Arr
     states = np.vstack([stretch.states, stretch.end])
     n, equation = states.shape[1] // 2, stretch.equation
     given = np.zeros((len(states), 1)), states[:, :n], states[:, n:], np.zeros((len(states), 0))
-    place, slope, bend = equation.told(*given)
-    w, w_dot = states[:, n], equation.program.acceleration(*given)[0][:, 0]
+    place, slope, bend, turning = equation.told(*given)
+    w, w_dot = states[:, n], turning[:, 0]
     q = np.empty((len(states), mechanism.n))
     directions = place.reshape(len(states), -1, 4)
     q[:, 0::3], q[:, 1::3] = directions[..., 0], directions[..., 1]

@@ -4,6 +4,8 @@ The equation is generated for the cheapest coordinate whose dyads stay open. Whe
 dyads opens by less than `least`; there the coordinate whose dyads are open widest takes over, on the branch that the linkage is on.
 """
 
+from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
 from gauss_bench.engines.minimal.absolute import Stretch, absolute
 from gauss_bench.engines.minimal.equation import Equation, write_equation
-from gauss_bench.engines.minimal.machine import Machine
+from gauss_bench.engines.minimal.machine import Machine, compiled
 from gauss_bench.engines.minimal.structure import NoWay, ways
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size
 from gauss_bench.engines.variants import read_variants
@@ -33,6 +35,7 @@ CHANGE = 0.35  # opening at which it is changed otherwise: nearer, the coordinat
 NARROW = 0.02  # opening below which none is used: a run ends where no coordinate has as much
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states leave 1e-10, a wrong term about 1
 CHECKED = 4  # states
+ON_BRANCH = 1e-3  # [m] from where the equation puts the links: the other branch puts them far off
 
 Key = tuple[int, tuple[float, ...]]  # a way, by number, and the signs of its dyads
 
@@ -142,11 +145,30 @@ class MinimalModel:
         return found[0][0], found[1][0], found[2][0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        quick = self._native(q, v)
+        if quick is not None:
+            return quick
         openings = [way.opening(q) for way in self.ways]
         least = [float(_least(x, scale)) for x, scale in zip(openings, self.scales, strict=True)]
         k = self.first[0] if least[self.first[0]] > self.least else int(np.argmax(least))
         equation = self._equation((k, tuple(np.sign(openings[k]).tolist())), q)
         return finite_acceleration(t, self._stretch(equation, q, v)[2], "the equation in one coordinate")
+
+    def _native(self, q: Array, v: Array) -> Array | None:
+        """The acceleration (n,) by the first equation in machine code, or None where the state is not on its branch."""
+        y = self._state(self._equation(self.first), q, v)
+        place, slope, bend, (w_dot,) = np.split(self._evaluate(y), self._cuts)
+        x, w = place.reshape(-1, 4), y[len(y) // 2]
+        near = np.abs(x[:, :2] - q.reshape(-1, 3)[:, :2]).max() < ON_BRANCH
+        return np.asarray(slope * w_dot + bend * (w * w)) if near and np.isfinite(w_dot) else None
+
+    @cached_property
+    def _evaluate(self) -> Callable[[Array], Array]:
+        return compiled(self._equation(self.first).told)
+
+    @cached_property
+    def _cuts(self) -> list[int]:
+        return [k * len(self.mechanism.links) for k in (4, 7, 10)]
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the compiled loop, whatever `native` says; a rehearsal compiles what changes of coordinate need."""

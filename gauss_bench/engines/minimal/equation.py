@@ -48,7 +48,7 @@ class Equation:
         followed: links whose angles are integrated beside the coordinate.
         program: its acceleration as the compiler steps it; q is the coordinate and the angles of `followed`.
         angles: links whose angles forces need -> which of the program's q they follow, and by how much they are turned [rad].
-        told: (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha.
+        told: (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
         seen: (t, q, v, p) -> for every way of the linkage its coordinate as it is, its rate and the openings of its dyads: three
             numbers (cos, sin, rate) of a link's angle, (value, 0, rate) of a slide, then one a dyad; last the rates of the angles
             that forces need. Rates are those at a rate 1 of this coordinate.
@@ -137,7 +137,10 @@ def write_equation(
         residual=NOTHING,
         stabilized=None,
     )
-    told, seen = function(at, motion.told(), None), function(at, [*map(motion.seen, others), motion.turning(needed)], None)
+    told, seen = (
+        function(at, [*motion.told(), a[:1]], None),
+        function(at, [*map(motion.seen, others), motion.turning(needed)], None),
+    )
     return Equation(way, tuple(signs), followed, angles, program, told, seen)
 
 
@@ -356,7 +359,7 @@ class _Motion:
         return zip((dyad.first, dyad.second), dyad.middle, strict=True)
 
     def told(self) -> list[list[Node]]:
-        """What `Equation.told` returns."""
+        """What `Equation.told` says of the links."""
         rows: list[list[Node]] = [[], [], []]
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]

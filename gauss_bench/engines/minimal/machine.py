@@ -69,7 +69,7 @@ class Machine:
 
     @cached_property
     def _view(self) -> Callable[[Array], Array]:
-        return compiled(self.equation.seen, self.n)
+        return compiled(self.equation.seen)
 
     def seen(self, y: Array) -> list[Array]:
         """What `Equation.seen` says at a state, its parts one by one."""
@@ -80,9 +80,9 @@ class Machine:
         return np.cumsum([len(x) for x in self.equation.seen.outputs])[:-1]
 
 
-def compiled(function: Function, n: int) -> Callable[[Array], Array]:
+def compiled(function: Function) -> Callable[[Array], Array]:
     """All results of a function (t, q, v, p), which depends on neither t nor p, in one row for a state y (2n,)."""
-    g = Graph()
+    g, n = Graph(), function.sizes[1]
     leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]
     results = inline(g, function, ([g.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(g, x))
     new, roots = rewrite(g, [x for row in results for x in row])

@@ -280,5 +280,6 @@ def not_valid(run: Run) -> Iterator[Finding]:
 
 def _why(group: list[Row]) -> str:
     """The judge's words for these rows, numbers taken out, in order of how often they were said."""
-    words = [re.sub(NUMBERS, "", str(row.get("flag") or "no reason given")) for row in group]
+    flags = (re.sub(r" \S+ m from", " away from", str(row.get("flag") or "no reason given")) for row in group)
+    words = [re.sub(NUMBERS, "", flag) for flag in flags]
     return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))
