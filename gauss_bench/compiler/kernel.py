@@ -219,12 +219,13 @@ class Kernel:
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
-        q, v = np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)
+        q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
+        v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.shape == self._values.shape:
             state = self._one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
-        states = np.atleast_2d(np.concatenate([q, v], axis=-1))
+        states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
         batch = Batch(states, self._spread(p, len(states)), float(t0), float(dt), int(n), max(1, every or n))
         outcome = self._counted(self._driver.advance(batch, integrator, threads))
         samples = outcome.samples[:, -1] if every is None else outcome.samples
@@ -260,7 +261,7 @@ class Kernel:
         self.switches = self.fallbacks = self.lost = 0
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if isinstance(end, Outcome):
-            batch = Batch(np.concatenate([q, v])[None], p[None], float(t0), float(dt), int(n), max(1, n))
+            batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
             return np.asarray(self._counted(self._driver.resume(batch, end, integrator)).samples[0, -1])
         return end
 

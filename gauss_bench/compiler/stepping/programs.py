@@ -67,7 +67,7 @@ class Stepper:
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
         """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the native code."""
         if not self.native:
-            outcome = self.run(Batch(np.concatenate([q, v])[None], parameters[None], t0, h, n, max(1, n)))
+            outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else outcome
         n_q = len(q)
         one = self.loaded.singles.one or self.loaded.single(2 * n_q, len(parameters), *self.work, 2 * n_q, 3)
