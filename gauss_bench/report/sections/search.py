@@ -84,11 +84,16 @@ def in_order(rows: Sequence[Row]) -> list[Row]:
 
 def scope(rows: Sequence[Row]) -> str:
     """What was spent, and what is left out."""
-    budget, most = (number(rows[0], x) for x in ("budget", "most_steps"))
     return (
-        f"Each variant had {count(int(budget), 'evaluation')} and runs of at most {most:.0f} steps: **cannot reach** means within "
-        "these, by these variants, and with this suite's adapters."
+        f"Each variant had {spent(rows)}: **cannot reach** means within these, by these variants, and with this suite's adapters."
     )
+
+
+def spent(rows: Sequence[Row]) -> str:
+    """Budget and most steps; from the least to the largest where linkages differ in them."""
+    budgets, steps = (sorted({int(number(r, x)) for r in rows if known(r.get(x))}) for x in ("budget", "most_steps"))
+    told = [" to ".join(str(x) for x in dict.fromkeys((some[0], some[-1]))) for some in (budgets, steps)]
+    return f"{told[0]} evaluations and {told[1]} steps of a run at most"
 
 
 def winner(row: Row) -> tuple[Cell, ...]:
@@ -129,11 +134,10 @@ def findings(run: Run) -> Iterator[Finding]:
         said = "; ".join(f"`{engine}` {listed(map(_multiple, rows))}" for engine, rows in rivals.items())
         if not said:
             continue
-        budget, most = (int(max(number(r, x) for r in group if known(r.get(x)))) for x in ("budget", "most_steps"))
         text = (
             f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
-            f"with {count(budget, 'evaluation')} of each variant and {most} steps of a run at most ({CANNOT_WORD}: not within "
-            f"these), and in brackets the {RANGE} range of resampled rounds.{''.join(not_told(run, group))}"
+            f"where each variant had {spent(group)} ({CANNOT_WORD}: not within these), and in brackets "
+            f"the {RANGE} range of resampled rounds.{''.join(not_told(run, group))}"
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
         yield Finding(title, text, "warn" if lost else "")
