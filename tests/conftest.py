@@ -17,6 +17,7 @@ from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
+SLOW = Path(__file__).parent / "slow.txt"  # tests of some seconds of processor time, measured; those that need tools are marked in place
 FULL, FEW = program.ATTEMPTS, 12  # of the search for a program
 CACHE = pytest.StashKey[str]()
 
@@ -25,6 +26,15 @@ def pytest_configure(config: pytest.Config) -> None:
     """Object code of this run is kept in one folder for all its processes, and the user's own cache is left alone."""
     if not hasattr(config, "workerinput"):
         config.stash[CACHE] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="gauss-bench-tests-")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests in the list are slow ones."""
+    slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    for item in items:
+        if item.nodeid.removeprefix("tests/") in slow:
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

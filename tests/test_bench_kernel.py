@@ -191,6 +191,7 @@ def test_the_bare_call_of_pinocchio_gives_the_adapters_accelerations() -> None:
     assert empty().shape == y.shape
 
 
+@pytest.mark.slow
 def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) -> None:
     for path in folder.glob("kernel_*.csv"):
         (tmp_path / path.name).write_bytes(path.read_bytes())

@@ -18,7 +18,7 @@ from .random_linkages import FEWEST, MOST, random_linkage
 
 H, STEPS, GAP = 1e-3, 100, 10  # [s], steps, steps between samples
 ROUNDING = 1e-13  # of positions, after a hundred steps
-MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(12, 40)]
+MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 40)]
 
 
 @cache
@@ -40,7 +40,7 @@ def exact(seed: int) -> Array:
 
 
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
-@pytest.mark.parametrize("seed", [*range(12), *MORE])
+@pytest.mark.parametrize("seed", [*range(3), *MORE])
 def test_native_steps_are_as_exact_as_interpreted_ones(seed: int, stabilization: str) -> None:
     m = mechanism(seed)
     q, _ = compile_kernel(m, "gauss", stabilization).rollout(m.q0, m.v0, H, STEPS, every=GAP)
