@@ -17,7 +17,7 @@ from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
-SLOW = Path(__file__).parent / "slow.txt"  # tests of some seconds of processor time, measured; those that need tools are marked in place
+SLOW = Path(__file__).parent / "slow.txt"  # tests that take seconds of processor time; those that need tools are marked in place
 FULL, FEW = program.ATTEMPTS, 12  # of the search for a program
 CACHE = pytest.StashKey[str]()
 
