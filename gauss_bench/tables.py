@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-FORMAT = 2
+FORMAT = 3
 SCHEMA_FILE = "tables.json"
 DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
 
@@ -805,7 +805,7 @@ def read_file(name: str, path: Path, form: int | None = None) -> tuple[dict[str,
     if form is None:
         form = _own_format(path, head, lines)
     if form < FORMAT:
-        head, lines = migrated(name, head, lines)
+        head, lines = migrated(name, head, lines, form)
     lacking = [c.name for c in (table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
     if head and lacking:
         raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
@@ -830,11 +830,13 @@ def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int
     return checked(max(told, default=FORMAT), path)
 
 
-def migrated(name: str, head: list[str], lines: list[dict[str, Any]]) -> tuple[list[str], list[dict[str, Any]]]:
-    """What a file of format 1 says, under the names of today; what it does not say is missing in every row."""
+def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int) -> tuple[list[str], list[dict[str, Any]]]:
+    """What a file of an older format says, under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
     fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
-    if name == "results":  # in which stabilised runs were given the times of steps without stabilisation
+    if name == "results":  # whose builds did not include the first step before format 3
+        fresh = [{k: v for k, v in x.items() if not k.startswith("build_time")} for x in fresh]
+    if name == "results" and form == 1:  # in which stabilised runs were given the times of steps without stabilisation
         timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
         fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
     if MEASURED[0] in TABLES[name].columns:

@@ -21,7 +21,7 @@ from gauss_bench.bench.runner import measure_all, run
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.read import of_engines, read_suite, restricted
 from gauss_bench.suites.schema import Cost, Suite
-from gauss_bench.tables import KEY, TABLES, read_file
+from gauss_bench.tables import FORMAT, KEY, TABLES, read_file
 
 ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
 UNTIL = 0.2  # [s]
@@ -55,7 +55,7 @@ def test_kill_9_loses_no_finished_case_and_doubles_none(tmp_path: Path) -> None:
     assert after_all[: len(finished)] == finished
     keys = [json.loads(line)["key"] for line in after_all]
     assert len(keys) == len(set(keys))
-    rows = read_file("results", tmp_path / "results.csv", 2)
+    rows = read_file("results", tmp_path / "results.csv", FORMAT)
     assert len(rows) == len(cases(gate()))
     assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows)
     subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
@@ -85,7 +85,7 @@ def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_tables_of_both_kinds_hold_the_same(tmp_path: Path) -> None:
     run(gate(), tmp_path, 1, costs=False, until=UNTIL)
-    csv, parquet = (read_file("results", tmp_path / f"results.{x}", 2) for x in ("csv", "parquet"))
+    csv, parquet = (read_file("results", tmp_path / f"results.{x}", FORMAT) for x in ("csv", "parquet"))
     numbers = [c.name for c in TABLES["results"].columns if c.kind == "number"]
     for one, other in zip(csv, parquet, strict=True):
         np.testing.assert_allclose([one[x] for x in numbers], [other[x] for x in numbers], rtol=1e-9)

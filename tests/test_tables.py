@@ -153,6 +153,17 @@ def test_times_that_format_1_gave_to_stabilised_runs_are_not_taken_over(tmp_path
     assert math.isnan(stabilised["step_time"])
 
 
+def test_builds_of_format_2_are_not_taken_over(tmp_path: Path) -> None:
+    """They were timed without the first step; what it did not know is missing."""
+    (tmp_path / "tables.json").write_text('{"format": 2}', encoding="utf-8")
+    head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,step_time,build_time"
+    (tmp_path / "results.csv").write_text(f"{head}\nfour_bar,torque,gauss,default,rk4,projection,0.001,2,ok,5e-5,0.1\n")
+    (row,) = tables.read_table("results", tmp_path)
+    assert row["step_time"] == 5e-5
+    assert math.isnan(row["build_time"])
+    assert math.isnan(row["cold_build_time"])
+
+
 def of_format_1(folder: Path) -> None:
     """A folder as earlier versions left it: errors of the crank, and a baseline with its dates and reasons."""
     case = "four_bar,torque,gauss,default,rk4,none,0.001,2"
@@ -199,6 +210,5 @@ def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
     before = {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")}
     tables.migrate(tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")} == before
-    assert (
-        pq.read_schema(tmp_path / "series.parquet").metadata[b"gauss_bench"] == b'{"table": "series", "format": 2, "commit": "a"}'
-    )
+    told = json.loads(pq.read_schema(tmp_path / "series.parquet").metadata[b"gauss_bench"])
+    assert told == {"table": "series", "format": FORMAT, "commit": "a"}
