@@ -20,14 +20,13 @@ from gauss_bench.engines.minimal.structure import NoWay, ways
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Angle, Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-STAGES = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # evaluations of a step
 ADAPTIVE = "dop853"
 STATES = 64  # of the motion, at which the openings of the dyads are looked at
 STEADY = 0.15  # opening of dyads, everywhere, of a coordinate that needs no change: about 9 degrees from a dead centre
@@ -223,7 +222,7 @@ class MinimalModel:
             done, self.y, self.steps = done + moved, y, self.steps + moved
             if moved < count:
                 self._change(t + done * h, moved)
-        self.evaluations = STAGES[self.choice.integrator] * self.steps
+        self.evaluations = EVALUATIONS[self.choice.integrator] * self.steps
 
     def _adaptive(self) -> None:
         times, row, t = self.times, 0, float(self.times[0])
@@ -236,7 +235,8 @@ class MinimalModel:
             end = course.state if row + len(states) < len(times) - 1 else states[-1]
             self.stretches.append(Stretch(machine.equation, row + 1, self.y, states, end))
             row, self.y, t = row + len(states), end, course.t
-            self.steps, self.evaluations = self.steps + course.taken, self.evaluations + 12 * course.tried
+            self.steps += course.taken
+            self.evaluations += EVALUATIONS["dop853_fixed"] * course.tried
             if row < len(times) - 1:
                 self._change(t, course.taken)
 
