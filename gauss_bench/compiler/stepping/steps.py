@@ -24,8 +24,9 @@ sums X, U; the way c to the next stage and the weight w of this one:
     a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a          (all with the old u)
     q' = q + h/6 X,   v' = v + h/6 U                                             after the fourth
 
-Sines are rotated from q to x; those at q come from nothing. The projection follows the last stage: q by Newton's chord at the
-uncorrected q', then v with the Jacobian at the corrected one.
+Sines are rotated from q to x; those at q come from nothing. The projection is as above, but for the chord, whose Jacobian is that
+at the uncorrected q', and for the first stage, which already has the corrected v. A step of either form begins with what the other
+leaves: a loop goes on where a step in one piece does not reach.
 """
 
 from collections.abc import Sequence
@@ -377,11 +378,11 @@ STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed":
 
 @dataclass(frozen=True, eq=False)
 class StagedStep:
-    """A step as four turns of a loop over its stages, and what comes after them.
+    """A step as four turns of a loop over its stages, and what comes before and after them.
 
     Attributes:
         carried: leaf -> its value before the first stage, and at the next stage.
-        step: what comes after the stages; its masks are those of that part alone.
+        step: what comes before and after the stages; its masks are those of these parts alone.
         regular, within: masks of one stage, as in Step.
     """
 
@@ -407,20 +408,21 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
         b.turn(e.fresh(), moved, reach.step, x)
         b.limit(b.of_angles(moved), reach.step)
     a = b.acceleration(b.t, x, u)
+    if code.projected:
+        e.acceleration(e.t, q, v)  # for its guards
+    out_pivots, out_v = list(e.pivots), e.corrected_velocity()
     X, U = b.vector("X"), b.vector("U")
     zero = [g.const(0.0)] * b.n
     stages = (
         ("x", q, b.along(q, way, u)),
-        ("u", v, b.along(v, way, a)),
+        ("u", out_v, b.along(out_v, way, a)),
         ("X", zero, b.along(X, weight, u)),
         ("U", zero, b.along(U, weight, a)),
     )
     carried = {f"%{k}{i}": pair for k, first, after in stages for i, pair in enumerate(zip(first, after, strict=True))}
     carried["%time"] = (e.t, g.add(e.t, way))
     sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)
-    q, v = e.along(q, sixth, X), e.along(v, sixth, U)
+    q_new, v_new = e.along(q, sixth, X), e.along(out_v, sixth, U)
     if code.projected:
-        q, _ = e.corrected_position(end, q, [e.sincos(x) for x in e.of_angles(q)], q)
-        (dv,) = inline(g, code.velocity, ([end], q, v, e.p), e.sincos)
-        v = [g.add(x, d) for x, d in zip(v, dv, strict=True)]
-    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q, v, [], e.v, []))
+        q_new, _ = e.corrected_position(end, q_new, [e.sincos(x) for x in e.of_angles(q_new)], q_new)
+    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q_new, v_new, [], out_v, out_pivots))
