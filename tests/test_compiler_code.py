@@ -1,7 +1,9 @@
 """From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
 
+import gc
 import mmap
 import os
+import weakref
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -446,6 +448,21 @@ def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: i
         assert outcome.complete.all()
         found.append(outcome.samples)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-11)  # rounding; with projection, where v is corrected first
+
+
+def test_a_call_keeps_its_code_in_memory() -> None:
+    g = graph.Graph()
+    x, arrays = g.leaf("%x"), {"x": graph.Array(1), "y": graph.Array(1)}
+    body = [graph.Load("x", {x: 0}), graph.Store("y", [g.mul(x, x)])]
+    square = Loaded(lambda many: graph.Routine("square", g, arrays, (), (), body, g.all(True), 1), Target("llvm", 4, cache=False))
+    call = square.single(1, 1)
+    code = weakref.ref(square.codes[1])
+    del square
+    gc.collect()
+    assert code() is not None  # else the next call would be of what is no longer there
+    call.arrays[0][:] = 3.0
+    call.run()
+    assert call.arrays[1][0] == 9.0
 
 
 @pytest.mark.parametrize("count", [1, 3])
