@@ -58,6 +58,7 @@ class Trial:
         errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
         steps: taken, or asked for.
         status, message: OK, or why it failed.
+        evaluations: of accelerations, or None where the engine does not count them.
     """
 
     size: float
@@ -65,6 +66,7 @@ class Trial:
     steps: int = 0
     status: Status = Status.OK
     message: str = ""
+    evaluations: int | None = None
 
     def meets(self, wanted: Requirement) -> bool:
         return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
