@@ -94,6 +94,12 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
     return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
 
 
+def no_coarser(scale: Scale, size: float) -> Scale:
+    """The part of a scale from the first size on that is not larger than `size`; all but the finest where none is."""
+    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
+    return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
+
+
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
     """10^-largest to 10^-smallest by half powers; the ladder walks over the whole ones."""
     exponents = range(2 * largest, 2 * smallest + 1)

@@ -25,9 +25,11 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
+FIRST = 20  # steps that tell how long the others take
 ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 
 
@@ -142,7 +144,29 @@ def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Bl
     model, share = built(run, way), 1.0
     if not is_adaptive(way) and seconds > lead:
         share = max(1, round(lead / seconds * steps)) / steps
-    times = np.array([0.0, share * run.until])
+    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+
+
+def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Block:
+    """As `whole_run`, of a way of which nobody has found out how long it takes.
+
+    Steps of its own choice end at so many samples, as where they were judged.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    model = built(run, way)
+    if is_adaptive(way):
+        return _repeated(way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
+    first = min(steps, FIRST)
+    model.prepare(np.array([0.0, first / steps * run.until]))
+    seconds = max(processor_time(model.run), 1e-9) * steps / first
+    share = max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
+    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+
+
+def _repeated(way: Way, model: Model, times: Array, share: float) -> Block:
+    """Runs over the times, of which each is so much of a whole one, as often as BLOCK seconds take."""
     block = Block(way, lambda: model.prepare(times), model.run, share)
     block.ready()
     taken = processor_time(block.go)
