@@ -44,7 +44,7 @@ BEATS = 200  # samples of a run by steps of its own choice
 DENSE = 400  # samples of a run by equal steps at most
 EVALUATED = 24  # times that one variant is run at most
 MOST = 200_000  # steps
-TURNED = 1.0  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
+TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
 SPARE = 8.0  # times the evaluations of the engine's best so far
 CHOICES = 4  # of an engine that race
 NEAR = 4.0  # times the least work of an engine: more is not raced
@@ -52,7 +52,7 @@ ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
 LEAD = 0.03  # [s] of a run at equal steps that is timed
 SLOW = 0.3  # [s] a run that takes longer is timed once
 TRUTH, SEARCHED, RACED = 0.4, 0.6, 0.95  # of the budget, when each ends at the latest
-LONGEST = 0.15  # of the budget, that one run may take
+LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
 CANNOT = "cannot reach"
 
 Told = Callable[[str], object]
@@ -108,7 +108,7 @@ class _Engine:
     Attributes:
         left: variants that were not tried yet.
         trials: variant -> its trials; ended: variant -> why there are no more.
-        cut: whether time ended a variant.
+        cut: whether time ended a variant; busy: whether it is at work; ran: whether it has been.
         refused: why it runs nothing of this linkage.
     """
 
@@ -121,6 +121,7 @@ class _Engine:
     ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
+    ran: bool = False
     refused: tuple[Status, str] | None = None
 
     def passing(self) -> dict[Way, Trial]:
@@ -290,7 +291,8 @@ class Recommender:
         steps = BEATS if adaptive else round(self.run.until / way.size)
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sampled(self.run, steps, samples)
-        limit = max(min(LONGEST * self.budget, self.left(SEARCHED) + 0.05 * self.budget), 1.0)
+        longest = LONGEST * self.budget * (1 if engine.ran else 2)
+        limit, engine.ran = max(min(longest, self.left(SEARCHED) + 0.05 * self.budget), 1.0), True
         found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker)
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
         if trial.status is not Status.OK:
