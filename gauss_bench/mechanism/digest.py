@@ -21,6 +21,9 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
     physics |= {"forces": acting, "scenario": chosen}
+    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
+    if any(len(joint.get("at", ())) > 2 for joint in damped):
+        physics["damping"] = "between every two links of a pin"  # once it was between neighbours in the list alone
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
 
 
