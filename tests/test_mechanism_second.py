@@ -204,7 +204,7 @@ def test_the_digest_follows_what_the_second_edition_says() -> None:
 def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> None:
     """Three bars on one pin: each is held back by both others, whoever is named first."""
     bar = {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
-    content = {"format": "planar-linkage/1", "name": "x", "gravity": [0.0, 0.0], "links": dict.fromkeys("abc", bar)}
+    content = {"format": "planar-linkage/2", "name": "x", "gravity": [0.0, 0.0], "links": dict.fromkeys("abc", bar)}
     content["forces"] = {"rub": {"type": "joint_damping", "joint": "P", "c": 0.3}}
     speeds = {"a": 1.0, "b": 2.0, "c": 5.0}
     start = {"angles": {"a": 0.0, "b": 1.0, "c": 2.0}, "speeds": speeds, "points": {"a.A": [0.0, 0.0]}}
@@ -215,6 +215,11 @@ def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> N
         mechanism = load_document(content)
         Q = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0).Q
         np.testing.assert_allclose(Q[2::3], [-0.3 * (3 * w - 8.0) for w in speeds.values()], rtol=1e-14)
+    content["format"] = "planar-linkage/1"  # the first edition keeps its meaning: neighbours in the list alone
+    first = load_document(content)
+    Q = Evaluator(first).terms(0.0, first.q0, first.v0).Q
+    np.testing.assert_allclose(Q[2::3], [0.3 * 4.0, 0.3 * 3.0, -0.3 * 7.0], rtol=1e-14)  # a-c and c-b
+    assert first.digest != mechanism.digest
 
 
 def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:

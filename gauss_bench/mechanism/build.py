@@ -32,9 +32,11 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     Revolute,
     SlideDriver,
+    every_two,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, direction, exact, length, pair, radians
+from gauss_bench.mechanism.schema import SECOND
 from gauss_bench.mechanism.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.terms import Array
 
@@ -98,7 +100,7 @@ class Resolver:
     """Looks up the names of one document; welded links become bodies, or stay `apart`."""
 
     def __init__(self, document: dict[str, Any], number: Number = float, apart: bool = False):
-        self.number_type = number
+        self.number_type, self.edition = number, document["format"]
         self.given = {name: build_link(name, table, number) for name, table in document["links"].items()}
         welds = {} if apart else document.get("welds", {})
         self.poses = poses(self.given, welds, _first_named(document), number)
@@ -115,6 +117,9 @@ class Resolver:
 
     def pairs(self, joint: str) -> tuple[Joint, ...]:
         return tuple(pair for pair in self.joints if pair.joint == joint)
+
+    def damped(self, joint: str) -> tuple[Joint, ...]:
+        return every_two(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
         return np.asarray(pair(self.number_type, values))

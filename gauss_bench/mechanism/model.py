@@ -174,7 +174,7 @@ Joint = Revolute | Prismatic
 
 
 def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """A pair for every two links of a joint, of which the pairs of a file join neighbours only."""
+    """A pair for every two links of a joint, whose own pairs join neighbours in its list."""
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -240,6 +240,10 @@ class Names(Protocol):
     def link(self, name: str, /) -> int: ...
     def point(self, reference: str, /) -> Point: ...
     def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
+    def damped(self, joint: str, /) -> tuple[Joint, ...]:
+        """The pairs between which a joint is damped: every two of its links, or in the first edition the neighbours in its list."""
+        ...
+
     def pair(self, values: Any, /) -> Array: ...
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
         """The number `key`, 0 where it is left out."""
@@ -338,10 +342,7 @@ class RotationalSpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class JointDamping:
-    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed between every two links of a joint.
-
-    Between every two: a pin through several links makes pairs of neighbours in the list, which damping does not depend on.
-    """
+    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed in pairs of links of a joint."""
 
     name: str
     pairs: tuple[Joint, ...]
@@ -349,7 +350,7 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
-        return cls(name, every_two(names.pairs(table["joint"])), names.number(table, "c"))
+        return cls(name, names.damped(table["joint"]), names.number(table, "c"))
 
     def lowered(self) -> tuple[Load, ...]:
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)

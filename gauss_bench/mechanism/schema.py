@@ -1,7 +1,8 @@
 """The grammar of linkage files as types: which keys each table has, and what values they take.
 
-There are two editions, planar-linkage/1 and /2: the second has every key of the first, with the same meaning, and those that a
-table here calls `second`. A file that uses one of them must say so, so that a reader of the first does not misread it.
+There are two editions, planar-linkage/1 and /2: the second has every key of the first, and those that a table here calls `second`.
+A file that uses one of them must say so, so that a reader of the first does not misread it. One key means something else: `c` of
+`joint_damping` on a pin through several links acts between every two of them, no longer between neighbours in the list alone.
 Names that refer to each other, and everything geometric, are checked in `references.py` and `closure.py`.
 """
 
