@@ -2,6 +2,7 @@
 
     load(name_or_path, scenario=None) -> Mechanism
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
+    history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
@@ -20,6 +21,7 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "Export",
+    "History",
     "Import",
     "Kernel",
     "Kinematics",
@@ -29,6 +31,7 @@ __all__ = [
     "compare",
     "compile_kernel",
     "export",
+    "history",
     "import_model",
     "kinematics",
     "load",
@@ -38,6 +41,8 @@ __all__ = [
 _HOMES = {
     "load": "gauss_bench.mechanism.load:load",
     "simulate": "gauss_bench.api.simulate:simulate",
+    "history": "gauss_bench.api.history:history",
+    "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "export": "gauss_bench.api.exchange:export",
