@@ -140,6 +140,7 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
         tell("nothing was reached: no file is written")
         return
     from gauss_bench.api.history import history, table
+    from gauss_bench.mechanism.welding import spread
     from gauss_bench.report.drawings.shown import film, picture
 
     found, told = history(result), result.told()
@@ -150,7 +151,7 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
         elif name == "plot":
             contents[path] = picture(path.suffix, told, found)
         else:
-            contents[path] = film(path.suffix, told, found, result.model, result.trajectory)
+            contents[path] = film(path.suffix, told, found, result.model.whole, spread(result.model, result.trajectory))
     for path, content in contents.items():  # all of them, once all of them could be made
         write_bytes(path, content)
         tell(f"{path}")
@@ -162,7 +163,7 @@ def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api.results import plain
 
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
-    result = moved.kinematics(options.linkage, *asked)
+    result = moved.kinematics(options.linkage, *asked, hold=options.hold)
     pictures(options, result)
     if options.json:
         print(result.to_json())
@@ -190,7 +191,7 @@ def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
 
     if not (options.plot or options.animate):
         return
-    mechanism = moved.driven(options.linkage, options.scenario, options.driver)
+    mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
     if options.plot:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))

@@ -16,6 +16,7 @@ from gauss_bench.engines.minimal.structure import RPR, closed_from, opening
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
@@ -38,12 +39,13 @@ def history(result: Simulation) -> History:
 
 def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
     """Every curve in its order; behind the first `sound` samples the work done is not worth integrating."""
-    turning = mechanism.observed_links or (() if mechanism.observed_points else range(len(mechanism.links)))
+    whole, links = mechanism.whole, spread(mechanism, x)
+    turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
     for i in turning:
-        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (x.q, x.v, x.a), strict=True):
-            yield Curve(Group.LINK, mechanism.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
-    for point in mechanism.observed_points:
-        levels = position(x.q, point), velocity(x.q, x.v, point), acceleration(x.q, x.v, x.a, point)
+        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
+            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
+    for point in whole.observed_points:
+        levels = position(links.q, point), velocity(links.q, links.v, point), acceleration(links.q, links.v, links.a, point)
         for letter, unit, level in zip(("", "v", "a"), LEVELS, levels, strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
@@ -72,6 +74,9 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
         for key, values in found.items():
             if key != "moment" or name in slides:  # a pin has none
                 yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
+    for name, found in metrics.weld_forces(evaluator, x).items():
+        for key, values in found.items():
+            yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
     if mechanism.drivers:
         exerted = metrics.driving_forces(evaluator, x)
         for k, driver in enumerate(mechanism.drivers):

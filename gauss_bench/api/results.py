@@ -49,6 +49,8 @@ class Simulation(Result):
         advice: what may mend a run that is not to be trusted, or an empty text.
         observed: {"points": names, "links": names} that the file asks to look at.
         drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
+        welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
+            out of dictionaries where there are none.
         asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
             not in dictionaries; `gauss_bench.history` makes curves of them.
     """
@@ -76,12 +78,13 @@ class Simulation(Result):
     model: Mechanism
     trajectory: Trajectory | None = None
     drivers: dict[str, Array] = field(default_factory=dict)
+    welds: States = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain but for arrays."""
         found = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
-        absent = {"model", "trajectory", "asked_until"} | ({"drivers"} if not self.drivers else set())
-        return {k: v for k, v in found.items() if k not in absent}
+        absent = ("model", "trajectory", "asked_until")
+        return {k: v for k, v in found.items() if k not in absent and (k not in ("drivers", "welds") or v)}
 
     def told(self) -> Told:
         """What plots and animations say of the run."""

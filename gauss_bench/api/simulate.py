@@ -16,6 +16,7 @@ from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -42,7 +43,8 @@ def simulate(
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
         scenario: of the file; the first with a start where not given.
-        settings, integrator, stabilization: of the engine; its defaults where not given.
+        settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
+        integrator, stabilization: of the engine; its defaults where not given.
         step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
@@ -113,6 +115,7 @@ def described(
     chosen = chosen or empty(mechanism.n)
     objections = verdict.objections if verdict else ()
     forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
+    told = spread(mechanism, chosen)
     return Simulation(
         status=status,
         message=message,
@@ -124,13 +127,14 @@ def described(
         stabilization=choice.stabilization,
         step=choice.step,
         t=chosen.t,
-        links=link_states(mechanism, chosen),
-        points=point_states(mechanism.observed_points, chosen),
+        links=link_states(mechanism.whole, told),
+        points=point_states(mechanism.whole.observed_points, told),
         joints=metrics.joint_forces(evaluator, chosen),
         metrics=figures or {},
         valid=status is Status.OK and verdict is not None and verdict.valid,
         objections=objections,
         observed=observed_names(mechanism),
+        welds=metrics.weld_forces(evaluator, chosen),
         trusted_until=until,
         advice=advice(objections, choice.step, choice.stabilization != "none"),
         asked_until=asked_until,
@@ -142,8 +146,9 @@ def described(
 
 def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
     """The points and links to look at: those named, else those the file observes."""
-    chosen = mechanism.observed_points if points is None else points
-    return {"points": [p.name for p in chosen], "links": [mechanism.link_name(k) for k in mechanism.observed_links]}
+    whole = mechanism.whole
+    chosen = whole.observed_points if points is None else points
+    return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
 def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
