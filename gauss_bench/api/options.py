@@ -40,7 +40,7 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--engine", default="gauss")
     verb.add_argument("--scenario", help="default: the first with a start")
-    verb.add_argument("--settings", help="of the engine: default, tuned, ...")
+    verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the engine: a name, its own options, or both")
     verb.add_argument("--integrator", help="of the engine; its first by default")
     verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
     verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001); formerly --dt")

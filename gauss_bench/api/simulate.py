@@ -42,7 +42,8 @@ def simulate(
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
         scenario: of the file; the first with a start where not given.
-        settings, integrator, stabilization: of the engine; its defaults where not given.
+        settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
+        integrator, stabilization: of the engine; its defaults where not given.
         step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.

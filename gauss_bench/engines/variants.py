@@ -1,6 +1,7 @@
 """An engine's knobs, settings and variants as data: `variants.toml` in its room, read in one place.
 
-    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source
+    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
+                 words that it may be besides those that stand below
     [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
     [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
 
@@ -19,6 +20,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.engines.own_options import Known
+
 FILE = "variants.toml"
 LEAST_WORDS = 20  # characters of a reason: shorter ones give none
 CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its settings
@@ -36,11 +39,13 @@ class Knob:
 
     Attributes:
         source: address of where it is documented, or OWN_SEARCH and why it is tried.
+        values: words that it may be besides those that settings and variants use.
     """
 
     name: str
     meaning: str
     source: str
+    values: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,16 +76,20 @@ class Variants:
     space: Mapping[str, Variant]
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """The options of settings or of a variant.
+        """The options of settings, of a variant, or of a text as `own_options` tells it.
 
         Raises:
             KeyError: there is neither of that name.
+            OptionError: an option that there is not, or a value that it cannot take.
         """
         if name in self.settings:
             return self.settings[name]
         if name in self.space:
             return self.space[name].options
-        raise KeyError(f"neither settings nor a variant: {name!r}; there are {', '.join([*self.settings, *self.space])}")
+        labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
+        return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolved(
+            name
+        )
 
 
 def read_variants(room: Path) -> Variants:
@@ -111,7 +120,7 @@ def read_variants(room: Path) -> Variants:
 
 
 def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
-    if strange := table.keys() - {"meaning", "source", "own_search"}:
+    if strange := table.keys() - {"meaning", "source", "own_search", "values"}:
         raise VariantError(f"{place}: unknown field {min(strange)}")
     if not str(table.get("meaning", "")).strip():
         raise VariantError(f"{place}: does not say what it means")
@@ -122,7 +131,7 @@ def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
         raise VariantError(f"{place}: `source` is no address: {source}")
     if reason and len(reason) < LEAST_WORDS:
         raise VariantError(f"{place}: `own_search` gives no reason: {reason}")
-    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason)
+    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason, tuple(map(str, table.get("values", ()))))
 
 
 def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
