@@ -142,7 +142,7 @@ def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api.results import plain
 
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
-    result = moved.kinematics(options.linkage, *asked)
+    result = moved.kinematics(options.linkage, *asked, hold=options.hold)
     pictures(options, result)
     if options.json:
         print(result.to_json())
@@ -170,7 +170,7 @@ def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
 
     if not (options.plot or options.animate):
         return
-    mechanism = moved.driven(options.linkage, options.scenario, options.driver)
+    mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
     if options.plot:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))

@@ -58,6 +58,9 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--scenario", help="a driven one (default: the first)")
     verb.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
     verb.add_argument(
+        "--hold", action="append", metavar="NAME[=VALUE]", help="a link, slide or pin that is not to move, at degrees or metres"
+    )
+    verb.add_argument(
         "--intervals",
         "--steps",
         type=int,

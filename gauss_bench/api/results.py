@@ -46,6 +46,8 @@ class Simulation(Result):
         objections: the judge's, each with its subject, value, limit and sentence.
         observed: {"points": names, "links": names} that the file asks to look at.
         drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
+        welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
+            out of dictionaries where there are none.
     """
 
     status: Status
@@ -66,11 +68,12 @@ class Simulation(Result):
     objections: tuple[Objection, ...]
     observed: dict[str, list[str]]
     drivers: dict[str, Array] = field(default_factory=dict)
+    welds: States = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain but for arrays."""
         found = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
-        return found if self.drivers else {k: v for k, v in found.items() if k != "drivers"}
+        return {k: v for k, v in found.items() if k not in ("drivers", "welds") or v}
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -109,6 +110,7 @@ def described(
     evaluator = Evaluator(mechanism)
     chosen = chosen or empty(mechanism.n)
     forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
+    told = spread(mechanism, chosen)
     return Simulation(
         status=status,
         message=message,
@@ -120,21 +122,23 @@ def described(
         stabilization=choice.stabilization,
         step=choice.step,
         t=chosen.t,
-        links=link_states(mechanism, chosen),
-        points=point_states(mechanism.observed_points, chosen),
+        links=link_states(mechanism.whole, told),
+        points=point_states(mechanism.whole.observed_points, told),
         joints=metrics.joint_forces(evaluator, chosen),
         metrics=figures or {},
         valid=verdict is not None and verdict.valid,
         objections=verdict.objections if verdict else (),
         observed=observed_names(mechanism),
+        welds=metrics.weld_forces(evaluator, chosen),
         drivers={} if forces is None else {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)},
     )
 
 
 def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
     """The points and links to look at: those named, else those the file observes."""
-    chosen = mechanism.observed_points if points is None else points
-    return {"points": [p.name for p in chosen], "links": [mechanism.link_name(k) for k in mechanism.observed_links]}
+    whole = mechanism.whole
+    chosen = whole.observed_points if points is None else points
+    return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
 def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
