@@ -8,6 +8,7 @@
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
+    doctor() -> Checkup: what this machine has, and whether each engine runs on it
     compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
 Each is loaded when first asked for, so that importing the package costs nothing.
@@ -20,6 +21,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 __all__ = [
+    "Checkup",
     "Export",
     "History",
     "Import",
@@ -30,6 +32,7 @@ __all__ = [
     "certify",
     "compare",
     "compile_kernel",
+    "doctor",
     "export",
     "history",
     "import_model",
@@ -49,6 +52,8 @@ _HOMES = {
     "import_model": "gauss_bench.api.exchange:import_model",
     "Import": "gauss_bench.api.results:Import",
     "Export": "gauss_bench.api.results:Export",
+    "doctor": "gauss_bench.api.doctor:doctor",
+    "Checkup": "gauss_bench.api.doctor:Checkup",
     "certify": "gauss_bench.reference.certify:certify",
     "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
     "Kernel": "gauss_bench.compiler.kernel:Kernel",

@@ -86,6 +86,16 @@ def list_all(options: argparse.Namespace) -> int:
     return 0
 
 
+def doctor(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.api.doctor import doctor as looked_at
+    from gauss_bench.api.results import plain
+
+    result = looked_at(tell)
+    print(result.to_json() if options.json else text.format_checkup(plain(result.as_dict())))
+    return 0 if result.usable else 1
+
+
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.mechanism.load import load
@@ -345,6 +355,7 @@ def check(options: argparse.Namespace) -> int:
 
 ACTIONS: dict[str, Verb] = {
     "list": list_all,
+    "doctor": doctor,
     "show": show,
     "simulate": simulate,
     "kinematics": kinematics,

@@ -52,6 +52,16 @@ def format_catalogue(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def format_checkup(found: dict[str, Any]) -> str:
+    """What `doctor` looked at, one thing a line, and its verdict last."""
+    lines = []
+    for title in ("findings", "engines"):
+        for x in found[title]:
+            status = "" if x["status"] == "ok" else f"{x['status']}: "
+            lines.append(f"  {x['name']:16} {status}{'; '.join(filter(None, (x['value'], x['message'])))}")
+    return "\n".join([*lines, found["verdict"]])
+
+
 def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
     """What a file describes, each scenario assembled."""
     return {
