@@ -29,6 +29,10 @@ def _list(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _doctor(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--json", action="store_true")
+
+
 def _show(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario")
@@ -46,6 +50,10 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001); formerly --dt")
     verb.add_argument("--at", type=_times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
     verb.add_argument("--budget", type=float, default=600.0, metavar="S", help="seconds until an engine is stopped (default 600)")
+    verb.add_argument("--plot", type=Path, metavar="FILE", help="observed points, energies, forces over time: .svg or .png")
+    verb.add_argument("--animate", type=Path, metavar="FILE", help="the linkage moving: .svg, .gif, or .html with all curves")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="all samples, with units: .csv")
+    verb.add_argument("--replace", action="store_true", help="write over files that are there already")
     verb.add_argument("--json", action="store_true")
 
 
@@ -53,6 +61,9 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="a driven one (default: the first)")
     verb.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
+    verb.add_argument(
+        "--hold", action="append", metavar="NAME[=VALUE]", help="a link, slide or pin that is not to move, at degrees or metres"
+    )
     verb.add_argument(
         "--intervals",
         "--steps",
@@ -174,6 +185,7 @@ def _steps(text: str) -> list[float]:
 
 VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "list": ("linkages, engines, integrators and settings", _list),
+    "doctor": ("what this machine has, and whether each engine runs on it", _doctor),
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
