@@ -2,6 +2,7 @@
 
     load(name_or_path, scenario=None) -> Mechanism
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
+    history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
@@ -22,6 +23,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Checkup",
     "Export",
+    "History",
     "Import",
     "Kernel",
     "Kinematics",
@@ -32,6 +34,7 @@ __all__ = [
     "compile_kernel",
     "doctor",
     "export",
+    "history",
     "import_model",
     "kinematics",
     "load",
@@ -41,6 +44,8 @@ __all__ = [
 _HOMES = {
     "load": "gauss_bench.mechanism.load:load",
     "simulate": "gauss_bench.api.simulate:simulate",
+    "history": "gauss_bench.api.history:history",
+    "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "export": "gauss_bench.api.exchange:export",

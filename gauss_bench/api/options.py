@@ -50,6 +50,10 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001); formerly --dt")
     verb.add_argument("--at", type=_times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
     verb.add_argument("--budget", type=float, default=600.0, metavar="S", help="seconds until an engine is stopped (default 600)")
+    verb.add_argument("--plot", type=Path, metavar="FILE", help="observed points, energies, forces over time: .svg or .png")
+    verb.add_argument("--animate", type=Path, metavar="FILE", help="the linkage moving: .svg, .gif, or .html with all curves")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="all samples, with units: .csv")
+    verb.add_argument("--replace", action="store_true", help="write over files that are there already")
     verb.add_argument("--json", action="store_true")
 
 
