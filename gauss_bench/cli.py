@@ -96,6 +96,19 @@ def doctor(options: argparse.Namespace) -> int:
     return 0 if result.usable else 1
 
 
+def conformance(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.bench.conformance import conformance as checked
+
+    checks = checked(options.engine, tell)
+    passed = all(x.passed is not False for x in checks)
+    if options.json:
+        print_json({"engine": options.engine, "passed": passed, "checks": [vars(x) for x in checks]})
+    else:
+        print(text.format_conformance(options.engine, checks))
+    return 0 if passed else 1
+
+
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.mechanism.load import load
@@ -373,6 +386,7 @@ def check(options: argparse.Namespace) -> int:
 ACTIONS: dict[str, Verb] = {
     "list": list_all,
     "doctor": doctor,
+    "conformance": conformance,
     "show": show,
     "simulate": simulate,
     "kinematics": kinematics,

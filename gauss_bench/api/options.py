@@ -33,6 +33,11 @@ def _doctor(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _conformance(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("engine", metavar="NAME|MODULE:CLASS", help="an engine, or the class of an adapter that is not installed yet")
+    verb.add_argument("--json", action="store_true")
+
+
 def _show(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario")
@@ -186,6 +191,7 @@ def _steps(text: str) -> list[float]:
 VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "list": ("linkages, engines, integrators and settings", _list),
     "doctor": ("what this machine has, and whether each engine runs on it", _doctor),
+    "conformance": ("whether an engine's adapter keeps to what engines must", _conformance),
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),

@@ -11,6 +11,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.tables import TABLES
 
 if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name things
+    from gauss_bench.bench.conformance import Check
     from gauss_bench.bench.differences import Differences
     from gauss_bench.bench.gate import Verdict
 
@@ -60,6 +61,15 @@ def format_checkup(found: dict[str, Any]) -> str:
             status = "" if x["status"] == "ok" else f"{x['status']}: "
             lines.append(f"  {x['name']:16} {status}{'; '.join(filter(None, (x['value'], x['message'])))}")
     return "\n".join([*lines, found["verdict"]])
+
+
+def format_conformance(engine: str, checks: "list[Check]") -> str:
+    """One line for each check, and how many failed."""
+    words = {True: "ok", False: "FAILED", None: "not asked"}
+    lines = [f"  {words[x.passed]:10}{': '.join(filter(None, (x.name, x.message)))}" for x in checks]
+    failed = sum(x.passed is False for x in checks)
+    asked = sum(x.passed is not None for x in checks)
+    return "\n".join([*lines, f"{engine}: {failed} of {asked} checks failed" if failed else f"{engine}: all {asked} checks passed"])
 
 
 def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:

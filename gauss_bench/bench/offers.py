@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.bench.worker import Worker, WorkerFailure
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get, is_class
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.own_options import Known, OptionError, is_own
@@ -138,7 +138,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         there = all_names()  # which looks through everything that is installed
         wanted = there if wanted is None else wanted
         for name in wanted:
-            if name not in there:
+            if name not in there and not is_class(name):
                 raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]

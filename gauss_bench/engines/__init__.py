@@ -28,6 +28,12 @@ def _from(target: str) -> Callable[[], Engine]:
     return lambda: getattr(import_module(module), name)()
 
 
+def is_class(name: str) -> bool:
+    """Whether a name is MODULE:CLASS, an adapter that nobody has installed under a name of its own."""
+    module, colon, last = name.partition(":")
+    return bool(colon) and last.isidentifier() and all(x.isidentifier() for x in module.split("."))
+
+
 def names() -> list[str]:
     """All engines: own formulations, compiled and derived ones, foreign engines, then what others add in gauss_bench.engines."""
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
@@ -39,7 +45,7 @@ def all_names() -> list[str]:
 
 
 def get(name: str) -> Engine:
-    """The engine of that name.
+    """The engine of that name, or of the class MODULE:CLASS.
 
     Raises:
         KeyError: there is none.
@@ -55,6 +61,8 @@ def get(name: str) -> Engine:
         return Compiled(name)
     if name in (inside := {**DERIVED, **FOREIGN, **RIVALS}):
         return _from(inside[name])()
+    if is_class(name):
+        return _from(name)()
     for point in entry_points(group="gauss_bench.engines"):
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
