@@ -68,7 +68,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
-    return replace(closed, apart=closed.apart and replace(closed.apart, **spread_start(closed)))
+    return replace(closed, apart=closed.apart and started(closed.apart, closed))
 
 
 def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
@@ -81,11 +81,11 @@ def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return close_joints(mechanism, joints, sketch(mechanism, document))
 
 
-def spread_start(mechanism: Mechanism) -> dict[str, Array]:
-    """q0 and v0 (n,) of the links of the file, of which some are welded."""
+def started(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
+    """The links of the file on their own, at the start of the bodies that they are welded into."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     told = spread(mechanism, start)
-    return {"q0": told.q[0], "v0": told.v[0]}
+    return replace(apart, q0=told.q[0], v0=told.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
