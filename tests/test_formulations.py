@@ -71,8 +71,8 @@ def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
     assert difference(FORMULATIONS["gauss"](twice).a, exact(uneven)) < 1e-13
 
 
-@given(seed=st.integers(0, 10_000), decades=st.integers(0, 12))
-@settings(max_examples=20, deadline=None)
+@pytest.mark.parametrize("decades", [0, 4, 8, 12])
+@pytest.mark.parametrize("seed", range(4))
 def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int) -> None:
     """Whether rows are redundant is a matter of geometry: masses of 1 to 1e12 kg in one system make none so."""
     terms = random_terms(seed, 8, 5)
@@ -80,8 +80,8 @@ def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int)
     assert difference(FORMULATIONS["lagrange"](uneven).a, exact(uneven)) < 1e-13 * 10.0 ** (decades / 2) * np.linalg.cond(terms.J)
 
 
-@given(seed=st.integers(0, 10_000), decades=st.integers(0, 12))
-@settings(max_examples=40, deadline=None)
+@pytest.mark.parametrize("decades", [0, 4, 8, 12])
+@pytest.mark.parametrize("seed", range(4))
 def test_multipliers_refuse_redundant_rows_whatever_the_masses(seed: int, decades: int) -> None:
     terms = random_terms(seed, 8, 5)
     twice = replace(

@@ -24,8 +24,8 @@ from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
-from gauss_bench.bench.survived import Watch, survived, watching
-from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
+from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
@@ -40,7 +40,6 @@ from gauss_bench.trajectory import Reference, Status
 BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
 ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 CANNOT = "cannot reach"
-RACES = 3  # of a linkage at most
 
 
 class Way(NamedTuple):
@@ -112,7 +111,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             seen = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
             only = part.model_copy(update={"linkages": {linkage: scenario}})
             task = context.task("search_winners", raced, (linkage, scenario, only, rows), linkage, scenario, seen)
-            tasks.append(task._replace(limit=RACES * LIMIT))
+            tasks.append(patient(task))
     return tasks
 
 
@@ -226,7 +225,7 @@ def raced(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     for w in requirements(part):
         wanted = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
-        tables["search_winners"] += [wanted | {"engine": x, "status": str(y.status), "message": str(y)} for x, y in lost.items()]
+        tables["search_winners"] += [wanted | {"engine": x} | y.told for x, y in lost.items()]
     return tables
 
 
