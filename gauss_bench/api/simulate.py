@@ -129,6 +129,7 @@ def described(
         valid=verdict is not None and verdict.valid,
         objections=verdict.objections if verdict else (),
         observed=observed_names(mechanism),
+        warnings=mechanism.warnings,
         welds=metrics.weld_forces(evaluator, chosen),
         drivers={} if forces is None else {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)},
     )
