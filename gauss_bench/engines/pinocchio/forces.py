@@ -82,7 +82,7 @@ class DrivingTorques:
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
         self.laws = [d.law for d in forces.drivers]
         rows = [self._row(forces, d) for d in forces.drivers]
-        self.rows, self.origin = np.array([row for row, _ in rows]), np.array([x for _, x in rows])
+        self.rows, self.origin = np.array([row for row, _ in rows]).reshape(-1, forces.tree.n), np.array([x for _, x in rows])
         self.gains = gains
         self.inertias = np.einsum("ij,jk,ik->i", self.rows, forces.inertia, self.rows)  # that the opened tree has at the start
 
