@@ -260,10 +260,10 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
     close = joint_residual(joints)
-    gap = held.of(q)[0] - held.target
 
-    def follow(gap: Array) -> tuple[Array, float]:
-        state, error = q, np.inf
+    def follow(state: Array, closed: bool) -> tuple[Array, float]:
+        """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
+        gap, error = held.of(state)[0] - held.target, np.inf
         for part in np.linspace(1.0, 0.0, 2 + int(np.abs(gap).max(initial=0.0) / STEP))[1:]:
             goal = held.target + part * gap
 
@@ -272,10 +272,15 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 return np.concatenate([F, value - goal]), np.vstack([J, rows])
 
             state, error = gauss_newton(state, residual)
+            if closed and error > CLOSED:
+                break
         return state, error
 
-    reached, error = follow(gap)
-    if error > CLOSED:
+    for start, closed in ((q, True), (turned(mechanism, held, q), True), (q, False)):
+        reached, error = follow(start, closed)
+        if error <= CLOSED:
+            break
+    else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
     J = np.vstack([close(reached)[1], held.of(reached)[1]])
     rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
@@ -285,6 +290,23 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
         text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
         raise AssemblyError(path, f"{text}; hold it{way}")
     return reached
+
+
+def turned(mechanism: Mechanism, held: Held, q: Array) -> Array:
+    """The same pose with each held angle within half a turn of its target: whole turns of a link move nothing.
+
+    Links that slides tie to it turn along.
+    """
+    q = q.copy()
+    tied = [{j.guide.link, j.block.link} for j in mechanism.joints if isinstance(j, Prismatic)]
+    angles, rows = held.of(q)
+    for gap, row in zip(held.target - angles, rows, strict=True):
+        links = {int(k) // 3 for k in np.flatnonzero(row)}
+        for _ in tied:
+            links = links.union(*(pair for pair in tied if pair & links))
+        if row[2::3].sum() == np.abs(row).sum() == 1 and GROUND not in links:
+            q[[3 * i + 2 for i in links]] += 2 * np.pi * np.round(gap / (2 * np.pi))
+    return q
 
 
 def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
