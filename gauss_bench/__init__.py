@@ -5,6 +5,7 @@
     history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
+    recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
@@ -27,6 +28,7 @@ __all__ = [
     "Import",
     "Kernel",
     "Kinematics",
+    "Recommendation",
     "Simulation",
     "__version__",
     "certify",
@@ -38,6 +40,7 @@ __all__ = [
     "import_model",
     "kinematics",
     "load",
+    "recommend",
     "simulate",
 ]
 
@@ -48,6 +51,8 @@ _HOMES = {
     "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
+    "recommend": "gauss_bench.api.recommend:recommend",
+    "Recommendation": "gauss_bench.api.recommend:Recommendation",
     "export": "gauss_bench.api.exchange:export",
     "import_model": "gauss_bench.api.exchange:import_model",
     "Import": "gauss_bench.api.results:Import",

@@ -83,6 +83,19 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
 
 
+def _recommend(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--position", type=float, metavar="E", help="largest error of a link's centre of mass, in m")
+    verb.add_argument("--angle", type=float, metavar="E", help="of a link's angle, in rad")
+    verb.add_argument("--force", type=float, metavar="E", help="of a joint's force, in N")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the scenario's duration)")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: all")
+    verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the only engine: which step holds with them")
+    verb.add_argument("--budget", type=float, metavar="S", help="wall-clock seconds that it may take (default 60)")
+    verb.add_argument("--json", action="store_true")
+
+
 def _export(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--engine", required=True, metavar="KIND", help="mujoco (MJCF), pinocchio, exudyn, casadi (Python), or c")
@@ -176,6 +189,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
+    "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
