@@ -16,9 +16,13 @@ from gauss_bench.bench.truth import NoTruth, Truth, between, truth
 from gauss_bench.bench.ways import Run
 from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.snippets import snippet
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.trajectory import Reference
+from tests.alone import python_alone, rows_of
 from tests.conftest import needs
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
@@ -124,6 +128,59 @@ def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None
             at = certified.q[-1, 3 * k : 3 * k + 3]
             assert abs(run.links[link.name]["x"][-1] - at[0]) < 1e-4
             assert abs(run.links[link.name]["theta"][-1] - at[2]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("engine", "settings", "integrator", "stabilization", "size"),
+    [
+        ("mujoco", "rigid_lean/2", "rk4", "none", 2e-3),
+        ("mujoco", "tuned_chain/1", "rk4", "none", 2e-3),
+        ("pinocchio", "one/dop853_fixed/least depth", "dop853_fixed", "none", 2e-3),
+        ("pinocchio", "articulated/rk4/file order", "rk4", "none", 2e-3),
+        ("pinocchio", "one_drawn_shut", "dop853", "baumgarte", 1e-8),
+        ("exudyn", "every_step/trapezoidal_index2/EXUdense", "trapezoidal_index2", "none", 2e-3),
+        ("casadi", "interpreted/dop853_fixed", "dop853_fixed", "none", 2e-3),
+        ("casadi", "sundials/cvodes_adams", "cvodes_adams", "none", 1e-8),
+    ],
+)
+@pytest.mark.slow
+def test_a_pasted_program_moves_as_the_engine_was_judged(
+    engine: str, settings: str, integrator: str, stabilization: str, size: float, tmp_path: Path
+) -> None:
+    """In a process that cannot import this package, by every kind of step that a program may take."""
+    needs(engine)
+    end, adaptive = 0.1, integrator in offer(engine).adaptive
+    chosen = (settings, integrator, stabilization)
+    choice = Choice(*chosen, step=0.01, tolerance=size) if adaptive else Choice(*chosen, step=size)
+    file = tmp_path / "pasted.py"
+    file.write_text(snippet(SHORT.mechanism, "crank_slider", engine, choice, end))
+    _, rows = rows_of(python_alone(file, end, choice.step))
+    model = get(engine).build(SHORT.mechanism, choice)
+    model.prepare(rows[:, 0])
+    model.run()
+    run = model.read()
+    assert len(rows) > 10
+    np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
+
+
+@pytest.mark.slow
+def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """MuJoCo's setting, as the command line writes it, against the certified motion at all times that both have."""
+    needs("llvmlite")
+    needs("mujoco")
+    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--budget", "60", "--out", str(tmp_path), "--json"]
+    assert main(["recommend", "crank_slider", *asked]) == 0
+    (answer,) = json.loads(capsys.readouterr().out)["answers"]
+    assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
+    _, rows = rows_of(python_alone(tmp_path / "mujoco.py"))  # its end and step are the recommended ones
+    assert rows[-1, 0] == pytest.approx(SHORT.until)
+    with Worker() as worker:
+        known = truth(SHORT, {"position": 1e-6}, 60.0, worker, quiet).at(SHORT, rows[:, 0])
+    places = np.arange(SHORT.mechanism.n) % 3 != 2
+    off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.q)[:, places]
+    assert off.max() <= 1e-4
+    assert main(["recommend", "crank_slider", *asked]) == 2
+    assert "is there already" in capsys.readouterr().err
 
 
 @pytest.mark.slow
