@@ -9,11 +9,12 @@ import pytest
 
 import gauss_bench
 from gauss_bench.api.recommend import Recommendation, variants
+from gauss_bench.bench.apart import run_apart
 from gauss_bench.bench.offers import offer
 from gauss_bench.bench.recommending import Recommender, work
 from gauss_bench.bench.search import Scale, Trial, no_coarser
 from gauss_bench.bench.truth import NoTruth, Truth, between, truth
-from gauss_bench.bench.ways import Run
+from gauss_bench.bench.ways import Run, Way, request_of, sampled
 from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -44,7 +45,8 @@ def known() -> Truth:
 def found() -> Recommendation:
     needs("llvmlite")
     needs("cc", "gcc", "clang")
-    return gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=120.0)
+    result: Recommendation = gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=120.0)
+    return result
 
 
 @pytest.mark.parametrize(
@@ -109,7 +111,7 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
     assert all(found.known[kind] <= 0.1 * x for kind, x in found.required.items())
     ratios = [x.ratio for x in found.answers]
     assert ratios[0] == 1.0
-    assert ratios == sorted(ratios)  # type: ignore[type-var]
+    assert ratios[1] is None or ratios[1] >= 1.0
     assert found.advice.startswith(f"Take {found.answers[0].engine} with ")
     assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
 
@@ -181,6 +183,37 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(tmp_path
     assert off.max() <= 1e-4
     assert main(["recommend", "crank_slider", *asked]) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "settings", "integrator"),
+    [
+        ("gauss", "default", "rk4"),
+        ("gauss-native", "default", "dop853_fixed"),
+        ("minimal", "fixed/rk4", "rk4"),
+        ("pinocchio", "one/rk4/least depth", "rk4"),
+        ("exudyn", "every_step/generalized_alpha/EXUdense", "generalized_alpha"),
+        ("casadi", "interpreted/rk4", "rk4"),
+        ("casadi", "sundials/cvodes_adams", "cvodes_adams"),
+    ],
+)
+def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(engine: str, settings: str, integrator: str) -> None:
+    """Bit for bit: a search builds each model once."""
+    needs("llvmlite" if engine in ("gauss", "gauss-native", "minimal") else engine)
+    adaptive = integrator in offer(engine).adaptive
+    with Worker() as one, Worker() as other:
+        for size in (1e-4, 1e-8) if adaptive else (0.02, 0.005):
+            count = 40 if adaptive else round(SHORT.until / size)
+            wanted = request_of(SHORT, Way(engine, settings, integrator, "none", size), adaptive, sampled(SHORT, count, 10))
+            kept, anew = (
+                run_apart(wanted, SHORT.mechanism, 100.0, one, again=True),
+                run_apart(wanted, SHORT.mechanism, 100.0, other),
+            )
+            assert kept.trajectory is not None, kept.message
+            assert anew.trajectory is not None, anew.message
+            assert np.array_equal(kept.trajectory.q, anew.trajectory.q)
+            assert np.array_equal(kept.trajectory.a, anew.trajectory.a)
 
 
 @pytest.mark.slow

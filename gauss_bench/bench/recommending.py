@@ -300,7 +300,7 @@ class Recommender:
         wanted = sampled(self.run, steps, samples)
         longest = LONGEST * self.budget * (1 if engine.ran else 2)
         limit, engine.ran = max(min(longest, self.left(SEARCHED) + 0.05 * self.budget), 1.0), True
-        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker)
+        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker, again=True)
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
         if trial.status is not Status.OK:
             return trial
