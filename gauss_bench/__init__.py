@@ -3,6 +3,8 @@
     load(name_or_path, scenario=None) -> Mechanism
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
+    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
+    selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
@@ -19,19 +21,23 @@ from typing import Any
 
 __version__ = "0.1.0"
 __all__ = [
+    "Diagnosis",
     "Export",
     "Import",
     "Kernel",
     "Kinematics",
+    "SelfTest",
     "Simulation",
     "__version__",
     "certify",
     "compare",
     "compile_kernel",
+    "diagnose",
     "export",
     "import_model",
     "kinematics",
     "load",
+    "selftest",
     "simulate",
 ]
 
@@ -39,6 +45,10 @@ _HOMES = {
     "load": "gauss_bench.mechanism.load:load",
     "simulate": "gauss_bench.api.simulate:simulate",
     "compare": "gauss_bench.api.compare:compare",
+    "diagnose": "gauss_bench.api.diagnose:diagnose",
+    "Diagnosis": "gauss_bench.api.diagnose:Diagnosis",
+    "selftest": "gauss_bench.api.selftest:selftest",
+    "SelfTest": "gauss_bench.diagnosis.selftest:SelfTest",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "export": "gauss_bench.api.exchange:export",
     "import_model": "gauss_bench.api.exchange:import_model",
