@@ -153,7 +153,8 @@ def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker
         arrays = worker.call(_built, (linkage, mechanism.scenario, until), limit, SUB_SAMPLES)
     except WorkerFailure as failure:
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
-    return Reference(**{k: x if k == "method" else np.asarray(x, dtype=float) for k, x in arrays.items()})
+    method = str(arrays.pop("method"))
+    return Reference(**{k: np.asarray(x, dtype=float) for k, x in arrays.items()}, method=method)
 
 
 def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:

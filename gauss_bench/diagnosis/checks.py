@@ -26,7 +26,7 @@ from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate import fixed_step, stabilization
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.reference.build import States, random_states
 from gauss_bench.reference.certificate import Certificate, as_reference, certificate_path, read_certificate
 from gauss_bench.reference.verification import verify
@@ -232,7 +232,7 @@ def forces() -> str | None:
         for link in range(len(mechanism.links)):
             total, moment = np.zeros((len(reference.t), 2)), np.zeros(len(reference.t))
             for joint in mechanism.joints:
-                first, second = (joint.guide, joint.block) if hasattr(joint, "guide") else (joint.a, joint.b)
+                first, second = (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
                 for point, sign in ((first, -1.0), (second, 1.0)):
                     if point.link != link:
                         continue
@@ -366,7 +366,7 @@ def clocks() -> str | None:
         blocks = [clock.Block(name, lambda: None, lambda: ticks.spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
         told = [(x.entry, n, s) for x, n, s in clock.interleaved(blocks, 8)]
         orders = {tuple(x for x, n, _ in told if n == k) for k in range(8)}
-        if len(orders) < 3 or any(sorted(x) != list("abcd") for x in orders):
+        if len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders):
             return "blocks do not take turns in changing order"
         if any(off(s, 0.01, 1e-9) for _, _, s in told):
             return "the garbage collector works while it is timed"

@@ -1,8 +1,8 @@
 """What is wrong with an engine on a linkage: its error against the reference, split, with a verdict in words.
 
 The order of questions is that of what spoils the answers to the next: are the samples in order and do they move; did the state
-jump; are they those of other times; then what smaller steps leave of the error, what of it leaves the constraints, and which explanation
-predicts the accelerations that are off. A cause is named only where it accounts for most of what is seen.
+jump; are they those of other times; then what smaller steps leave of the error, what of it leaves the constraints, and which
+explanation predicts the accelerations that are off. A cause is named only where it accounts for most of what is seen.
 
 **"No dominant cause"** is said where there is nothing to explain: the largest error of a position is below SMALL, or below three
 times the error bar of the reference, and the accelerations that the engine tells are not off by more than OFF_TOLD at its own
@@ -200,7 +200,7 @@ class Case:
         told = States(*(np.concatenate(x) for x in zip(_arrays(start), _arrays(self.first.at[early]), strict=True)))
         true = self.truth.at(told.t)
         found = samples.order(self.own.mechanism, true, told)
-        return found and (Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left")
+        return None if found is None else (Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left")
 
     def _still(self) -> tuple[Cause, str] | None:
         if samples.stands_still(self.true, self.first.at):

@@ -150,7 +150,7 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
                 Cause.FORCE,
                 f"direction of force {force.name}",
                 proportional(turned),
-                lambda c, f=force: f"the force {f.name} has another direction",
+                partial_direction(force.name),
             )
 
 
@@ -173,9 +173,7 @@ def of_gravity(mechanism: Mechanism, modelled: Callable[[Mechanism], Array]) -> 
             Cause.GRAVITY,
             f"gravity {name}",
             proportional(added),
-            lambda c, name=name, vector=vector: (
-                f"gravity has a part {name} of {c * float(np.hypot(*vector)):.3g} m/s^2 that it should not have"
-            ),
+            words_of("gravity has a part {:.3g} m/s^2 " + name + " that it should not have", float(np.hypot(*vector))),
         )
 
 
@@ -226,7 +224,7 @@ def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> 
             Cause.STALE,
             f"{what} of earlier steps",
             proportional(effect),
-            lambda c, what=what: f"the constraints' {what.lower()} is {c:.2g} steps old",
+            words_of("the constraints' " + what.lower() + " is {:.2g} steps old"),
         )
 
 
@@ -244,6 +242,16 @@ def proportional(effect: Array) -> Effect:
 def once(cause: Cause, what: str, effect: Array, sentence: str) -> Explanation:
     """What is so or not."""
     return Explanation(cause, what, proportional(effect), lambda c: sentence, once=True)
+
+
+def partial_direction(name: str) -> Callable[[float], str]:
+    said = f"the force {name} has another direction"
+    return lambda c: said
+
+
+def words_of(text: str, unit: float = 1.0) -> Callable[[float], str]:
+    """A sentence with the amount, in some unit, where the text has a place for it."""
+    return lambda c: text.format(c * unit)
 
 
 def percent(c: float) -> str:

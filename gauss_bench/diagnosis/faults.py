@@ -15,7 +15,7 @@ from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import Trajectory
@@ -121,9 +121,6 @@ class FaultyModel(InterpretedModel):
 class Faulty(Interpreted):
     """An engine with one planted fault."""
 
-    integrators = ("rk4", "semi_implicit_euler")
-    stabilizations = ("none", "projection")
-
     def __init__(self, fault: Fault):
         super().__init__(FORMULATION)
         self.fault, self.name = fault, fault.name
@@ -172,7 +169,7 @@ def started_faster(mechanism: Mechanism) -> Mechanism:
 
 def closing_rows(model: FaultyModel) -> list[int]:
     """Rows of the last pin of the file."""
-    at = [k for k, joint in enumerate(model.mechanism.joints) if hasattr(joint, "a")][-1]
+    at = [k for k, joint in enumerate(model.mechanism.joints) if isinstance(joint, Revolute)][-1]
     return [2 * at, 2 * at + 1]
 
 

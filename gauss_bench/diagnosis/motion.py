@@ -11,8 +11,10 @@ each other a little: they still count as one.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.integrate.fixed_step import dop853_fixed
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -36,7 +38,7 @@ class States:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, chosen: Array | slice) -> "States":
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
         return States(self.t[chosen], self.q[chosen], self.v[chosen])
 
 
@@ -131,7 +133,8 @@ class OwnMotion:
             return np.asarray((self.accelerations(here) * h**2).reshape(-1))
 
         speed = np.where(h == 0, 1.0, h)
-        q, v = x.q.reshape(-1), (x.v * h).reshape(-1)
+        q: Array = x.q.reshape(-1)
+        v: Array = (x.v * h).reshape(-1)
         for number in range(steps):  # noqa: B007 - `rate` reads it
             q, v = dop853_fixed(rate, 0.0, q, v, 1.0)
         v = np.where(h == 0, x.v, v.reshape(k, n) / speed)

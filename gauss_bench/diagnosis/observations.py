@@ -7,8 +7,10 @@ the same for all steps. An integrator that chooses its own steps is asked for sm
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.bench.one_run import Run, Sampling, sampling_at
@@ -45,7 +47,7 @@ class Burst:
     after: States
     a: Array
 
-    def __getitem__(self, chosen: Array) -> "Burst":
+    def __getitem__(self, chosen: NDArray[Any]) -> "Burst":
         return replace(self, before=self.before[chosen], at=self.at[chosen], after=self.after[chosen], a=self.a[chosen])
 
 
@@ -105,7 +107,8 @@ class Observed:
 def observe(run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]) -> Observed:
     """Run all choices; of one that fails what it reached is kept, and the others still run."""
     at = checkpoints(choices[0].step, until)
-    bursts, runs = [], []
+    bursts: list[Burst] = []
+    runs: list[Run] = []
     for choice in choices:
         told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
         runs.append(run(choice, sampled(choice.step, at)))

@@ -19,7 +19,7 @@ from gauss_bench.diagnosis.faults import force_scaled, gravity_turned, same, sca
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate import fixed_step, stabilization
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.reference.certificate import Certificate
 
 Check = Callable[[], str | None]
@@ -109,7 +109,7 @@ def longer(name: str, by: float, mechanism: Mechanism) -> Mechanism:
     joints: list[Any] = []
     at = next(k for k, link in enumerate(mechanism.links) if link.name == name)
     for joint in mechanism.joints:
-        if hasattr(joint, "a") and joint.b.link == at:
+        if isinstance(joint, Revolute) and joint.b.link == at:
             joint = replace(joint, b=replace(joint.b, local=joint.b.local + np.array([by, 0.0])))
         joints.append(joint)
     return replace(mechanism, joints=tuple(joints))
