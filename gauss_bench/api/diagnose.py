@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -132,7 +132,9 @@ def diagnose(
         def run(chosen: Choice, wanted: Sampling) -> Run:
             return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left(deadline), worker)
 
-        found = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, told)
+        offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
+        projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
+        found = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
     return described(mechanism, engine, choice, end, found, reference.method)
 
 

@@ -19,7 +19,7 @@ from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.explanations import Explained, Explanation, explained, of_all, of_constraints, of_parameters
 from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
-from gauss_bench.diagnosis.observations import Burst, Observed, Runner, observe
+from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import size_of
 from gauss_bench.mechanism.model import Mechanism
@@ -35,6 +35,9 @@ SEEN = 1e-7  # relative: what accelerations are off by that is no rounding, thou
 OPEN = 0.3  # of the linkage's size: loops that are open by more are another linkage, whose accelerations explain nothing
 OLD = 0.1  # steps: constraint data that are older than this by more than the integrator needs
 NOTHING, SOUND = 0.02, 1e-5  # of an error that a map of time leaves, and relative, of accelerations: next to nothing
+ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # of integrators by their names
+LEAST_LATE, MOST_LATE = 0.2, 20.0  # steps, of a shift told by the first step
+MEANT, MENDS = 0.2, 1 / 3  # of an error: what must leave the constraints, and what projection may leave, to call it drift
 BETTER = 10.0  # times less that a second cause must leave of squares, to be believed beside the first
 
 
@@ -110,6 +113,7 @@ def diagnose_runs(
     choices: Sequence[Choice],
     until: float,
     adaptive: bool = False,
+    projected: Choice | None = None,
     told: Callable[[str], object] = id,
 ) -> Verdict:
     """The verdict on an engine that `run` runs by each of the choices.
@@ -121,6 +125,7 @@ def diagnose_runs(
         choices: the one that is asked for, and finer ones.
         until: [s].
         adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
+        projected: the first choice with its steps projected, where the engine offers that.
         told: is told how far things are.
 
     Raises:
@@ -134,7 +139,7 @@ def diagnose_runs(
         return Verdict(Cause.UNKNOWN, f"there is no run to look at: {status}: {message}", {}, None, (), ended)
     told("the differences")
     with np.errstate(all="ignore"):
-        case = Case(run, own, Truth(own, reference), seen, choices, adaptive)
+        case = Case(run, own, Truth(own, reference), seen, choices, adaptive, projected)
         cause, sentence, found = case.verdict()
         numbers = case.numbers()
         failed = next((f"{status}: {message}" for status, message in ended if status is not Status.OK), "")
@@ -145,8 +150,17 @@ def diagnose_runs(
 class Case:
     """One engine on one linkage, with everything that was measured."""
 
-    def __init__(self, run: Runner, own: OwnMotion, truth: Truth, seen: Observed, choices: Sequence[Choice], adaptive: bool):
-        self.run, self.own, self.truth, self.choices, self.adaptive = run, own, truth, choices, adaptive
+    def __init__(
+        self,
+        run: Runner,
+        own: OwnMotion,
+        truth: Truth,
+        seen: Observed,
+        choices: Sequence[Choice],
+        adaptive: bool,
+        projected: Choice | None,
+    ):
+        self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
         most = OPEN * size_of(own.mechanism)
         self.first: Burst = seen.bursts[0]
         self.true, self.off = split.errors_of(truth, self.first)
@@ -248,6 +262,11 @@ class Case:
                 return Cause.SHIFT, f"{said}; {left}"
             if stretch and abs(found.rate - 1) > 1e-6:
                 return Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}"
+        if late := self._late_from_the_first_step():
+            said = (
+                f"the first step leads {abs(late):.3g} s too {'far' if late > 0 else 'short'} and no other does: later samples are"
+            )
+            return Cause.SHIFT, f"{said} those of {abs(late) / h:.3g} steps {'later' if late > 0 else 'earlier'}"
         start = self.first.start
         off = max(_largest(start.q - self.own.mechanism.q0), _largest((start.v - self.own.mechanism.v0) * self.first.at.t[-1]))
         if off > MOST * self.error / 10 and off > SMALL:
@@ -265,6 +284,26 @@ class Case:
         if stretch:
             return abs(again.rate - 1) > abs(found.rate - 1) / 2
         return abs(again.shift) > 0.8 * abs(found.shift) * finest.step / self.first.step
+
+    def _late_from_the_first_step(self) -> float:
+        """The shift [s] of all samples but the start, told by the first step of every run; 0 where there is none.
+
+        It shows where the integrator's error hides it from a map of time: a first step that leads too far, and no other.
+        """
+        found = []
+        for b, x in zip(self.bursts, self.local, strict=True):
+            if self.adaptive or x is None or not len(b.stepped):
+                return 0.0
+            expected = self.own.moved(b.start, np.array([b.step]))
+            slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
+            off = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
+            steps = float(off @ slope) / max(float(slope @ slope), 1e-300)
+            left = float(np.linalg.norm(off - steps * slope)) / max(float(np.linalg.norm(off)), 1e-300)
+            if not (LEAST_LATE < abs(steps) < MOST_LATE and left < MOST and x.relative_moved < abs(steps) / 5):
+                return 0.0
+            found.append(steps * b.step)
+        same = abs(found[-1]) > 0.8 * abs(found[0]) * self.bursts[-1].step / self.bursts[0].step
+        return found[0] if same else 0.0
 
     def _steps_are_sound(self, found: samples.TimeMap) -> bool:
         """Whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
@@ -359,14 +398,47 @@ class Case:
             return Cause.STALE, old.sentence, [old]
         c = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        if c.held > 0.8 and c.share > 0.02 and not c.grows:
+        if (c.held > 0.8 and c.share > 0.02 and not c.grows) or self._yields():
             gap = f"the loops open by {c.opened[0]:.1e} (m, rad) at {c.joint}, following the force there ({c.compliance:.1e} m/N)"
             return Cause.SOFTNESS, f"soft constraints, which these settings tie to the step: {gap}; it {falls}", []
-        if c.share > MOST and c.grows:
-            gap = f"the loops open, by {c.early:.1e} early and {c.late:.1e} (m, rad) late, and {c.share:.0%} of the error is that"
-            return Cause.DRIFT, f"drift off the constraints: {gap}; it {falls}: projection or a smaller step mends it", []
+        mended = self._mended() if c.share > MEANT and c.grows else 1.0
+        if mended < MENDS:
+            gap = f"the loops open, by {c.early:.1e} early and {c.late:.1e} (m, rad) late"
+            left = f"with steps projected {mended:.0%} of the error is left"
+            return Cause.DRIFT, f"drift off the constraints: {gap}; {left}; it {falls}", []
         share = by_step / max(by_step, split.size(self.off[: self.steps.horizon]))
-        return Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}", []
+        said = f"the integrator: {share:.0%} of the error {falls}"
+        return Cause.INTEGRATOR, f"{said}{self._beside()}", []
+
+    def _yields(self) -> bool:
+        """Whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
+        first, last = self.local[0], self.local[-1]
+        nominal = ORDERS.get(self.choices[0].integrator, np.nan)
+        if first is None or last is None or not self.steps.order < nominal - 1:
+            return False
+        return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
+
+    def _beside(self) -> str:
+        """What there is besides, where the step hides it."""
+        last, limit = self.local[-1], split.size(self.steps.limit)
+        if last is not None and last.relative_told > OFF_TOLD:
+            found = self._explained(last.told, self.sound[-1])
+            if found and found[0].share >= EXPLAINS:
+                return f"; beside it, {found[0].sentence}"
+        if limit > max(SMALL, split.size(self.steps.by_step) / 10):
+            return f"; {limit:.1e} (m, rad) would stay however short the step is"
+        return ""
+
+    def _mended(self) -> float:
+        """How much of the error is left when the engine's steps are projected; 1 where it offers no projection."""
+        if self.projected is None:
+            return 1.0
+        at = self.first.at.t[: self.steps.horizon]
+        found = self.run(self.projected, sampled(self.first.step, at)).trajectory
+        if found is None:
+            return 1.0
+        b = burst(self.projected, at, found)
+        return split.size(b.at.q - self.truth.at(b.at.t).q) / split.size(self.off[: self.steps.horizon])
 
     def _stale(self) -> Explained | None:
         """Constraint data older than the integrator's own."""

@@ -34,7 +34,7 @@ class Burst:
 
     Attributes:
         step: [s] that was asked for; tolerance: instead, where the integrator chooses its own.
-        start: the first sample (1).
+        start: the first sample (1); stepped: the next, one step on.
         before, at, after: states (k) one step before the checkpoints, there, and one step after.
         a: (k, n) accelerations that the engine tells at the checkpoints.
     """
@@ -42,6 +42,7 @@ class Burst:
     step: float
     tolerance: float | None
     start: States
+    stepped: States
     before: States
     at: States
     after: States
@@ -74,8 +75,8 @@ def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
 
 
 def sampled(step: float, at: Array) -> Sampling:
-    """The samples of the bursts, and the start."""
-    whole = np.unique(np.concatenate([[0], *(np.round(at / step) + k for k in (-1, 0, 1))]))
+    """The samples of the bursts, the start and the first step."""
+    whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
     return sampling_at(step, whole * step)
 
 
@@ -86,7 +87,7 @@ def burst(choice: Choice, at: Array, found: Trajectory) -> Burst:
     wanted = wanted[wanted + 1 <= whole[-1]]
     x = States(found.t, found.q, found.v)
     before, here, after = (np.searchsorted(whole, wanted + k) for k in (-1, 0, 1))
-    return Burst(choice.step, choice.tolerance, x[:1], x[before], x[here], x[after], found.a[here])
+    return Burst(choice.step, choice.tolerance, x[:1], x[1:2], x[before], x[here], x[after], found.a[here])
 
 
 @dataclass(frozen=True, eq=False)

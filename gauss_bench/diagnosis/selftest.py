@@ -6,7 +6,7 @@ same checks on the sound suite must be silent.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gauss_bench.bench.one_run import Run, Sampling, one_run
 from gauss_bench.diagnosis.causes import Cause
@@ -87,7 +87,9 @@ def diagnosed(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
     def run(choice: Choice, wanted: Sampling) -> Run:
         return one_run(engine, mechanism, choice, wanted)
 
-    return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(Choice(integrator="rk4", step=STEP), False), UNTIL)
+    chosen = Choice(integrator="rk4", step=STEP)
+    projected = replace(chosen, stabilization="projection")
+    return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, False), UNTIL, projected=projected)
 
 
 def sound_engine(where: tuple[str, str]) -> Check:
