@@ -22,8 +22,8 @@ report: setup          ## write the pages of reports/local/ again from its table
 test: setup            ## the tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
 
-test-all: test         ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
-	$(BIN)/python -m pytest -m slow $(BESIDE)
+test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
+	$(BIN)/python -m pytest $(BESIDE)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)

@@ -2,13 +2,16 @@
 
     load(name_or_path, scenario=None) -> Mechanism
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
+    history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
     selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
+    recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
+    doctor() -> Checkup: what this machine has, and whether each engine runs on it
     compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
 Each is loaded when first asked for, so that importing the package costs nothing.
@@ -21,11 +24,14 @@ from typing import Any
 
 __version__ = "0.1.0"
 __all__ = [
+    "Checkup",
     "Diagnosis",
     "Export",
+    "History",
     "Import",
     "Kernel",
     "Kinematics",
+    "Recommendation",
     "SelfTest",
     "Simulation",
     "__version__",
@@ -33,10 +39,13 @@ __all__ = [
     "compare",
     "compile_kernel",
     "diagnose",
+    "doctor",
     "export",
+    "history",
     "import_model",
     "kinematics",
     "load",
+    "recommend",
     "selftest",
     "simulate",
 ]
@@ -44,16 +53,22 @@ __all__ = [
 _HOMES = {
     "load": "gauss_bench.mechanism.load:load",
     "simulate": "gauss_bench.api.simulate:simulate",
+    "history": "gauss_bench.api.history:history",
+    "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
     "diagnose": "gauss_bench.api.diagnose:diagnose",
     "Diagnosis": "gauss_bench.api.diagnose:Diagnosis",
     "selftest": "gauss_bench.api.selftest:selftest",
     "SelfTest": "gauss_bench.diagnosis.selftest:SelfTest",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
+    "recommend": "gauss_bench.api.recommend:recommend",
+    "Recommendation": "gauss_bench.api.recommend:Recommendation",
     "export": "gauss_bench.api.exchange:export",
     "import_model": "gauss_bench.api.exchange:import_model",
     "Import": "gauss_bench.api.results:Import",
     "Export": "gauss_bench.api.results:Export",
+    "doctor": "gauss_bench.api.doctor:doctor",
+    "Checkup": "gauss_bench.api.doctor:Checkup",
     "certify": "gauss_bench.reference.certify:certify",
     "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
     "Kernel": "gauss_bench.compiler.kernel:Kernel",

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from gauss_bench.api.options import Verb, parser
 
 if TYPE_CHECKING:
-    from gauss_bench.api.results import Kinematics
+    from gauss_bench.api.results import Kinematics, Simulation
 
 BAD_INPUT = 2
 
@@ -86,6 +86,16 @@ def list_all(options: argparse.Namespace) -> int:
     return 0
 
 
+def doctor(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.api.doctor import doctor as looked_at
+    from gauss_bench.api.results import plain
+
+    result = looked_at(tell)
+    print(result.to_json() if options.json else text.format_checkup(plain(result.as_dict())))
+    return 0 if result.usable else 1
+
+
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.mechanism.load import load
@@ -108,9 +118,12 @@ def show(options: argparse.Namespace) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import told_files
     from gauss_bench.api.results import plain
     from gauss_bench.api.simulate import simulate as simulated
 
+    kinds = {"plot": (".svg", ".png"), "animate": (".svg", ".gif", ".html"), "out": (".csv",)}
+    files = told_files({name: getattr(options, name) for name in kinds}, kinds, options.replace)
     result = simulated(
         options.linkage,
         options.engine,
@@ -122,6 +135,7 @@ def simulate(options: argparse.Namespace) -> int:
         options.at,
         options.budget,
     )
+    show_run(result, files)
     print(result.to_json() if options.json else text.format_simulation(plain(result.as_dict())))
     return 0 if result.status in ("ok", "skip") else 1
 
@@ -144,13 +158,40 @@ def selftest(options: argparse.Namespace) -> int:
     return 0 if found.passed else 1
 
 
+def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
+    """Write the plot, the animation and the table of a run that were asked for, each in one move."""
+    from gauss_bench.tables import write_bytes
+
+    if not files:
+        return
+    if result.trajectory is None:
+        tell("nothing was reached: no file is written")
+        return
+    from gauss_bench.api.history import history, table
+    from gauss_bench.mechanism.welding import spread
+    from gauss_bench.report.drawings.shown import film, picture
+
+    found, told = history(result), result.told()
+    contents = {}
+    for name, path in files.items():
+        if name == "out":
+            contents[path] = table(found).encode()
+        elif name == "plot":
+            contents[path] = picture(path.suffix, told, found)
+        else:
+            contents[path] = film(path.suffix, told, found, result.model.whole, spread(result.model, result.trajectory))
+    for path, content in contents.items():  # all of them, once all of them could be made
+        write_bytes(path, content)
+        tell(f"{path}")
+
+
 def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api import kinematics as moved
     from gauss_bench.api import text
     from gauss_bench.api.results import plain
 
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
-    result = moved.kinematics(options.linkage, *asked)
+    result = moved.kinematics(options.linkage, *asked, hold=options.hold)
     pictures(options, result)
     if options.json:
         print(result.to_json())
@@ -178,7 +219,7 @@ def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
 
     if not (options.plot or options.animate):
         return
-    mechanism = moved.driven(options.linkage, options.scenario, options.driver)
+    mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
     if options.plot:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
@@ -195,6 +236,23 @@ def export(options: argparse.Namespace) -> int:
     result = exported(options.linkage, options.engine, options.out, *asked, told=tell)
     print(result.to_json() if options.json else text.format_export(plain(result.as_dict())))
     return 0 if result.tuning is None or result.tuning.met else 1
+
+
+def recommend(options: argparse.Namespace) -> int:
+    from gauss_bench.api import recommendation_text as text
+    from gauss_bench.api.recommend import recommend as recommended
+    from gauss_bench.api.results import plain
+    from gauss_bench.bench.truth import NoTruth
+
+    wanted = (options.position, options.angle, options.force, options.until)
+    engines = [x for names in options.engines or [] for x in names.split(",")]
+    try:
+        result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
+    except NoTruth as reason:
+        print(f"{options.linkage}: nothing can be recommended: {reason}", file=sys.stderr)
+        return 1
+    print(result.to_json() if options.json else text.format_recommendation(plain(result.as_dict())))
+    return 0 if any(x.status == "ok" for x in result.answers) else 1
 
 
 def bring_in(options: argparse.Namespace) -> int:
@@ -332,10 +390,12 @@ def check(options: argparse.Namespace) -> int:
 
 ACTIONS: dict[str, Verb] = {
     "list": list_all,
+    "doctor": doctor,
     "show": show,
     "simulate": simulate,
     "diagnose": diagnose,
     "kinematics": kinematics,
+    "recommend": recommend,
     "export": export,
     "import": bring_in,
     "certify": certify,

@@ -178,6 +178,29 @@ def judge(evidence: Evidence) -> Judgement:
     return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
 
 
+def trusted_until(evaluator: Evaluator, trajectory: Trajectory) -> float:
+    """The last time [s] up to which nothing is objected to in loops and energy; found by halving, to a sample."""
+    good, bad = 0, len(trajectory.t)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        t, q, v, a = (x[: middle + 1] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+        part = Trajectory(t, q, v, a, 0)
+        good, bad = (middle, bad) if judge(examine(evaluator, part)).valid else (good, middle)
+    return float(trajectory.t[good])
+
+
+def advice(objections: tuple[Objection, ...], step: float, stabilized: bool) -> str:
+    """What may mend a run that is objected to, or an empty text."""
+    subjects = {x.subject for x in objections}
+    if Subject.MODEL in subjects:
+        return "no step mends accelerations that are another linkage's: look for another engine or setting"
+    if not subjects & {Subject.LOOPS, Subject.ENERGY}:
+        return ""
+    smaller = f"take a step smaller than {step:g} s"
+    project = Subject.LOOPS in subjects and not stabilized
+    return f"do not trust it; {smaller}, or stabilization projection" if project else f"do not trust it; {smaller}"
+
+
 def size_of(mechanism: Mechanism) -> float:
     """The largest distance [m] of two points of one link, or of the ground; 1 where no link has two."""
     parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in mechanism.links]

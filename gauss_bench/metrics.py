@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism.coordinates import value
+from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -92,6 +93,34 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
             forces[joint.name] = {"fx": first * np.sin(theta), "fy": -first * np.cos(theta), "moment": -second}
         else:
             forces[joint.name] = {"fx": -first, "fy": -second, "moment": np.zeros_like(first)}
+    return forces
+
+
+def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
+    """Per weld, the force (fx, fy) [N] on the link that is welded and the moment [N m] about the point where it is held.
+
+    That point is the first that the weld names, else the origin of the link's own frame. It is what the links beyond the weld lack
+    of Newton's and Euler's equations, with all forces, joints and drivers that act on them:  M a - Q + J^T lambda.
+    """
+    mechanism = evaluator.mechanism
+    if not mechanism.welds:
+        return {}
+    told, multipliers = spread(mechanism, trajectory), reactions(evaluator, trajectory)
+    apart = Evaluator(mechanism.whole)
+    J = apart.constraints(told.t, told.q, told.v).J
+    acting = apart.applied.generalised(told.q, told.v)
+    if apart.friction:
+        acting = acting + apart.friction.generalised(told.q, told.v, multipliers)
+    lacking = told.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
+    forces = {}
+    for weld in mechanism.welds:
+        at = position(told.q, weld.at)
+        force, moment = np.zeros((len(told.t), 2)), np.zeros(len(told.t))
+        for i in weld.beyond:
+            push, arm = lacking[:, 3 * i : 3 * i + 2], told.q[:, 3 * i : 3 * i + 2] - at
+            force = force + push
+            moment = moment + lacking[:, 3 * i + 2] + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
+        forces[weld.name] = {"fx": force[:, 0], "fy": force[:, 1], "moment": moment}
     return forces
 
 

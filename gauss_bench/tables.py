@@ -914,3 +914,7 @@ def atomically(path: Path, write: Callable[[Path], object]) -> None:
 
 def write_text(path: Path, content: str) -> None:
     atomically(path, lambda part: part.write_text(content, encoding="utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    atomically(path, lambda part: part.write_bytes(content))

@@ -1,4 +1,4 @@
-"""What every engine returns and every metric reads: states over time, and how the run ended."""
+"""What every engine returns and every metric reads: states over time, how the run ended, and what follows from them as curves."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -88,3 +88,70 @@ class Reference:
     floor_v: Array
     floor_a: Array
     method: str
+
+
+class Group(StrEnum):
+    """What a curve tells of, in the order in which tables and plots show them."""
+
+    LINK = "link"  # turning of an observed link
+    POINT = "point"  # place and motion of an observed point
+    ENERGY = "energy"
+    JOINT = "joint"  # force on the second link of a joint
+    MOTOR = "motor"  # what drivers and constant torques exert
+    TRANSMISSION = "transmission"  # angle by which a pair of links passes force on
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One number over time.
+
+    Attributes:
+        of: the link, point, joint, driver or pair of links; key: which of its numbers.
+        unit: as tables write it: "m/s^2", "N m".
+        values: (k,).
+    """
+
+    group: Group
+    of: str
+    key: str
+    unit: str
+    values: Array
+
+    @property
+    def name(self) -> str:
+        return f"{self.of}.{self.key}"
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """A run as curves.
+
+    Attributes:
+        t: (k,) [s].
+        curves: by group, then in the order of the linkage file, then of their keys.
+    """
+
+    t: Array
+    curves: tuple[Curve, ...]
+
+    def of(self, group: Group) -> tuple[Curve, ...]:
+        """The curves of one group."""
+        return tuple(x for x in self.curves if x.group is group)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is said of a run beside its curves.
+
+    Attributes:
+        title, how: of the linkage and its scenario; of engine, integrator and step.
+        verdict: why it is not to be trusted or where it failed, or an empty text.
+        until: end that was asked for [s].
+        trusted: [s] up to where nothing is objected to; None where nothing is at all.
+    """
+
+    title: str
+    how: str
+    verdict: str
+    until: float
+    trusted: float | None

@@ -18,7 +18,7 @@ ALLOWED = {
     "formulations": {"terms"},
     "integrate": {"terms"},
     "engines": {"mechanism", "formulations", "integrate", "compiler", "gauss_bench", *LIGHT},
-    "compiler": {"kinematics", "mechanism", *LIGHT},
+    "compiler": {"kinematics", "mechanism", "integrate", *LIGHT},
     "kernels": {"compiler"},
     "kinematics": {"mechanism", *LIGHT},
     "reference": {"mechanism", *LIGHT},

@@ -1,7 +1,9 @@
 """From tapes to running code: sines, steps, guards, lanes, projection, the cache, and the ways without a compiler."""
 
+import gc
 import mmap
 import os
+import weakref
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -446,6 +448,40 @@ def test_a_loop_over_stages_is_the_step_written_out(stabilization: str, reach: i
         assert outcome.complete.all()
         found.append(outcome.samples)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-11)  # rounding; with projection, where v is corrected first
+
+
+def test_a_call_keeps_its_code_in_memory() -> None:
+    g = graph.Graph()
+    x, arrays = g.leaf("%x"), {"x": graph.Array(1), "y": graph.Array(1)}
+    body = [graph.Load("x", {x: 0}), graph.Store("y", [g.mul(x, x)])]
+    square = Loaded(lambda many: graph.Routine("square", g, arrays, (), (), body, g.all(True), 1), Target("llvm", 4, cache=False))
+    call = square.single(1, 1)
+    code = weakref.ref(square.codes[1])
+    del square
+    gc.collect()
+    assert code() is not None  # else the next call would be of what is no longer there
+    call.arrays[0][:] = 3.0
+    call.run()
+    assert call.arrays[1][0] == 9.0
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_where_a_loop_over_stages_goes_on_samples_are_projected(count: int) -> None:
+    """A crank of 10 rad/s and its rod, at 4 ms: a step in one piece reaches 0.0625 rad, beyond which a loop goes on."""
+    m = mechanism("crank_slider")
+    code, shared = read_code(generate(m), "projection"), graph.Timed()
+    bodies = [loops.body(code, "rk4", steps.REACHES["rk4"][k], longest, shared) for k, longest in ((1, 10**6), (2, 0))]
+    assert [type(x) for x in bodies] == [loops.WrittenOut, loops.Staged]
+    runner = programs.Stepper(Loaded(partial(loops.rollout, bodies), Target("llvm", 4, cache=False)))
+    state = np.tile(np.concatenate(turning(m)), (count, 1))
+    outcome = runner.run(driver.Batch(state, np.zeros((count, 0)), 0.0, 4e-3, 200, 1))
+    assert outcome.complete.all()
+    q, v = outcome.samples[0, :, : m.n], outcome.samples[0, :, m.n :]
+    turned = np.linalg.norm(v[:, 2::3], axis=1) * 4e-3
+    assert turned.min() < steps.REACHES["rk4"][1].step < turned.max()
+    phi, phi_dot = residuals(m, q, v)
+    assert phi.max() < 1e-14 * (1 + np.abs(q).max())
+    assert (phi_dot / (1 + np.abs(v).max(axis=1))).max() < 1e-13
 
 
 def test_open_parameters_differ_from_lane_to_lane() -> None:

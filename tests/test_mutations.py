@@ -38,18 +38,56 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 SERVER = """
-import json, os, signal, sys
-import hypothesis, importlib, importlib.util, matplotlib, mpmath, networkx, numpy, pandas, pyarrow, pydantic, pytest
+import ast, gc, importlib, json, os, pathlib, pkgutil, signal, sys
+import hypothesis, matplotlib, mpmath, networkx, numpy, pandas, pyarrow, pydantic, pytest
 import scipy.integrate, scipy.interpolate, scipy.optimize, scipy.sparse.linalg
-for extra in ("llvmlite.binding", "mujoco", "pinocchio"):
-    if importlib.util.find_spec(extra.partition(".")[0]):
-        importlib.import_module(extra)
+import gauss_bench
+
+for module in pkgutil.walk_packages(gauss_bench.__path__, "gauss_bench."):
+    try:
+        importlib.import_module(module.name)
+    except (ImportError, SystemExit):
+        pass  # an extra that is not there
+
+ours = {name: module for name, module in sys.modules.items() if name.startswith("gauss_bench") and module.__file__}
+
+
+def imported(name):
+    tree = ast.parse(pathlib.Path(ours[name].__file__).read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (x.name for x in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (node.module, *(f"{node.module}.{x.name}" for x in node.names))
+
+
+users = {name: [] for name in ours}
+for name in ours:
+    for used in {*imported(name)} & {*ours}:
+        users[used].append(name)
+
+
+def forget(file):
+    # What was made from this file, directly or by way of others, is to be imported anew; from data, everything.
+    spoilt = [name for name, module in ours.items() if not file.endswith(".py") or module.__file__ == os.path.abspath(file)]
+    while spoilt:
+        name = spoilt.pop()
+        if sys.modules.pop(name, None):
+            room, _, last = name.rpartition(".")
+            vars(ours[room]).pop(last, None) if room else None
+            spoilt += users[name]
+
+
+gc.collect()
+gc.freeze()  # children need not look through what is there already
 for line in sys.stdin:
     order = json.loads(line)
     if not (child := os.fork()):
         signal.alarm(order["limit"])
         told = os.open(order["told"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(told, 1), os.dup2(told, 2)
+        for file in order["spoilt"]:
+            forget(file)
         code = pytest.main(order["arguments"])
         sys.stdout.flush()
         os._exit(code)
@@ -58,7 +96,10 @@ for line in sys.stdin:
 
 
 class Spoilt:
-    """Runs tests in a folder, each time in a child of a process that has loaded the libraries and nothing of the project."""
+    """Runs tests in a folder, each time in a child of a process that has loaded the libraries and the sound project.
+
+    The child forgets what a spoilt file was imported into before it imports it anew.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.told = folder / "told"
@@ -66,10 +107,10 @@ class Spoilt:
         command = [sys.executable, "-c", SERVER]
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def outcome(self, tests: list[str]) -> tuple[int, str]:
-        """Exit code of pytest, or the signal that ended it, and what was printed."""
+    def outcome(self, tests: list[str], spoilt: tuple[str, ...] = ()) -> tuple[int, str]:
+        """Exit code of pytest, or the signal that ended it, and what was printed; `spoilt` are files changed since the start."""
         arguments = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
-        order = {"told": str(self.told), "limit": LIMIT, "arguments": arguments}
+        order = {"told": str(self.told), "limit": LIMIT, "arguments": arguments, "spoilt": spoilt}
         assert self.process.stdin
         assert self.process.stdout
         self.process.stdin.write(json.dumps(order) + "\n")
@@ -113,7 +154,7 @@ def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path, spoilt: S
     spoilt_at = when + 2 * SECOND * (1 + MUTATIONS.index(mutation))  # what is compiled is told by its second and its size
     os.utime(path, ns=(spoilt_at, spoilt_at))
     try:
-        code, told = spoilt.outcome([mutation["test"]])
+        code, told = spoilt.outcome([mutation["test"]], (mutation["file"],))
     finally:
         path.write_text(sound, encoding="utf-8")
         os.utime(path, ns=(when, when))  # what is compiled of it holds again

@@ -23,6 +23,7 @@ def compare(
     t_end: float | None = None,
     jobs: int = 2,
     budget: float | None = None,
+    settings: str | None = None,
 ) -> pd.DataFrame:
     """Accuracy and drift of engines on a linkage (a built-in name or a file), one row per engine, setting and step.
 
@@ -35,16 +36,17 @@ def compare(
         t_end: [s]; the scenario's duration where not given.
         jobs: worker processes.
         budget: seconds that one row may take.
+        settings: of the engines, in the place of those usually shown: a name, KEY=VALUE,... of their own options, or both.
 
     Raises:
         LinkageError: the file has faults.
-        ChoiceError: a step or a time that cannot be used.
+        ChoiceError: a step or a time that cannot be used, or settings that an engine does not know.
         KeyError: unknown engine.
     """
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=t_end)
     wanted = list(engines or names())
     offers(wanted)
-    cases = list(crossed({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end))
+    cases = list(crossed({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
     with tempfile.TemporaryDirectory() as folder:
         return measure_all(cases, Path(folder), jobs, limit=checked_budget(budget, CASE_LIMIT))[0]

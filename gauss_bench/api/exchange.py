@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
 from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.asked import checked_budget
@@ -101,22 +102,6 @@ def export(
         left_out=tuple(found["left_out"]),
         tuning=tuning,
     )
-
-
-def writable(out: str | Path, replace: bool) -> Path:
-    """The path of a file that may be written.
-
-    Raises:
-        ExchangeError: it is a folder, lies in no folder, or is there already and may not be replaced.
-    """
-    path = Path(out)
-    if path.is_dir() or not path.name:
-        raise ExchangeError(f"{out}: is a folder; --out takes a file")
-    if not path.parent.is_dir():
-        raise ExchangeError(f"{out}: there is no folder {path.parent}")
-    if path.exists() and not replace:
-        raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
-    return path
 
 
 def written(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:

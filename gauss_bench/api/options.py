@@ -29,6 +29,10 @@ def _list(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _doctor(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--json", action="store_true")
+
+
 def _show(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario")
@@ -40,12 +44,16 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--engine", default="gauss")
     verb.add_argument("--scenario", help="default: the first with a start")
-    verb.add_argument("--settings", help="of the engine: default, tuned, ...")
+    verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the engine: a name, its own options, or both")
     verb.add_argument("--integrator", help="of the engine; its first by default")
     verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
     verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001); formerly --dt")
     verb.add_argument("--at", type=_times, metavar="T1,T2,...", help="times to report (default: 0 and the duration)")
     verb.add_argument("--budget", type=float, default=600.0, metavar="S", help="seconds until an engine is stopped (default 600)")
+    verb.add_argument("--plot", type=Path, metavar="FILE", help="observed points, energies, forces over time: .svg or .png")
+    verb.add_argument("--animate", type=Path, metavar="FILE", help="the linkage moving: .svg, .gif, or .html with all curves")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="all samples, with units: .csv")
+    verb.add_argument("--replace", action="store_true", help="write over files that are there already")
     verb.add_argument("--json", action="store_true")
 
 
@@ -76,6 +84,9 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--scenario", help="a driven one (default: the first)")
     verb.add_argument("--driver", metavar="LAW", help="constant, sine, cosine, poly345 or table, as LAW or LAW:key=value,...")
     verb.add_argument(
+        "--hold", action="append", metavar="NAME[=VALUE]", help="a link, slide or pin that is not to move, at degrees or metres"
+    )
+    verb.add_argument(
         "--intervals",
         "--steps",
         type=int,
@@ -92,6 +103,19 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     form = verb.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true")
     form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
+
+
+def _recommend(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--position", type=float, metavar="E", help="largest error of a link's centre of mass, in m")
+    verb.add_argument("--angle", type=float, metavar="E", help="of a link's angle, in rad")
+    verb.add_argument("--force", type=float, metavar="E", help="of a joint's force, in N")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the scenario's duration)")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: all")
+    verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the only engine: which step holds with them")
+    verb.add_argument("--budget", type=float, metavar="S", help="wall-clock seconds that it may take (default 60)")
+    verb.add_argument("--json", action="store_true")
 
 
 def _export(verb: argparse.ArgumentParser) -> None:
@@ -183,10 +207,12 @@ def _steps(text: str) -> list[float]:
 
 VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "list": ("linkages, engines, integrators and settings", _list),
+    "doctor": ("what this machine has, and whether each engine runs on it", _doctor),
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
     "diagnose": ("split an engine's error by its causes, and name the one that dominates", _diagnose),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
+    "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from gauss_bench.judge import Objection
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, Told, Trajectory
 
 States = dict[str, dict[str, Array]]
 
@@ -42,10 +43,16 @@ class Simulation(Result):
         points: per observed point x, y [m], vx, vy, ax, ay.
         joints: per joint the constraint force fx, fy [N] on its second link and the moment [N m].
         metrics: figures that need no truth, of the run until `until` [s], and its costs.
-        valid: whether the judge has no objection.
-        objections: the judge's, each with its subject, value, limit and sentence.
+        valid: whether the run came to its end and the judge has no objection.
+        objections: the judge's, each with its subject, value, limit and sentence; of a run that failed, to what it reached.
+        trusted_until: [s] up to where the judge has none; None where there is nothing to judge.
+        advice: what may mend a run that is not to be trusted, or an empty text.
         observed: {"points": names, "links": names} that the file asks to look at.
         drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
+        welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
+            out of dictionaries where there are none.
+        asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
+            not in dictionaries; `gauss_bench.history` makes curves of them.
     """
 
     status: Status
@@ -65,12 +72,27 @@ class Simulation(Result):
     valid: bool
     objections: tuple[Objection, ...]
     observed: dict[str, list[str]]
+    trusted_until: float | None
+    advice: str
+    asked_until: float
+    model: Mechanism
+    trajectory: Trajectory | None = None
     drivers: dict[str, Array] = field(default_factory=dict)
+    welds: States = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain but for arrays."""
         found = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
-        return found if self.drivers else {k: v for k, v in found.items() if k != "drivers"}
+        absent = ("model", "trajectory", "asked_until")
+        return {k: v for k, v in found.items() if k not in absent and (k not in ("drivers", "welds") or v)}
+
+    def told(self) -> Told:
+        """What plots and animations say of the run."""
+        how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
+        verdict = "" if self.valid else "; ".join(filter(None, (f"{self.status}: {self.message}", self.advice)))
+        end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
+        trusted = None if self.trusted_until is None or self.trusted_until >= end else self.trusted_until
+        return Told(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
 
 
 @dataclass(frozen=True, eq=False)

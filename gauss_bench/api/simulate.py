@@ -11,11 +11,12 @@ from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.bench.one_run import Run, acceleration_error, sampling_through
 from gauss_bench.bench.worker import Worker
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, examine, judge
+from gauss_bench.judge import Evidence, Judgement, advice, examine, judge, trusted_until
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -42,7 +43,8 @@ def simulate(
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
         scenario: of the file; the first with a start where not given.
-        settings, integrator, stabilization: of the engine; its defaults where not given.
+        settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
+        integrator, stabilization: of the engine; its defaults where not given.
         step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
@@ -61,7 +63,7 @@ def simulate(
     if not (np.isfinite(limit) and limit > 0):
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
     if not offered.usable:
-        return described(mechanism, engine, choice, offered.status, offered.reason)
+        return described(mechanism, engine, choice, offered.status, offered.reason, at[-1])
     wanted = sampling_through(choice.step, at)
     with Worker() as worker:
         run = run_of(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, limit, worker)
@@ -77,21 +79,22 @@ def judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list
 def _judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
     found = run.trajectory or run.reached
     if found is None:
-        return described(mechanism, engine, choice, run.status, run.message)
+        return described(mechanism, engine, choice, run.status, run.message, at[-1])
     try:
-        evidence = examine(Evaluator(mechanism), found, None, acceleration_error(mechanism, found))
-        figures = measured(evidence, found, run)
-        if run.trajectory is None:
-            last = float(found.t[-1])
-            reached = at_times(found, [*(x for x in at if x < last), last])
-            return described(mechanism, engine, choice, run.status, run.message, reached, None, figures)
-        verdict = judge(evidence)
-        status = Status.OK if verdict.valid else Status.INVALID
-        message = "; ".join(filter(None, (verdict.sentence, run.message)))
-        return described(mechanism, engine, choice, status, message, at_times(found, at), verdict, figures)
+        evaluator = Evaluator(mechanism)
+        evidence = examine(evaluator, found, None, acceleration_error(mechanism, found))
+        figures, verdict = measured(evidence, found, run), judge(evidence)
+        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found)
+        last, status = float(found.t[-1]), run.status
+        chosen = at_times(found, at if run.trajectory else [*(x for x in at if x < last), last])
+        if run.trajectory:
+            status = Status.OK if verdict.valid else Status.INVALID
+        sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
+        told = "; ".join(filter(None, sentences))
+        return described(mechanism, engine, choice, status, told, at[-1], found, chosen, verdict, figures, until)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said)
+        return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
 
 
 def described(
@@ -100,14 +103,19 @@ def described(
     choice: Choice,
     status: Status,
     message: str,
+    asked_until: float,
+    whole: Trajectory | None = None,
     chosen: Trajectory | None = None,
     verdict: Judgement | None = None,
     figures: dict[str, Any] | None = None,
+    until: float | None = None,
 ) -> Simulation:
     """The result; without a trajectory its lists are empty."""
     evaluator = Evaluator(mechanism)
     chosen = chosen or empty(mechanism.n)
+    objections = verdict.objections if verdict else ()
     forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
+    told = spread(mechanism, chosen)
     return Simulation(
         status=status,
         message=message,
@@ -119,21 +127,28 @@ def described(
         stabilization=choice.stabilization,
         step=choice.step,
         t=chosen.t,
-        links=link_states(mechanism, chosen),
-        points=point_states(mechanism.observed_points, chosen),
+        links=link_states(mechanism.whole, told),
+        points=point_states(mechanism.whole.observed_points, told),
         joints=metrics.joint_forces(evaluator, chosen),
         metrics=figures or {},
-        valid=verdict is not None and verdict.valid,
-        objections=verdict.objections if verdict else (),
+        valid=status is Status.OK and verdict is not None and verdict.valid,
+        objections=objections,
         observed=observed_names(mechanism),
+        welds=metrics.weld_forces(evaluator, chosen),
+        trusted_until=until,
+        advice=advice(objections, choice.step, choice.stabilization != "none"),
+        asked_until=asked_until,
+        model=mechanism,
+        trajectory=whole,
         drivers={} if forces is None else {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)},
     )
 
 
 def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
     """The points and links to look at: those named, else those the file observes."""
-    chosen = mechanism.observed_points if points is None else points
-    return {"points": [p.name for p in chosen], "links": [mechanism.link_name(k) for k in mechanism.observed_links]}
+    whole = mechanism.whole
+    chosen = whole.observed_points if points is None else points
+    return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
 def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:

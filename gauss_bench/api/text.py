@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name
 
 SHOWN = 10  # lines of a long list
 STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
+POINT_KEYS = ("x", "y", "vx", "vy")
 
 
 def catalogue() -> dict[str, Any]:
@@ -49,6 +50,16 @@ def format_catalogue(found: dict[str, Any]) -> str:
         offered = "; ".join(", ".join(engine[k]) for k in ("settings", "integrators", "stabilizations"))
         lines.append(f"  {name:14} {engine['version']}  [{offered}]")
     return "\n".join(lines)
+
+
+def format_checkup(found: dict[str, Any]) -> str:
+    """What `doctor` looked at, one thing a line, and its verdict last."""
+    lines = []
+    for title in ("findings", "engines"):
+        for x in found[title]:
+            status = "" if x["status"] == "ok" else f"{x['status']}: "
+            lines.append(f"  {x['name']:16} {status}{'; '.join(filter(None, (x['value'], x['message'])))}")
+    return "\n".join([*lines, found["verdict"]])
 
 
 def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
@@ -91,8 +102,12 @@ def format_description(found: dict[str, Any]) -> str:
 def format_simulation(result: dict[str, Any]) -> str:
     how = f"{result['engine']} ({result['settings']}), {result['integrator']}, step {result['step']:g} s"
     lines = [f"{result['mechanism']} / {result['scenario']}: {how}", f"status {result['status']} {result['message']}".rstrip()]
+    if result["advice"]:
+        lines.append(f"nothing is objected to up to t = {result['trusted_until']:g} s; {result['advice']}")
     for k, t in enumerate(result["t"]):
         lines.append(f"t = {t:g} s")
+        for name, state in result["points"].items():
+            lines.append(f"  {name:14}" + " ".join(f"{key} {state[key][k]: .9g}" for key in POINT_KEYS))
         for name, state in result["links"].items():
             if name not in (result["observed"]["links"] or [name]):
                 continue  # the file says which links to look at; --json has all of them

@@ -66,7 +66,7 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 
 
 def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
-    """As `run_of`, in the worker whatever engine it is: what ends there within the limit is a run with a reason."""
+    """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped."""
     try:
         answer = worker.call(performed_there, (request,), limit, request.largest(mechanism.n))
     except WorkerFailure as failure:

@@ -57,6 +57,19 @@ def variants(engine: Offer, integrators: int | None = None, plain: bool = False)
     return every + [(*first, s) for s in engine.stabilizations if s != "none"]
 
 
+def under(engine: Offer, settings: str) -> list[Variant]:
+    """An engine at settings of a user's, with every integrator, and with every stabilisation at its first one.
+
+    Raises:
+        ChoiceError: settings that the engine does not know.
+    """
+    if not engine.usable:
+        return variants(engine)
+    engine.require_settings(settings)
+    every = [(settings, integrator, "none") for integrator in engine.integrators]
+    return every + [(settings, engine.integrators[0], s) for s in engine.stabilizations if s != "none"]
+
+
 def crossed(
     linkages: Mapping[str, str],
     engines: Sequence[str],
@@ -64,12 +77,14 @@ def crossed(
     t_end: float,
     integrators: int | None = None,
     plain: Sequence[str] = PLAIN,
+    asked: str | None = None,
 ) -> Iterator[Case]:
-    """All engines at their variants on all linkages (name or path -> scenario)."""
+    """All engines at their variants, or at the settings `asked`, on all linkages (name or path -> scenario)."""
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
-            for settings, integrator, stabilization in variants(engine, integrators, name in plain):
+            shown = variants(engine, integrators, name in plain) if asked is None else under(engine, asked)
+            for settings, integrator, stabilization in shown:
                 for step in steps[-1:] if integrator in engine.adaptive else steps:
                     yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)
 

@@ -15,7 +15,8 @@ from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.own_options import Known, OptionError, is_own
+from gauss_bench.engines.variants import CHOSEN, Variant
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
@@ -40,6 +41,8 @@ class Offer:
         integrators: the first is the default; empty where `status` is not OK.
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
+        options: those of its settings that can be given one by one, with further words that they may be.
+        first: the variants that are tried first where time is short.
         native_loop, python_loop: as in engines.base.
         status, reason: OK, or why it cannot be used.
     """
@@ -51,6 +54,8 @@ class Offer:
     integrators: tuple[str, ...] = ()
     stabilizations: tuple[str, ...] = ()
     adaptive: tuple[str, ...] = ()
+    options: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    first: tuple[str, ...] = ()
     native_loop: bool = False
     python_loop: bool = False
     status: Status = Status.OK
@@ -77,8 +82,8 @@ class Offer:
             integrator = ALIASES.get(integrator, integrator)
         stabilization = stabilization or (variant.stabilization if variant else "none")
         chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization, step)
+        self.require_settings(chosen.settings)
         offers = (
-            ("settings", chosen.settings, [*self.settings, *self.variants]),
             ("integrator", chosen.integrator, self.integrators),
             ("stabilization", chosen.stabilization, self.stabilizations),
         )
@@ -86,6 +91,23 @@ class Offer:
             if value not in offered:
                 raise ChoiceError(f"{self.name} has no {kind} {value!r}; it offers {', '.join(offered)}")
         return chosen
+
+    def require_settings(self, text: str) -> None:
+        """Take settings, a variant, or options one by one.
+
+        Raises:
+            ChoiceError: what the engine does not know, naming what it does.
+        """
+        labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
+        if text not in labels and not is_own(text):
+            raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
+        try:
+            Known(labels, [*self.options], self.options).resolved(text)
+        except (OptionError, KeyError) as error:
+            raise ChoiceError(f"{self.name}: {error.args[0]}") from error
+
+    def _and_options(self) -> str:
+        return f"; or its own options: {Known(self.settings, [*self.options]).told()}" if self.options else ""
 
 
 def isolated(name: str) -> bool:
@@ -174,10 +196,11 @@ def describe(name: str) -> Offer:
             if not offered:
                 raise TypeError(f"it offers no {word}")
         adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
+        options, first = _options(engine), tuple(map(str, getattr(engine, "first", ())))
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, *loops)
+    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, options, first, *loops)
 
 
 def _broken(name: str, error: Exception) -> Offer:
@@ -198,6 +221,14 @@ def _variant(name: str, said: Any) -> Variant:
     return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
 
 
+def _options(engine: Any) -> dict[str, tuple[str, ...]]:
+    """What can be given one by one: the knobs that an engine declares, or the options that it names."""
+    knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(getattr(engine, "knobs", {})).items()}
+    return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, getattr(engine, "options", ())), ())
+
+
 def _plain(value: object) -> object:
     """Options as they are printed: what is no plain value is its text."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(x) for x in value]
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

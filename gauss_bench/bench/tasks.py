@@ -45,7 +45,7 @@ class Task(NamedTuple):
 
     def lost(self, failure: WorkerFailure) -> Tables:
         """The answer of a task whose worker was lost."""
-        told = {"status": str(failure.status), "message": str(failure)}
+        told = failure.told
         if "status" in TABLES[self.table].names:
             return {self.table: [{**self.start, **told}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}

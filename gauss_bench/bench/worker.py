@@ -42,6 +42,11 @@ class WorkerFailure(RuntimeError):
         self.status = status
         super().__init__(message)
 
+    @property
+    def told(self) -> dict[str, str]:
+        """As it stands in a row."""
+        return {"status": str(self.status), "message": str(self)}
+
 
 class Worker:
     """One process, started when first needed and again after it has died."""

@@ -23,6 +23,7 @@ from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, integrate
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
+from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -254,7 +255,7 @@ class Kernel:
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         samples, taken, tried = integrate(self._driver, self._programs, state, p, np.asarray(times, dtype=float), (rtol, atol))
         self._tallied()
-        return Integrated(samples[:, : self._n], samples[:, self._n :], taken, 12 * tried)
+        return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""

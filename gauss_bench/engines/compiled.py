@@ -10,6 +10,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
+from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import finite
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
@@ -21,6 +22,7 @@ FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
 ADAPTIVE = "dop853"
 TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
+KNOWN = Known(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
 
 
 class Compiled:
@@ -29,6 +31,7 @@ class Compiled:
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
+    options = KNOWN.options
     native_loop = True
     python_loop = True
 
@@ -58,8 +61,8 @@ class CompiledModel:
         from gauss_bench.compiler.errors import KernelError
         from gauss_bench.compiler.kernel import compile_kernel
 
-        self.mechanism, self.choice = mechanism, choice
-        damping = (BAUMGARTE_RATE, BAUMGARTE_RATE)
+        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolved(choice.settings)
+        damping = (float(self.options["baumgarte_alpha_beta_per_s"]),) * 2
         form = "straight line" if choice.integrator == ADAPTIVE else None  # loops have no steps of their own choice
         try:
             self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping, form=form)
@@ -87,7 +90,7 @@ class CompiledModel:
     def _adaptive(self) -> None:
         if self.times[-1] == self.times[0]:
             return
-        tolerances = self.choice.tolerances(TOLERANCES["dop853_rtol"], TOLERANCES["dop853_atol"])
+        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         found = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = found.q, found.v, found.steps, found.evaluations
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks

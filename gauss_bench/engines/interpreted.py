@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate.adaptive import StepFailure, dop853
@@ -21,6 +22,7 @@ from gauss_bench.terms import Array, SingularSystem, Solution, Terms, recover_mu
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
+KNOWN = Known(SETTINGS, [*SETTINGS["default"]])
 
 
 class Interpreted:
@@ -29,6 +31,7 @@ class Interpreted:
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = SETTINGS
+    options = KNOWN.options
     native_loop = False
     python_loop = True
 
@@ -53,7 +56,8 @@ class InterpretedModel:
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
-        self.mechanism, self.choice = mechanism, choice
+        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolved(choice.settings)
+        self.rate = float(self.options["baumgarte_alpha_beta_per_s"])
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
         self.friction = self.evaluator.friction
@@ -71,7 +75,7 @@ class InterpretedModel:
         """The acceleration the integrator sees."""
         self.evaluations += 1
         terms = self.evaluator.terms(t, q, v)
-        return self._moved(t, q, v, baumgarte(terms) if self.choice.stabilization == "baumgarte" else terms)
+        return self._moved(t, q, v, baumgarte(terms, self.rate, self.rate) if self.choice.stabilization == "baumgarte" else terms)
 
     def _moved(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
         solution = self._solve(t, terms)
@@ -120,7 +124,7 @@ class InterpretedModel:
                 self._fixed()
 
     def _adaptive(self) -> None:
-        tolerances = self.choice.tolerances(SETTINGS["default"]["dop853_rtol"], SETTINGS["default"]["dop853_atol"])
+        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         if self.times[-1] == self.times[0]:
             return
         try:

@@ -1,8 +1,10 @@
 """An engine's knobs, settings and variants as data: `variants.toml` in its room, read in one place.
 
-    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source
+    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
+                 words that it may be besides those that stand below
     [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
     [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
+    first = [NAME, ...], above the tables: which of them are tried first where a user's time is short
 
 A variant is one line. What it leaves out is as in its settings (the first ones where it names none), and "none" for the
 stabilisation. A list in the place of a value stands for each of its entries: the line is then every combination, and each is named
@@ -18,6 +20,8 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
+
+from gauss_bench.engines.own_options import Known
 
 FILE = "variants.toml"
 LEAST_WORDS = 20  # characters of a reason: shorter ones give none
@@ -36,11 +40,13 @@ class Knob:
 
     Attributes:
         source: address of where it is documented, or OWN_SEARCH and why it is tried.
+        values: words that it may be besides those that settings and variants use.
     """
 
     name: str
     meaning: str
     source: str
+    values: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,23 +70,29 @@ class Variants:
     Attributes:
         settings: label -> knob -> value.
         space: the points of the searched space by name, in the file's order.
+        first: those that are tried first where time is short.
     """
 
     knobs: Mapping[str, Knob]
     settings: Mapping[str, Mapping[str, Any]]
     space: Mapping[str, Variant]
+    first: tuple[str, ...] = ()
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """The options of settings or of a variant.
+        """The options of settings, of a variant, or of a text as `own_options` tells it.
 
         Raises:
             KeyError: there is neither of that name.
+            OptionError: an option that there is not, or a value that it cannot take.
         """
         if name in self.settings:
             return self.settings[name]
         if name in self.space:
             return self.space[name].options
-        raise KeyError(f"neither settings nor a variant: {name!r}; there are {', '.join([*self.settings, *self.space])}")
+        labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
+        return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolved(
+            name
+        )
 
 
 def read_variants(room: Path) -> Variants:
@@ -97,7 +109,7 @@ def read_variants(room: Path) -> Variants:
     for name in ("knobs", "settings", "variants"):
         if not all(isinstance(x, dict) for x in document.get(name, {"": None}).values()):
             raise VariantError(f"{path}: {name}: a table of inline tables is wanted")
-    if strange := document.keys() - {"knobs", "settings", "variants"}:
+    if strange := document.keys() - {"knobs", "settings", "variants", "first"}:
         raise VariantError(f"{path}: unknown table {min(strange)}")
     knobs = {name: _knob(f"{path}: knobs.{name}", name, table) for name, table in document["knobs"].items()}
     settings = _settings(str(path), knobs, document["settings"])
@@ -107,11 +119,14 @@ def read_variants(room: Path) -> Variants:
             if variant.name in space or variant.name in settings:
                 raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
             space[variant.name] = variant
-    return Variants(knobs, settings, space)
+    first = tuple(map(str, document.get("first", ())))
+    if strange := [name for name in first if name not in space]:
+        raise VariantError(f"{path}: first: there is no variant {strange[0]!r}")
+    return Variants(knobs, settings, space, first)
 
 
 def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
-    if strange := table.keys() - {"meaning", "source", "own_search"}:
+    if strange := table.keys() - {"meaning", "source", "own_search", "values"}:
         raise VariantError(f"{place}: unknown field {min(strange)}")
     if not str(table.get("meaning", "")).strip():
         raise VariantError(f"{place}: does not say what it means")
@@ -122,7 +137,7 @@ def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
         raise VariantError(f"{place}: `source` is no address: {source}")
     if reason and len(reason) < LEAST_WORDS:
         raise VariantError(f"{place}: `own_search` gives no reason: {reason}")
-    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason)
+    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason, tuple(map(str, table.get("values", ()))))
 
 
 def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -59,6 +59,15 @@ def dop853_tableau() -> tuple[list[float], list[Array], Array]:
     return DOP853.C[: len(weights)].tolist(), rows, weights
 
 
+@cache
+def dop853_estimates() -> tuple[Array, Array]:
+    """Weights (s,) of the same stages that give the difference from a step of order 5, and from one of order 3."""
+    from scipy.integrate import DOP853
+
+    s = len(DOP853.B)  # scipy's have one more, of the next step's first stage, which is 0
+    return np.ascontiguousarray(DOP853.E5[:s]), np.ascontiguousarray(DOP853.E3[:s])
+
+
 STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853_fixed}
 EVALUATIONS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # of accelerations in a step
 

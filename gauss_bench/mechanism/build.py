@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism import motion_laws
+from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.digest import physics_digest
-from gauss_bench.mechanism.errors import Fault
+from gauss_bench.mechanism.errors import BuildError
 from gauss_bench.mechanism.model import (
     FORCES,
     GROUND,
@@ -31,23 +32,13 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     Revolute,
     SlideDriver,
+    every_two,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.numbers import Number, direction, exact, length, pair, radians
+from gauss_bench.mechanism.numbers import Number, angle_of, direction, exact, length, pair, radians
+from gauss_bench.mechanism.schema import SECOND
+from gauss_bench.mechanism.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.terms import Array
-
-
-class BuildError(ValueError):
-    """A fault that only shows once points are resolved."""
-
-    def __init__(self, path: str, text: str):
-        self.fault = Fault(path, text)
-        super().__init__(str(self.fault))
-
-
-def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
-    """The angle `key` in radians, written as `key` or as `key_deg`; 0 where neither is given."""
-    return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
@@ -79,6 +70,14 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
         if bar == 0:
             raise BuildError(f"links.{name}.bars[{i}]", "zero length")
     none = number("0")
+    points_of_mass = [Mass(exact(number, x["mass"]), points[x["point"]], none) for x in table.get("point_masses", [])]
+    if "mass" not in table and "kg_per_m" not in table:  # nothing but them
+        parts = points_of_mass
+        own = [Mass(none, points_of_mass[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
+        whole = together([*parts, *own])
+        if not whole.inertia > 0:
+            raise BuildError(f"links.{name}.inertia", "required: masses at one point have none")
+        return Link(name, whole.mass, whole.inertia, whole.com, points, bars)
     total = sum(lengths, start=none)
     mass = exact(number, table["mass"]) if "mass" in table else exact(number, table["kg_per_m"]) * total
     middles = [(points[a] + points[b]) / 2 for a, b in bars]
@@ -92,16 +91,24 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
     else:
         second = (x * (x * x / 12 + length(m - com) ** 2) for x, m in zip(lengths, middles, strict=True))
         inertia = mass / total * sum(second, start=none)
+    if points_of_mass:
+        mass, com, inertia = together([Mass(mass, com, inertia), *points_of_mass])
     return Link(name, mass, inertia, com, points, bars)
 
 
 class Resolver:
-    """Looks up the names of one document."""
+    """Looks up the names of one document; welded links become bodies, or stay `apart`."""
 
-    def __init__(self, document: dict[str, Any], number: Number = float):
-        self.number_type = number
-        self.links = tuple(build_link(name, table, number) for name, table in document["links"].items())
-        self.index = {link.name: i for i, link in enumerate(self.links)} | {"ground": GROUND}
+    def __init__(self, document: dict[str, Any], number: Number = float, apart: bool = False):
+        self.number_type, self.edition = number, document["format"]
+        self.given = {name: build_link(name, table, number) for name, table in document["links"].items()}
+        welds = {} if apart else document.get("welds", {})
+        self.poses = poses(self.given, welds, _first_named(document), number)
+        self.links = bodies(self.given, self.poses)
+        self.parts = parts(self.given, self.poses, self.links) if welds else ()
+        self.welds = read_welds(self.given, welds)
+        own = {link.name: i for i, link in enumerate(self.links)}
+        self.index = {name: own[pose.root] for name, pose in self.poses.items()} | {"ground": GROUND}
         self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
         self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.joint(name, table))
 
@@ -110,6 +117,9 @@ class Resolver:
 
     def pairs(self, joint: str) -> tuple[Joint, ...]:
         return tuple(pair for pair in self.joints if pair.joint == joint)
+
+    def damped(self, joint: str) -> tuple[Joint, ...]:
+        return every_two(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
         return np.asarray(pair(self.number_type, values))
@@ -128,13 +138,23 @@ class Resolver:
     def point(self, reference: str) -> Point:
         owner, name = reference.split(".")
         i = self.index[owner]
-        local = self.ground_points[name] if i == GROUND else self.links[i].points[name] - self.links[i].com
-        return Point(i, local, reference)
+        if i == GROUND:
+            return Point(i, self.ground_points[name], reference)
+        body = self.links[i]
+        own = name if body.name == owner else reference
+        return Point(i, body.points[own] - body.com, f"{body.name}.{own}")
+
+    def turn(self, name: str) -> Any:
+        owner = name.partition(".")[0]
+        return 0 if self.index[owner] == GROUND else self.poses[owner].turn
 
     def joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
         """The pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
-            angle, block_angle = (angle_of(table, key, self.number_type) for key in ("angle", "block_angle"))
+            angle, block_angle = (
+                angle_of(table, key, self.number_type) + self.turn(table[of])
+                for key, of in (("angle", "guide"), ("block_angle", "block"))
+            )
             guide, block = self.point(table["guide"]), self.point(table["block"])
             return [Prismatic(name, guide, block, angle, angle - block_angle, exact(self.number_type, table.get("offset", 0)))]
         points = [self.point(x) for x in table["at"]]
@@ -144,11 +164,15 @@ class Resolver:
     def force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
         return FORCES[table["type"]](name, table, self)
 
+    def knife_edge(self, name: str, table: dict[str, Any]) -> KnifeEdge:
+        angle = angle_of(table, "angle", self.number_type) + self.turn(table["point"])
+        return KnifeEdge(name, self.point(table["point"]), angle)
+
     def slide(self, name: str) -> Prismatic:
         return next(j for j in self.joints if isinstance(j, Prismatic) and j.name == name)
 
     def driver(self, table: dict[str, Any]) -> Driver:
-        law = motion_law(table, self.number_type)
+        law = motion_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
         if "joint" in table:
             slide = self.slide(table["joint"])
             return SlideDriver(slide.name, law, slide)
@@ -191,9 +215,9 @@ def measured_slide(joint: Prismatic) -> Measured:
     return Measured(f"slide {joint.name}", joint.motion)
 
 
-def motion_law(table: dict[str, Any], number: Number = float) -> MotionLaw:
-    """The law of a driver table; values in tables are degrees where a link is driven, metres elsewhere."""
-    start = angle_of(table, "start", number)
+def motion_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> MotionLaw:
+    """The law of a driver table, less `turn`; values in tables are degrees where a link is driven, metres elsewhere."""
+    start = angle_of(table, "start", number) - turn
     match table["law"]:
         case "constant":
             return motion_laws.constant(start, exact(number, table["speed"]))
@@ -206,13 +230,24 @@ def motion_law(table: dict[str, Any], number: Number = float) -> MotionLaw:
             return motion_laws.rise(name, start, travel, time, number)
 
 
-def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float) -> Mechanism:
+def _first_named(document: dict[str, Any]) -> list[str]:
+    """Links that a body is called after rather than by others: the crank, and what is driven."""
+    tables = [y for x in document["scenarios"].values() for y in (x.get("driver"), *x.get("drivers", [])) if y]
+    return [name for name in (document.get("crank"), *(x.get("link") for x in tables)) if name]
+
+
+def build_mechanism(
+    document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, apart: bool = False
+) -> Mechanism:
     """The mechanism of one scenario, not yet assembled (q0, v0 empty); all of it in numbers of one type.
+
+    Welded links are one body, with their mechanism `apart` beside it; or they stay apart.
 
     Raises:
         BuildError: a fault that only shows in resolved points, such as a bar without length.
     """
-    names = Resolver(document, number)
+    given, document = document, written_out(document)
+    names = Resolver(document, number, apart)
     knives = document.get("constraints", {}).items()
     chosen = document["scenarios"][scenario]
     acting = [names.force(f, document["forces"][f]) for f in chosen.get("forces", [])]
@@ -227,12 +262,12 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         scenarios=tuple(document["scenarios"]),
         source=source,
         sha256=sha256,
-        digest=physics_digest(document, scenario),
+        digest=physics_digest(given, scenario),
         duration=float(chosen["duration"]),
         links=names.links,
         ground_points=names.ground_points,
         joints=names.joints,
-        knife_edges=tuple(KnifeEdge(k, names.point(x["point"]), angle_of(x, "angle", number)) for k, x in knives),
+        knife_edges=tuple(names.knife_edge(k, x) for k, x in knives),
         forces=tuple(f for f in acting if not isinstance(f, CoulombFriction)),
         drivers=drivers,
         gravity=pair(number, document.get("gravity", (0.0, -9.81))),
@@ -241,4 +276,7 @@ def build_mechanism(document: dict[str, Any], scenario: str, source: str, sha256
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
         measured=names.measured(document["measure"]) if "measure" in document else names.usually_measured(drivers, crank),
         frictions=tuple(f for f in acting if isinstance(f, CoulombFriction)),
+        parts=names.parts,
+        welds=names.welds,
+        apart=build_mechanism(given, scenario, source, sha256, number, True) if names.parts else None,
     )

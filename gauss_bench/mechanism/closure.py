@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import angle_of, measured_angle, measured_slide
+from gauss_bench.mechanism.build import measured_angle, measured_slide
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.errors import AssemblyError
@@ -27,9 +27,11 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     loads,
 )
-from gauss_bench.mechanism.numbers import Number, exact, pair, radians
+from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.mechanism.sketch import sketch
+from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
@@ -57,7 +59,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     held = held_coordinates(mechanism, document["scenarios"][mechanism.scenario])
-    q = close_joints(mechanism, joints, sketch(mechanism, document))
+    q = sketched(mechanism, document)
     q = reach(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
     rank = int(np.linalg.matrix_rank(joints(0.0, q, v).J, rtol=RANK_TOLERANCE)) if joints.m else 0
@@ -66,17 +68,51 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
-    return closed
+    return replace(closed, apart=closed.apart and replace(closed.apart, **spread_start(closed)))
+
+
+def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
+    """q (n,) with the joints closed near the sketch, and nothing held.
+
+    Raises:
+        AssemblyError: a link is not placed by the sketch, or the joints cannot be closed.
+    """
+    joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
+    return close_joints(mechanism, joints, sketch(mechanism, document))
+
+
+def spread_start(mechanism: Mechanism) -> dict[str, Array]:
+    """q0 and v0 (n,) of the links of the file, of which some are welded."""
+    start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
+    told = spread(mechanism, start)
+    return {"q0": told.q[0], "v0": told.v[0]}
+
+
+def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
+    """Angles of links and slides, by name, that together fix what rows J (m, n) leave free at q (n,), angles first."""
+    found = []
+    rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
+    for x in _coordinates(mechanism):
+        more = np.vstack([J, gradient(x.coordinate, q)])
+        if rank < mechanism.n and int(np.linalg.matrix_rank(more, rtol=RANK_TOLERANCE)) > rank:
+            J, rank = more, rank + 1
+            found.append(x.name)
+    return found
+
+
+def _coordinates(mechanism: Mechanism) -> list[Measured]:
+    """The angle of every link, then every slide."""
+    angles = [measured_angle(mechanism.links, i) for i in range(len(mechanism.links))]
+    return [*angles, *(measured_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic))]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
     """The first angle of a link, or else the first slide, that joint rows J (m, n) let move; if nothing moves, the first link's."""
-    angles = [measured_angle(mechanism.links, i) for i in range(len(mechanism.links))]
-    slides = [measured_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic)]
-    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in (*angles, *slides)])
+    found = _coordinates(mechanism)
+    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in found])
     held = np.linalg.lstsq(J.T, rows.T, rcond=RANK_TOLERANCE)[0]
     free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
-    return [*angles, *slides][int(free.argmax())]
+    return found[int(free.argmax())]
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
@@ -160,11 +196,9 @@ def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Num
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
         parts.append((_held_row(by_name[name].motion), [exact(number, target)], [exact(number, rate)]))
-    index = {link.name: i for i, link in enumerate(mechanism.links)}
     for reference, target in start.get("points", {}).items():
-        owner, name = reference.split(".")
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
-        point = mechanism.point(index[owner], name)
+        point = mechanism.named_point(reference)
         for axis, across in enumerate((False, True)):
             along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
             parts.append((_held_row(along), [exact(number, target[axis])], [exact(number, rates[axis])]))
@@ -180,12 +214,12 @@ def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Num
 def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
     start = scenario.get("start", {})
-    index = {link.name: i for i, link in enumerate(mechanism.links)}
-    speeds = {index[name]: exact(number, x) for name, x in start.get("speeds", {}).items()}
+    placed = mechanism.placed
+    speeds = {placed(name)[0]: exact(number, x) for name, x in start.get("speeds", {}).items()}
     if "speed" in start and mechanism.crank is not None:
         speeds.setdefault(mechanism.crank, exact(number, start["speed"]))
-    angles = {index[name]: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
-    angles |= {index[name]: exact(number, x) for name, x in start.get("angles", {}).items()}
+    angles = {placed(name)[0]: radians(number, x) - placed(name)[1] for name, x in start.get("angles_deg", {}).items()}
+    angles |= {placed(name)[0]: exact(number, x) - placed(name)[1] for name, x in start.get("angles", {}).items()}
     if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
         angles[mechanism.crank] = angle_of(start, "crank", number)
     return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
@@ -203,10 +237,10 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
     close = joint_residual(joints)
-    gap = held.of(q)[0] - held.target
 
-    def follow(gap: Array) -> tuple[Array, float]:
-        state, error = q, np.inf
+    def follow(state: Array, closed: bool) -> tuple[Array, float]:
+        """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
+        gap, error = held.of(state)[0] - held.target, np.inf
         for part in np.linspace(1.0, 0.0, 2 + int(np.abs(gap).max(initial=0.0) / STEP))[1:]:
             goal = held.target + part * gap
 
@@ -215,16 +249,41 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 return np.concatenate([F, value - goal]), np.vstack([J, rows])
 
             state, error = gauss_newton(state, residual)
+            if closed and error > CLOSED:
+                break
         return state, error
 
-    reached, error = follow(gap)
-    if error > CLOSED:
+    for start, closed in ((q, True), (turned(mechanism, held, q), True), (q, False)):
+        reached, error = follow(start, closed)
+        if error <= CLOSED:
+            break
+    else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
     J = np.vstack([close(reached)[1], held.of(reached)[1]])
     rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
     if rank < mechanism.n:
-        raise AssemblyError(path, f"the held coordinates do not determine the position: {mechanism.n - rank} too few")
+        free = ", ".join(free_coordinates(mechanism, reached, J))
+        way = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
+        text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
+        raise AssemblyError(path, f"{text}; hold it{way}")
     return reached
+
+
+def turned(mechanism: Mechanism, held: Held, q: Array) -> Array:
+    """The same pose with each held angle within half a turn of its target: whole turns of a link move nothing.
+
+    Links that slides tie to it turn along.
+    """
+    q = q.copy()
+    tied = [{j.guide.link, j.block.link} for j in mechanism.joints if isinstance(j, Prismatic)]
+    angles, rows = held.of(q)
+    for gap, row in zip(held.target - angles, rows, strict=True):
+        links = {int(k) // 3 for k in np.flatnonzero(row)}
+        for _ in tied:
+            links = links.union(*(pair for pair in tied if pair & links))
+        if row[2::3].sum() == np.abs(row).sum() == 1 and GROUND not in links:
+            q[[3 * i + 2 for i in links]] += 2 * np.pi * np.round(gap / (2 * np.pi))
+    return q
 
 
 def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:

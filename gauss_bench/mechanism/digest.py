@@ -10,7 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.mechanism.schema import LinkageTable, Table
+from gauss_bench.mechanism.schema import SECOND, LinkageTable, Table
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -21,7 +21,16 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
     physics |= {"forces": acting, "scenario": chosen}
+    if document["format"] == SECOND:  # the first edition damps a shared pin between the neighbours in its list
+        _mark_shared(physics, acting)
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
+
+
+def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
+    """Say of pins through several links how they are damped, where they are."""
+    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
+    if any(len(joint.get("at", ())) > 2 for joint in damped):
+        physics["damping"] = "between every two links of a pin"
 
 
 def _physics(item: Any) -> Any:

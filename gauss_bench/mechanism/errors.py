@@ -23,6 +23,14 @@ class LinkageError(ValueError):
         super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
 
 
+class BuildError(ValueError):
+    """A fault that only shows once points are resolved."""
+
+    def __init__(self, path: str, text: str):
+        self.fault = Fault(path, text)
+        super().__init__(str(self.fault))
+
+
 class AssemblyError(ValueError):
     """The linkage does not close, or its start does not determine it."""
 

@@ -5,13 +5,14 @@ import hashlib
 import json
 import re
 import tomllib
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.mechanism.build import BuildError, build_mechanism
-from gauss_bench.mechanism.closure import assemble
-from gauss_bench.mechanism.errors import AssemblyError, Fault, LinkageError
+from gauss_bench.mechanism.build import build_mechanism
+from gauss_bench.mechanism.closure import assemble, sketched
+from gauss_bench.mechanism.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.mechanism.generate import generated
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.references import items, reference_faults, table
@@ -87,6 +88,29 @@ def load_document(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load`, for a document that is already parsed."""
+    mechanism, merged = _checked(document, scenario, source, sha256, stem)
+    try:
+        return assemble(mechanism, merged)
+    except AssemblyError as error:
+        raise LinkageError(source, [error.fault]) from error
+
+
+def load_sketched(
+    document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
+) -> Mechanism:
+    """As `load_document`, but at rest where the sketch has it, whatever the scenario holds: that may be too little for a start."""
+    mechanism, merged = _checked(document, scenario, source, sha256, stem)
+    try:
+        q = sketched(mechanism, merged)
+    except AssemblyError as error:
+        raise LinkageError(source, [error.fault]) from error
+    return replace(mechanism, q0=q, v0=0.0 * q)
+
+
+def _checked(
+    document: dict[str, Any], scenario: str | None, source: str, sha256: str, stem: str | None
+) -> tuple[Mechanism, dict[str, Any]]:
+    """The mechanism, not yet assembled, and the document with the scenario's override in place."""
     if place := too_deep(document):
         raise LinkageError(source, [Fault(place, f"tables lie more than {DEEPEST} deep")])
     faults = document_faults(document, stem)
@@ -99,9 +123,8 @@ def load_document(
         raise LinkageError(source, [Fault(f"scenarios.{scenario}", f"unknown scenario; the file has {', '.join(scenarios)}")])
     merged = merge(document, scenarios[scenario].get("override", {}))
     try:
-        mechanism = build_mechanism(merged, scenario, source, sha256)
-        return assemble(mechanism, merged)
-    except (BuildError, AssemblyError) as error:
+        return build_mechanism(merged, scenario, source, sha256), merged
+    except BuildError as error:
         raise LinkageError(source, [error.fault]) from error
 
 

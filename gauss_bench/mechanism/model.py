@@ -5,11 +5,13 @@ Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, link
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.numbers import turned
 from gauss_bench.terms import Array
 
 GROUND = -1
@@ -97,6 +99,30 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """A link of the file as part of the body it moves with: that of `links` by index, after welding.
+
+    Attributes:
+        at: (2,) its centre of mass from that of the body, in the body's frame [m].
+        turn: its angle less that of the body [rad].
+    """
+
+    name: str
+    body: int
+    at: Array
+    turn: float
+
+
+@dataclass(frozen=True, eq=False)
+class Weld:
+    """A weld: the links of the file that it holds, by index among all of them, and the point on the first where they are held."""
+
+    name: str
+    at: Point
+    beyond: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Revolute:
     """A pin: point b of one link coincides with point a of another. `joint` is the name in the file, `name` the pair's own."""
 
@@ -147,6 +173,15 @@ class Prismatic:
 Joint = Revolute | Prismatic
 
 
+def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """A pair for every two links of a joint, whose own pairs join neighbours in its list."""
+    pins = [pair for pair in pairs if isinstance(pair, Revolute)]
+    if len(pins) < 2:
+        return pairs
+    points = [pins[0].a, *(pin.b for pin in pins)]
+    return tuple(Revolute(f"{a.name}-{b.name}", pins[0].joint, a, b) for a, b in combinations(points, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class KnifeEdge:
     """Nonholonomic: the point moves only along the direction at `angle` [rad] in the link's frame."""
@@ -183,7 +218,9 @@ class PointForce:
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
         point, frame = names.point(table["point"]), table.get("frame", "ground")
-        return cls(name, point, names.pair(table["value"]), point.link if frame == "body" else names.link(frame))
+        frame = table["point"].partition(".")[0] if frame == "body" else frame
+        value, turn = names.pair(table["value"]), names.turn(frame)
+        return cls(name, point, turned(value, turn) if turn else value, names.link(frame))
 
     def lowered(self) -> tuple["Load", ...]:
         return (self,)
@@ -203,6 +240,10 @@ class Names(Protocol):
     def link(self, name: str, /) -> int: ...
     def point(self, reference: str, /) -> Point: ...
     def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
+    def damped(self, joint: str, /) -> tuple[Joint, ...]:
+        """The pairs between which a joint is damped: every two of its links, or in the first edition the neighbours in its list."""
+        ...
+
     def pair(self, values: Any, /) -> Array: ...
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
         """The number `key`, 0 where it is left out."""
@@ -210,6 +251,10 @@ class Names(Protocol):
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
         """The angle `key` or `key_deg` [rad], 0 where it is left out."""
+        ...
+
+    def turn(self, name: str, /) -> Any:
+        """The angle of the link of a name or reference in the frame of its body [rad]; 0 but for welded ones."""
         ...
 
 
@@ -267,7 +312,8 @@ class AxisSpringDamper:
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
         origin = names.point(table["origin"]) if "origin" in table else names.world
         numbers = (names.number(table, key) for key in ("k", "c", "rest"))
-        return cls(name, names.point(table["point"]), origin, names.angle(table, "angle"), *numbers)
+        angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
+        return cls(name, names.point(table["point"]), origin, angle, *numbers)
 
     def lowered(self) -> tuple[Load, ...]:
         return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
@@ -287,7 +333,8 @@ class RotationalSpringDamper:
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
         a, b = (names.link(x) for x in table["links"])
-        return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest"))
+        turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
+        return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)
 
     def lowered(self) -> tuple[Load, ...]:
         return (Law(Angle(self.a, self.b), self.k, self.c, self.rest),)
@@ -295,7 +342,7 @@ class RotationalSpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class JointDamping:
-    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed in every pair of a joint."""
+    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed in pairs of links of a joint."""
 
     name: str
     pairs: tuple[Joint, ...]
@@ -303,7 +350,7 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
-        return cls(name, names.pairs(table["joint"]), names.number(table, "c"))
+        return cls(name, names.damped(table["joint"]), names.number(table, "c"))
 
     def lowered(self) -> tuple[Load, ...]:
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
@@ -413,6 +460,8 @@ class Mechanism:
             angle, else the first angle of a link or slide that can move, in the file's order.
         q0, v0: (n,) consistent start, read-only.
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
+        parts: every link of the file as part of a body, where some are welded; else none. welds: what holds them.
+        apart: the linkage with every link of the file on its own, where some are welded: what results are told by.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
     """
 
@@ -440,6 +489,9 @@ class Mechanism:
     frictions: tuple[CoulombFriction, ...] = ()
     dof: int = -1
     redundant: int = -1
+    parts: tuple[Part, ...] = ()
+    welds: tuple[Weld, ...] = ()
+    apart: "Mechanism | None" = None
 
     def __post_init__(self) -> None:
         """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.
@@ -489,6 +541,26 @@ class Mechanism:
 
     def link_name(self, index: int) -> str:
         return "ground" if index == GROUND else self.links[index].name
+
+    @property
+    def whole(self) -> "Mechanism":
+        """The linkage by the links of its file, each on its own."""
+        return self.apart or self
+
+    def placed(self, name: str) -> tuple[int, Any]:
+        """The body that carries a link of the file, by index, and the link's angle in it [rad]."""
+        if self.parts:
+            part = next(x for x in self.parts if x.name == name)
+            return part.body, part.turn
+        return next(i for i, link in enumerate(self.links) if link.name == name), 0
+
+    def named_point(self, reference: str) -> Point:
+        """The point "link.point" of the file, on whatever body carries the link."""
+        owner, _, name = reference.partition(".")
+        if owner == "ground":
+            return self.point(GROUND, name)
+        body, _ = self.placed(owner)
+        return self.point(body, name if self.links[body].name == owner else reference)
 
     def point(self, link: int, name: str) -> Point:
         """The point `name` of a link by index."""

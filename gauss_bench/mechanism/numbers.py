@@ -4,7 +4,7 @@ A `Number` makes one value of its type from decimal text: float, numpy.longdoubl
 of them add, multiply and go through numpy's elementary functions; what numpy would round to double on the way is done here.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from decimal import Decimal
 from typing import Any
 
@@ -30,9 +30,20 @@ def radians(number: Number, degrees: float | Decimal) -> Any:
     return exact(number, degrees) * (number(PI) / number("180"))
 
 
+def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
+    """The angle `key` of a table in radians, written as `key` or as `key_deg`; 0 where neither is given."""
+    return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
+
+
 def direction(theta: Any) -> Any:
     """Unit vector (2,) at an angle [rad]."""
     return np.array([np.cos(theta), np.sin(theta)])
+
+
+def turned(vector: Any, theta: Any) -> Any:
+    """A vector (2,), turned by an angle [rad]."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def length(vector: Any) -> Any:

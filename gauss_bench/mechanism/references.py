@@ -4,9 +4,11 @@ Works on the raw document and passes over whatever the schema has already refuse
 """
 
 from collections.abc import Iterator
+from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
+from gauss_bench.mechanism.cylinders import BARREL, ROD, written_out
 from gauss_bench.mechanism.errors import Fault
 
 Document = dict[str, Any]
@@ -36,6 +38,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links = table(document, "links")
+        self.bodies = {name: _body(document, name) for name in self.links}
         self.joints = table(document, "joints")
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
         self.points["ground"] = set(table(table(document, "ground"), "points"))
@@ -64,16 +67,23 @@ class Names:
         owners = [r.partition(".")[0] for r in references if isinstance(r, str)]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
+        for a, b in pairwise(sorted({*owners}, key=lambda x: self.bodies.get(x, x))):
+            if self.bodies.get(a, a) == self.bodies.get(b, b):
+                self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
+    if spoilt := _cylinder_faults(document):
+        return spoilt  # whatever else is named may be theirs
+    document = written_out(document)
     names = Names(document)
     name = document.get("name")
     if stem is not None and isinstance(name, str) and name != stem:
         names.fault("name", f"{name!r} differs from the file's name {stem!r}")
     _check_points(names)
     _check_links(names)
+    _check_welds(names)
     _check_joints(names)
     _check_crank(names)
     for key, entry in items(document, "constraints"):
@@ -99,7 +109,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
     yield "measure", table(document, "measure")
-    for group in ("joints", "constraints", "forces"):
+    for group in ("joints", "welds", "constraints", "forces"):
         yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
     for key, entry in items(document, "scenarios"):
         yield from ((f"scenarios.{key}.{part}", table(entry, part)) for part in ("driver", "start"))
@@ -109,6 +119,40 @@ def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
 def _driver_list(path: str, scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     drivers = sequence(scenario, "drivers")
     return ((f"{path}.drivers[{i}]", x) for i, x in enumerate(drivers) if isinstance(x, dict))
+
+
+def _body(document: Document, name: str) -> str:
+    """The link that a link is welded to in the end; its own name where it is not, or in a circle."""
+    welds = {weld["link"]: weld.get("to") for _, weld in items(document, "welds") if isinstance(weld.get("link"), str)}
+    seen = [name]
+    while isinstance(at := welds.get(seen[-1]), str) and at not in seen:
+        seen.append(at)
+    return seen[-1]
+
+
+def _cylinder_faults(document: Document) -> list[Fault]:
+    """What keeps cylinders from being written out as links and joints, under their own names."""
+    names = Names(document)
+    for key, cylinder in items(document, "cylinders"):
+        path, between = f"cylinders.{key}", sequence(cylinder, "between")
+        if len(between) != 2 or not all(isinstance(x, str) for x in between):
+            names.fault(f"{path}.between", "must be two points")
+            continue
+        for i, reference in enumerate(between):
+            names.point(f"{path}.between[{i}]", reference)
+        names.different_links(f"{path}.between", between)
+        for part in (BARREL, ROD):
+            given = table(cylinder, part)
+            if ("mass" in given) == ("kg_per_m" in given):
+                names.fault(f"{path}.{part}.mass", "give either mass or kg_per_m")
+            if not isinstance(given.get("length"), (int, float, Decimal)):
+                names.fault(f"{path}.{part}.length", "required: a number")
+            for group in ("links", "joints"):
+                if f"{key}_{part}" in table(document, group):
+                    names.fault(path, f"its {part} is called '{key}_{part}', and {group}.{key}_{part} is there already")
+        if key in names.joints:
+            names.fault(path, f"its slide is called {key!r}, and joints.{key} is there already")
+    return names.faults
 
 
 def _check_points(names: Names) -> None:
@@ -153,12 +197,47 @@ def _check_links(names: Names) -> None:
                 names.fault(f"{path}.bars[{i}]", "zero length")
         if "mass" in link and "kg_per_m" in link:
             names.fault(f"{path}.kg_per_m", "given together with mass")
-        if "mass" not in link and "kg_per_m" not in link:
+        masses = sequence(link, "point_masses")
+        for i, mass in enumerate(masses):
+            if isinstance(mass, dict) and isinstance(mass.get("point"), str) and mass["point"] not in names.points[key]:
+                names.fault(f"{path}.point_masses[{i}].point", f"unknown point {mass['point']!r} of {key!r}")
+        if "mass" not in link and "kg_per_m" not in link and not masses:
             names.fault(f"{path}.mass", "neither mass nor kg_per_m is given")
         if "kg_per_m" in link and not bars:
             names.fault(f"{path}.kg_per_m", "needs bars")
-        if "inertia" not in link and not bars:
+        if "inertia" not in link and not bars and not (masses and "mass" not in link):
             names.fault(f"{path}.inertia", "required where there are no bars")
+
+
+def _check_welds(names: Names) -> None:
+    welded: set[str] = set()
+    for key, weld in items(names.document, "welds"):
+        path, link, to = f"welds.{key}", weld.get("link"), weld.get("to")
+        for side, name in (("link", link), ("to", to)):
+            if name == "ground":
+                names.fault(f"{path}.{side}", "what is welded to the ground does not move: make its points ground points")
+            else:
+                names.link(f"{path}.{side}", name)
+        if not isinstance(link, str) or not isinstance(to, str):
+            continue
+        if link in welded:
+            names.fault(f"{path}.link", f"link {link!r} is welded twice; it may be what others are welded to")
+        elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
+            names.fault(path, "welded in a circle")
+        welded.add(link)
+        pairs = sequence(weld, "points")
+        for i, pair in enumerate(pairs):
+            owners = [x.partition(".")[0] if isinstance(x, str) else "" for x in pair] if isinstance(pair, list) else []
+            if len(owners) == 2 and owners != [to, link]:
+                names.fault(f"{path}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
+            for k, reference in enumerate(pair if isinstance(pair, list) else []):
+                names.point(f"{path}.points[{i}][{k}]", reference)
+        if pairs and "origin" in weld:
+            names.fault(f"{path}.origin", "given together with points")
+        if not pairs and "origin" not in weld:
+            names.fault(f"{path}.origin", "required where no points are given")
+        if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
+            names.fault(f"{path}.angle_deg", "given together with two pairs of points, which fix it")
 
 
 def _check_joints(names: Names) -> None:
@@ -196,6 +275,8 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
         names.link(f"{path}.{key}", force.get(key))
     if "link" in force and force.get("link") == force.get("reaction", "ground"):
         names.fault(f"{path}.reaction", "link and reaction are the same")
+    if isinstance(link := force.get("link"), str) and isinstance(other := force.get("reaction", "ground"), str) and link != other:
+        names.different_links(f"{path}.reaction", [link, other])
     kind = force.get("type")
     if kind in ("force", "axis_spring_damper"):
         names.point(f"{path}.point", force.get("point"), ground=kind != "force")
@@ -246,13 +327,20 @@ def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
         elif isinstance(force, str) and force in active[:i]:
             names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
     if "driver" in scenario and "start" in scenario:
-        names.fault(f"{path}.driver", "given together with start")
+        names.fault(
+            f"{path}.driver",
+            "given together with start: beside a start, what is driven stands in the list `drivers = [{ ... }]`, and the start "
+            "holds what they leave free",
+        )
     if "driver" in scenario and "drivers" in scenario:
         names.fault(f"{path}.drivers", "given together with driver")
     driver = table(scenario, "driver")
     for where, entry in [*([(f"{path}.driver", driver)] if driver else []), *_driver_list(path, scenario)]:
         _check_driver(names, where, entry)
     _check_start(names, f"{path}.start", table(scenario, "start"))
+    for i, held in enumerate(sequence(scenario, "hold")):
+        if isinstance(held, str) and held not in names.links and held not in names.joints:
+            names.fault(f"{path}.hold[{i}]", f"unknown link or joint {held!r}")
 
 
 def _check_measure(names: Names, measure: dict[str, Any]) -> None:

@@ -1,8 +1,12 @@
-"""The grammar planar-linkage/1 as types: which keys each table has, and what values they take.
+"""The grammar of linkage files as types: which keys each table has, and what values they take.
 
+There are two editions, planar-linkage/1 and /2: the second has every key of the first, and those that a table here calls `second`.
+A file that uses one of them must say so, so that a reader of the first does not misread it. One key means something else: `c` of
+`joint_damping` on a pin through several links acts between every two of them, no longer between neighbours in the list alone.
 Names that refer to each other, and everything geometric, are checked in `references.py` and `closure.py`.
 """
 
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
@@ -10,17 +14,21 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstrai
 from gauss_bench.mechanism.errors import Fault
 
 FORMAT = "planar-linkage/1"
+SECOND = "planar-linkage/2"
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Text = Annotated[str, Field(strict=True)]
+Couple = Annotated[list[Text], Field(min_length=2, max_length=2)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
     """A table, whose class says of every key whether a motion follows from it (`physics`) or not (`other`): see `digest.py`.
+
+    `second` names the keys, all of them said to be one or the other too, that the second edition of the grammar brought.
 
     Raises:
         TypeError: a class that says nothing of a key, or names one that it does not have.
@@ -29,14 +37,16 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     physics: ClassVar[frozenset[str]] = frozenset()
     other: ClassVar[frozenset[str]] = frozenset()
+    second: ClassVar[frozenset[str]] = frozenset()
 
-    def __init_subclass__(cls, physics: str = "", other: str = "", **more: Any) -> None:
+    def __init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
         super().__init_subclass__(**more)
 
     @classmethod
-    def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", **more: Any) -> None:
+    def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
         cls.physics, cls.other = cls.physics | {*physics.split()}, cls.other | {*other.split()}
+        cls.second = cls.second | {*second.split()}
         keys = {field.alias or name for name, field in cls.model_fields.items()}
         wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
         if wrong:
@@ -66,13 +76,42 @@ class GroundTable(Table, physics="points"):
     points: Points = {}
 
 
-class LinkTable(Table, physics="points bars kg_per_m mass com inertia"):
+class PointMassTable(Table, physics="point mass"):
+    point: Text
+    mass: Positive
+
+
+class LinkTable(Table, physics="points bars kg_per_m mass com inertia point_masses", second="point_masses"):
     points: Annotated[Points, Field(min_length=1)]
-    bars: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = []
+    bars: list[Couple] = []
     kg_per_m: Positive | None = None
     mass: Positive | None = None
     com: Pair | None = None
     inertia: Positive | None = None
+    point_masses: list[PointMassTable] = []
+
+
+class WeldTable(Table, physics="link to origin angle_deg angle points"):
+    link: Text
+    to: Text
+    origin: Pair | None = None
+    angle_deg: Number | None = None
+    angle: Number | None = None
+    points: Annotated[list[Couple], Field(min_length=1, max_length=2)] | None = None
+
+
+class CylinderPartTable(Table, physics="length mass kg_per_m com inertia"):
+    length: Positive
+    mass: Positive | None = None
+    kg_per_m: Positive | None = None
+    com: Number | None = None
+    inertia: Positive | None = None
+
+
+class CylinderTable(Table, physics="between barrel rod"):
+    between: Couple
+    barrel: CylinderPartTable
+    rod: CylinderPartTable
 
 
 class RevoluteTable(Table, physics="type at"):
@@ -114,7 +153,7 @@ class ForceTable(Table, physics="type point value frame"):
 
 class SpringDamperTable(Table, physics="type between k c rest"):
     type: Literal["spring_damper"]
-    between: Annotated[list[Text], Field(min_length=2, max_length=2)]
+    between: Couple
     k: Number = 0.0
     c: Number = 0.0
     rest: Number = 0.0
@@ -133,7 +172,7 @@ class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k 
 
 class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
     type: Literal["rotational_spring_damper"]
-    links: Annotated[list[Text], Field(min_length=2, max_length=2)]
+    links: Couple
     k: Number = 0.0
     c: Number = 0.0
     rest_deg: Number | None = None
@@ -157,7 +196,7 @@ class CoulombFrictionTable(Table, physics="type joint mu radius speed"):
 class DrivenTable(Table, physics="link joint between start_deg start"):
     link: Text | None = None
     joint: Text | None = None
-    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    between: Couple | None = None
     start_deg: Number | None = None
     start: Number | None = None
 
@@ -224,8 +263,9 @@ DriverTable = Annotated[
 ]
 
 
-class ScenarioTable(Table, physics="forces driver drivers start", other="duration override"):
+class ScenarioTable(Table, physics="forces driver drivers start", other="duration override hold", second="hold"):
     duration: NotNegative
+    hold: list[Text] = []
     forces: list[Text] = []
     override: dict[str, Any] = {}
     driver: DriverTable | None = None
@@ -247,7 +287,7 @@ class ObserveTable(Table, other="points links"):
 class MeasureTable(Table, other="link joint between point angle_deg angle"):
     link: Text | None = None
     joint: Text | None = None
-    between: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    between: Couple | None = None
     point: Text | None = None
     angle_deg: Number | None = None
     angle: Number | None = None
@@ -261,10 +301,11 @@ class ExpectTable(Table, other="dof redundant loops"):
 
 class LinkageTable(
     Table,
-    physics="crank gravity ground links joints constraints forces assembly scenarios",
+    physics="crank gravity ground links welds cylinders joints constraints forces assembly scenarios",
     other="format name title expect observe measure",
+    second="welds cylinders",
 ):
-    format: Literal["planar-linkage/1"]
+    format: Literal["planar-linkage/1", "planar-linkage/2"]
     name: Name
     title: Text = ""
     crank: Text | None = None
@@ -272,6 +313,8 @@ class LinkageTable(
     expect: ExpectTable = ExpectTable()
     ground: GroundTable = GroundTable()
     links: Annotated[dict[Name, LinkTable], Field(min_length=1)]
+    welds: dict[Name, WeldTable] = {}
+    cylinders: dict[Name, CylinderTable] = {}
     joints: dict[Name, JointTable] = {}
     constraints: dict[Name, ConstraintTable] = {}
     forces: dict[Name, ForceEntry] = {}
@@ -299,12 +342,32 @@ TEXTS = {
 
 
 def schema_faults(document: dict[str, Any]) -> list[Fault]:
-    """Every fault of keys and values, each with its dotted path."""
+    """Every fault of keys and values, each with its dotted path; of a file of the first edition also what belongs to the second."""
     try:
-        LinkageTable.model_validate(document)
+        read = LinkageTable.model_validate(document)
     except ValidationError as error:
         return [Fault(_path(e["loc"]), _text(dict(e))) for e in error.errors(include_url=False)]
-    return []
+    if read.format == SECOND:
+        return []
+    return [Fault(path, f"a key of {SECOND}, and the file says format = {FORMAT!r}") for path in _of_the_second(read)]
+
+
+def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
+    """Where keys of the second edition are given, at every depth."""
+    if isinstance(item, Table):
+        for name in item.model_fields_set:
+            key = type(item).model_fields[name].alias or name
+            where = f"{path}.{key}" if path else key
+            if key in item.second:
+                yield where
+            else:
+                yield from _of_the_second(getattr(item, name), where)
+    elif isinstance(item, dict):
+        for key, value in item.items():
+            yield from _of_the_second(value, f"{path}.{key}")
+    elif isinstance(item, list):
+        for i, value in enumerate(item):
+            yield from _of_the_second(value, f"{path}[{i}]")
 
 
 def _path(loc: tuple[str | int, ...]) -> str:
@@ -320,7 +383,7 @@ def _path(loc: tuple[str | int, ...]) -> str:
 def _text(error: dict[str, Any]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if error["loc"] == ("format",) and kind == "literal_error":
-        return f"unsupported format {error['input']!r}; this version reads {FORMAT!r}"
+        return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"
     if kind == "union_tag_invalid":
         tag, known = context["tag"].strip("<>"), context["expected_tags"].replace("<", "").replace(">", "").replace(" law", "")
         return "must be a table" if tag == "not a table" or not tag else f"type {tag!r} is not one of {known}"

@@ -1,6 +1,7 @@
 """A first guess of every link's place from the rough drawing of a linkage file: two decimals are enough.
 
-A link is placed by two known points, or by one and an angle; what placed links share with others becomes known in turn.
+A link is placed by two known points, or by one and an angle; what placed links share with others becomes known in turn. The two
+links of a slide have an angle too where the points are known that stand for the slide: the line runs from one to the other.
 """
 
 from collections.abc import Callable
@@ -8,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.errors import AssemblyError
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.numbers import turned
 from gauss_bench.terms import Array
 
 
@@ -20,7 +23,8 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
         AssemblyError: links that cannot be placed, by name.
     """
     assembly = document.get("assembly", {})
-    given = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
+    angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
+    given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
     drawn = drawn_points(mechanism, document, assembly.get("sketch", {}))
     theta: dict[int, float] = {GROUND: 0.0}
     centre: dict[int, Array] = {GROUND: np.zeros(2)}
@@ -38,27 +42,23 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return np.concatenate([[*centre[i], theta[i]] for i in range(len(mechanism.links))])
 
 
-def turned(x: Array, theta: float) -> Array:
-    c, s = np.cos(theta), np.sin(theta)
-    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
-
-
 def drawn_points(mechanism: Mechanism, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-    """Reference "link.point" -> drawn world position, from joints, single points and ground pivots."""
+    """Name of a point -> drawn world position, from joints, single points and ground pivots."""
     drawn: dict[str, Array] = {}
-    for name, joint in document.get("joints", {}).items():
+    for name, joint in written_out(document).get("joints", {}).items():
         references = joint.get("at") or [joint["block"]]
         grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
         where = drawing.get(name, grounded[0] if grounded else None)
         if where is not None:
             drawn |= {r: np.array(where, dtype=float) for r in references}
-    return drawn | {r: np.array(x, dtype=float) for r, x in drawing.items() if "." in r}
+    drawn |= {r: np.array(x, dtype=float) for r, x in drawing.items() if "." in r}
+    return {mechanism.named_point(r).name: x for r, x in drawn.items()}
 
 
 def _place(
     mechanism: Mechanism,
     i: int,
-    given: dict[str, float],
+    given: dict[int, float],
     drawn: dict[str, Array],
     theta: dict[int, float],
     centre: dict[int, Array],
@@ -71,18 +71,20 @@ def _place(
         if isinstance(joint, Revolute):
             for mine, other in ((joint.a, joint.b), (joint.b, joint.a)):
                 if mine.link == i and other.link in theta:
-                    known.setdefault(mine.name.split(".")[1], world(other))
+                    known.setdefault(mine.name.partition(".")[2], world(other))
     if not known:
         return False
     (first, at), *others = known.items()
     apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
-    if link.name in given:
-        turn = given[link.name]
+    if i in given:
+        turn = given[i]
     elif apart is not None:
         own, drawn_line = link.points[apart] - link.points[first], known[apart] - at
         turn = float(np.arctan2(drawn_line[1], drawn_line[0]) - np.arctan2(own[1], own[0]))
     else:
         partner = _partner_angle(mechanism, i, theta)
+        if partner is None:
+            partner = _slide_angle(mechanism, i, drawn, theta, world)
         if partner is None:
             return False
         turn = partner
@@ -92,6 +94,27 @@ def _place(
     theta[i] = turn
     centre[i] = at - turned(link.points[first] - link.com, turn)
     return True
+
+
+def _slide_angle(
+    mechanism: Mechanism, i: int, drawn: dict[str, Array], theta: dict[int, float], world: Callable[[Point], Array]
+) -> float | None:
+    """The angle of a link of a slide whose guide and block point are both known, the block ahead of the guide."""
+
+    def where(point: Point) -> Array | None:
+        pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
+        others = [b if a.name == point.name else a for a, b in ((j.a, j.b) for j in pins) if point.name in (a.name, b.name)]
+        shared = next((x for x in others if x.link in theta), None)
+        return drawn[point.name] if point.name in drawn else None if shared is None else world(shared)
+
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic) and i in (joint.guide.link, joint.block.link):
+            guide, block = where(joint.guide), where(joint.block)
+            if guide is None or block is None or (apart := float(np.hypot(*(block - guide)))) <= abs(joint.offset):
+                continue
+            line = float(np.arctan2(*(block - guide)[::-1])) - float(np.arcsin(joint.offset / apart)) - joint.angle
+            return line if i == joint.guide.link else line + joint.turn
+    return None
 
 
 def _partner_angle(mechanism: Mechanism, i: int, theta: dict[int, float]) -> float | None:

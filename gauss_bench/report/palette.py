@@ -23,6 +23,16 @@ ENGINES = {
     "exudyn": "#a08a00",
     "mujoco": "#882255",
 }
+CURVES = (  # lines of one panel, in turn; as dark pages have them already
+    BODY_EDGE,
+    CRANK_EDGE,
+    TRACE,
+    ENGINES["mujoco"],
+    ENGINES["udwadia_kalaba"],
+    ENGINES["gauss_pinv"],
+    ENGINES["pinocchio"],
+    ENGINES["exudyn"],
+)
 OTHERS = ("#44aa99", "#332288", "#cc6677", "#117733", "#aa4499")
 CONTROL = "#8b8b8b"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")

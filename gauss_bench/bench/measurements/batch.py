@@ -5,13 +5,14 @@ steps of each, which changes nothing in the time of one. That the lanes do not d
 trajectories, by other code: the same arithmetic with one lane.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Race, Row, at_least, lasting, row
+from gauss_bench.bench.clock import Block, Key, Race, Row, at_least, lasting, row
 from gauss_bench.bench.context import Context
+from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -26,11 +27,24 @@ CHECKED = 32  # trajectories that are run again alone
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
-    return [context.task("kernel_batch", batch, (*place, part), *place) for part in suite.batch for place in part.linkages.items()]
+    tasks = [context.task("kernel_batch", raced, (*place, part), *place) for part in suite.batch for place in part.linkages.items()]
+    return list(map(patient, tasks))
 
 
-def batch(linkage: str, scenario: str, part: Batch) -> Tables:
-    """The row of a linkage; a ratio is per step of one trajectory."""
+def raced(linkage: str, scenario: str, part: Batch) -> Tables:
+    """What `batch` tells; where an engine crashes or hangs in it, that is the reason."""
+    tables, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
+    for failure in lost.values():
+        tables["kernel_batch"][0] |= failure.told
+    return tables
+
+
+def _race_of(linkage: str, scenario: str, part: Batch, engines: Sequence[str], path: str) -> Tables:
+    return batch(linkage, scenario, part, engines, watching(path))
+
+
+def batch(linkage: str, scenario: str, part: Batch, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
+    """The row of a linkage; a ratio is per step of one trajectory. `engines` are those that take part, all where there are none."""
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     q, v = shuffled(states.q, states.v)
@@ -44,13 +58,16 @@ def batch(linkage: str, scenario: str, part: Batch) -> Tables:
         return make
 
     own, rival = Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
-    race = Race()
-    race.add(own, entry(part.own, "default", part.step_count))
-    race.add(rival, entry(part.rival, part.settings, part.rival_step_count))
+    entries = {own: entry(part.own, "default", part.step_count), rival: entry(part.rival, part.settings, part.rival_step_count)}
+    race = Race(watch)
+    for key, make in entries.items():
+        if key.engine in (engines or (part.own, part.rival)):
+            race.add(key, make)
     measured = race.run(part.rounds)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
-    told = row(start, lambda: _row(models[part.own], q, v, part.step_count, measured, own, rival))
+    watch(own)
+    told = row(start, lambda: measured.compared(own, rival) | _lanes(models[part.own], q, v, part.step_count))
     return {"kernel_batch": [at_least(told, "ratio", part.targets.get(mechanism.name))]}
 
 
@@ -60,10 +77,9 @@ def shuffled(q: Array, v: Array) -> tuple[Array, Array]:
     return q[order], v[order]
 
 
-def _row(model: Any, q: Array, v: Array, steps: int, measured: Measured, own: Key, rival: Key) -> Row:
-    times = measured.compared(own, rival)
+def _lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     difference, lost = against_single_runs(model, q, v, steps)
-    return times | {"lanes": model.kernel.lanes, "lanes_error": difference, "lost": lost}
+    return {"lanes": model.kernel.lanes, "lanes_error": difference, "lost": lost}
 
 
 def against_single_runs(model: Any, q: Array, v: Array, steps: int) -> tuple[float, int]:

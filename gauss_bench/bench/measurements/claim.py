@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from gauss_bench.bench.clock import Key, Race, Row, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, entries
-from gauss_bench.bench.survived import survived, watching
+from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.errors import KernelError
@@ -61,12 +61,13 @@ def counted(linkage: str, scenario: str) -> Tables:
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process; those of a linkage lie apart in time."""
-    return [
+    tasks = [
         context.task("claim_races", raced, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
         for part in suite.claim
         for number in range(part.processes)
         for place in part.linkages.items()
     ]
+    return list(map(patient, tasks))
 
 
 def raced(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
@@ -75,7 +76,7 @@ def raced(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
     for r in tables["claim_races"]:
         for key in pairs(part)[r["what"]]:
             if key.engine in lost:
-                r |= {"status": str(lost[key.engine].status), "message": str(lost[key.engine])}
+                r |= lost[key.engine].told
     return tables
 
 

@@ -17,8 +17,8 @@ from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common,
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.survived import Watch, survived, watching
-from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task
+from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.mechanism.load import load
@@ -32,7 +32,6 @@ COLD = "cold build"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 TRAJECTORIES = 128  # in a batch: enough that a call from Python does not count
 BATCH_STEPS = 200  # of each of them
-RACES = 3  # of a linkage at most: who brings two of them down is a bug to be found, not a result
 
 Make = Callable[[], Block]
 
@@ -47,7 +46,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
             task = context.task("untimed", raced, (linkage, scenario, chosen), linkage, scenario)
-            tasks.append(task._replace(limit=RACES * LIMIT))
+            tasks.append(patient(task))
     return tasks
 
 
@@ -57,8 +56,7 @@ def raced(linkage: str, scenario: str, part: Cost) -> Tables:
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     for engine, failure in lost.items():
-        told = {"status": str(failure.status), "message": str(failure)}
-        tables["untimed"] += [start | key._asdict() | told for key, _ in entries(mechanism, part) if key.engine == engine]
+        tables["untimed"] += [start | key._asdict() | failure.told for key, _ in entries(mechanism, part) if key.engine == engine]
     return tables
 
 

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, interleaved, lasting
+from gauss_bench.bench.clock import Block, Key, interleaved, lasting
 from gauss_bench.bench.context import Context
+from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.bench.tasks import Task as Request
 from gauss_bench.compiler.errors import KernelError
@@ -46,7 +47,8 @@ Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
     """One task for each size."""
-    return [context.task("scaling", scaling, (size, part.rounds), size=size) for part in suite.growth for size in part.sizes]
+    tasks = [context.task("scaling", raced, (size, part.rounds), size=size) for part in suite.growth for size in part.sizes]
+    return list(map(patient, tasks))
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -79,13 +81,27 @@ class Contender:
     compile_seconds: float
 
 
-def scaling(size: int, rounds: int) -> Tables:
-    """Rows of every engine at a size; what cannot be had leaves a row with a status and the reason."""
-    rows, blocks = entered(right(size), size)
+def raced(size: int, rounds: int) -> Tables:
+    """What `scaling` tells; an engine that crashes or hangs in it is a row with that reason."""
+    tables, lost = survived(_race_of, (size, rounds), tuple(CONTENDERS))
+    mechanism = load(f"n_four_bar_{size}")
+    tables["scaling"] += [_start(engine, size, mechanism) | failure.told for engine, failure in lost.items()]
+    return tables
+
+
+def _race_of(size: int, rounds: int, engines: Sequence[str], path: str) -> Tables:
+    return scaling(size, rounds, engines, watching(path))
+
+
+def scaling(size: int, rounds: int, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
+    """Rows of some engines, or of all, at a size; what cannot be had leaves a row with a status and the reason."""
+    rows, blocks = entered(right(size), size, engines or tuple(CONTENDERS), watch)
     samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
-    for block, _, seconds in interleaved(blocks, rounds):
+    for block, _, seconds in interleaved(blocks, rounds, watch=watch):
         samples[block.entry].append(seconds)
-    for k, x in samples.items():
+    places = {(r["quantity"], r["engine"]): k for k, r in enumerate(rows)}
+    for key, x in samples.items():
+        k = places[key.quantity, key.engine]
         rows[k] |= dict(zip(("seconds", "low", "high"), map(float, np.quantile(x, (0.25, 0.05, 0.95))), strict=True))
     return {"scaling": rows}
 
@@ -98,12 +114,17 @@ def right(size: int) -> Right:
     return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
-def entered(wanted: Right, size: int) -> tuple[Rows, list[Block]]:
-    """A row for each engine and way to ask it, and the blocks to be timed, each with its row's number."""
+def _start(engine: str, size: int, mechanism: Mechanism) -> Row:
+    return {"engine": engine, "quantity": "", "size": size, "n": mechanism.n, "status": "ok", "message": ""}
+
+
+def entered(wanted: Right, size: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
+    """A row for each of some engines and way to ask it, and the blocks to be timed."""
     rows: list[Row] = []
     blocks: list[Block] = []
-    for engine, build in CONTENDERS.items():
-        start: Row = {"engine": engine, "quantity": "", "size": size, "n": wanted.mechanism.n, "status": "ok", "message": ""}
+    for engine in engines:
+        start, build = _start(engine, size, wanted.mechanism), CONTENDERS[engine]
+        watch(Key("", engine))
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
         try:
             if size > most:
@@ -114,7 +135,7 @@ def entered(wanted: Right, size: int) -> tuple[Rows, list[Block]]:
             continue
         costs = {"generate_seconds": found.generate_seconds, "compile_seconds": found.compile_seconds, "error": found.error}
         for quantity, block in found.blocks.items():
-            block.entry = len(rows)
+            block.entry = Key(quantity, engine)
             blocks.append(block)
             rows.append(start | {"quantity": quantity} | costs)
     return rows, blocks

@@ -12,10 +12,10 @@ import numpy as np
 from gauss_bench.bench.clock import Key, Measured, Row, at_least, compared, row
 from gauss_bench.bench.measurements.cost import ACCELERATION, BARE, EMPTY, NATIVE, measured_by_linkage
 from gauss_bench.bench.tasks import Rows, Tables
+from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.suites.schema import RightHandSide, Suite
 from gauss_bench.terms import Array
 
-STAGES = 4  # of Runge-Kutta
 LOOP, CALLED = "in its own loop", "called from Python"
 AS_CALLED, NET = "as called", "less the call"
 LEAST = 1e-9  # [s] a right-hand side takes at least: keeps noise from making the rival's net time negative
@@ -49,7 +49,7 @@ def _compared(measured: Measured, part: RightHandSide, settings: str, own: str, 
 
 def _own(measured: Measured, part: RightHandSide, how: str) -> Array:
     if how == LOOP:
-        return np.asarray(measured.of(Key(NATIVE, part.own)) / STAGES)
+        return np.asarray(measured.of(Key(NATIVE, part.own)) / EVALUATIONS["rk4"])
     return measured.of(Key(ACCELERATION, part.own))
 
 

@@ -4,13 +4,14 @@ Each turn is judged by pure geometry, the closure in the crank angle by Newton's
 largest value of each level. The suite's own link units in numpy race along, and pylinkage where it is installed.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Measured, Race, Row, at_least, lasting, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import pylinkage
+from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
@@ -22,21 +23,35 @@ from gauss_bench.suites.schema import Suite, Turns
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-NATIVE, LINK_UNITS, RIVAL = "closure, compiled", "link units, numpy", "pylinkage"
+METHODS = NATIVE, LINK_UNITS, RIVAL = "closure, compiled", "link units, numpy", "pylinkage"
 PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all the rest
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
-    return [
-        context.task("kernel_kinematics", turn, (*place, part), *place) for part in suite.turns for place in part.linkages.items()
+    tasks = [
+        context.task("kernel_kinematics", raced, (*place, part), *place) for part in suite.turns for place in part.linkages.items()
     ]
+    return list(map(patient, tasks))
 
 
-def turn(linkage: str, scenario: str, part: Turns) -> Tables:
-    """Rows of a linkage, one for each way."""
-    mechanism, race, closures, samples = load(linkage, scenario), Race(), list[Closure](), part.samples
+def raced(linkage: str, scenario: str, part: Turns) -> Tables:
+    """What `turn` tells; a way that crashes or hangs in it has that reason in its row."""
+    tables, lost = survived(_race_of, (linkage, scenario, part), METHODS)
+    for found in tables["kernel_kinematics"]:
+        if found["method"] in lost:
+            found |= lost[found["method"]].told
+    return tables
+
+
+def _race_of(linkage: str, scenario: str, part: Turns, methods: Sequence[str], path: str) -> Tables:
+    return turn(linkage, scenario, part, methods, watching(path))
+
+
+def turn(linkage: str, scenario: str, part: Turns, methods: Sequence[str] = METHODS, watch: Watch = id) -> Tables:
+    """Rows of a linkage, one for each way; `methods` are those that are gone."""
+    mechanism, race, closures, samples = load(linkage, scenario), Race(watch), list[Closure](), part.samples
     turns: list[Callable[[], pylinkage.Turn]] = []
 
     def native() -> Block:
@@ -52,14 +67,17 @@ def turn(linkage: str, scenario: str, part: Turns) -> Tables:
         return lasting(None, turns[0], samples)
 
     for name, make in ((NATIVE, native), (LINK_UNITS, plain), (RIVAL, rival)):
-        race.add(Key("turn", name), make)
+        if name in methods:
+            race.add(Key("turn", name), make)
     measured = race.run(part.rounds)
     start: Row = {"mechanism": mechanism.name, "scenario": scenario, "samples": samples}
+    watch(Key("turn", NATIVE))
     own = row(start | {"method": NATIVE}, lambda: rates(measured, NATIVE) | errors(mechanism, closures[0].turn(samples)))
     own = at_least(own, "rate", part.targets.get(mechanism.name))
     if "met" in own:
         own["met"] = own["met"] and all(own[level] <= part.error for level in LEVELS)
     rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rates(measured, LINK_UNITS))
+    watch(Key("turn", RIVAL))
     other = row(start | {"method": RIVAL}, lambda: rates(measured, RIVAL) | named(pylinkage.errors(mechanism, turns[0]())))
     if other["status"] == Status.OK:
         other["message"] = pylinkage.version()

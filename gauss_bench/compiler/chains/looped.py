@@ -38,7 +38,7 @@ from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target
 from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.programs import Evaluator, Stepper
 from gauss_bench.compiler.stepping.rollout import Body, Carried, rollout
-from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION, TABLEAU
+from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION, order_eight
 from gauss_bench.terms import Array as Floats
 
 CORRECTIONS = 4  # of the positions at most, as in the exact variant of `steps.py`
@@ -164,8 +164,9 @@ class MemoryBody(InMemory, Body):
         g, j, held = self.graph, self.graph.count("%j"), self.graph.make("mask", payload="%held")
         s, lanes, begin = STAGES, 3 * self.layout.stride, self._whole("q_begin", "v_begin")
         first, weights = (self.layout.starts[name] for name in ("stages", "weights"))
-        rows = [[c, *a, *b] for c, a, b in zip(TABLEAU.c, TABLEAU.A, TABLEAU.twice, strict=True)]
-        rows.append([1.0, *TABLEAU.b, *TABLEAU.end])
+        method = order_eight()
+        rows = [[c, *a, *b] for c, a, b in zip(method.c, method.A, method.twice, strict=True)]
+        rows.append([1.0, *method.b, *method.end])
         numbers, places = Graph(), Places(WORK, tuple(range(weights, weights + len(rows) * (2 * s + 1))))
         w = numbers.leaf("%w")
         flat = tuple(x for row in rows for x in row)

@@ -13,9 +13,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate._ivp import dop853_coefficients
 
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
+from gauss_bench.integrate.fixed_step import STEPS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -23,13 +23,6 @@ from gauss_bench.terms import Array, Terms
 CHECKS, FEW = 9, 2  # states at which a program is checked; few of a large linkage
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked
 CHECKED = 1e-9  # relative error; sound programs reach 1e-12, and a wrong sign or a lost term is nowhere near
-
-CLASSICAL = np.array([[0.0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1.0, 0]])
-STAGES = dop853_coefficients.N_STAGES
-TABLEAUX = {
-    "rk4": (CLASSICAL, np.array([1.0, 2, 2, 1]) / 6, CLASSICAL.sum(axis=1)),
-    "dop853_fixed": (dop853_coefficients.A[:STAGES, :STAGES], dop853_coefficients.B, dop853_coefficients.C[:STAGES]),
-}
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
@@ -78,15 +71,11 @@ class RankDecision:
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """One step, projected onto the constraints."""
-        if integrator == "semi_implicit_euler":
-            v = v + h * self.acceleration(t, q, v, True)
-            return self.project(t + h, q + h * v, v)
-        A, b, c = TABLEAUX[integrator]
-        a, u = np.zeros((len(b), len(q))), np.zeros((len(b), len(q)))
-        for k in range(len(b)):
-            u[k] = v + h * (A[k] @ a)
-            a[k] = self.acceleration(t + c[k] * h, q + h * (A[k] @ u), u[k], True)
-        return self.project(t + h, q + h * (b @ u), v + h * (b @ a))
+
+        def acceleration(t: float, q: Array, v: Array) -> Array:
+            return self.acceleration(t, q, v, damped=True)
+
+        return self.project(t + h, *STEPS[integrator](acceleration, t, q, v, h))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """The nearest consistent state."""

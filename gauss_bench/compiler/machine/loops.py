@@ -24,6 +24,7 @@ from typing import NamedTuple
 from gauss_bench.compiler.elimination.rounds import RoundsFunction, RoundsProgram
 from gauss_bench.compiler.machine.graph import Graph, Over, Pair, Places, apply, leaves, live, order, rewrite
 from gauss_bench.compiler.machine.trigonometry import sincos
+from gauss_bench.integrate.fixed_step import EVALUATIONS
 
 FEW = 6  # equal operations; fewer are done one by one
 ALIGNED = 12  # equal operations with operands that stand side by side, so many that gathering them with others would cost more
@@ -212,7 +213,7 @@ def grouped(program: RoundsFunction) -> LaneGroups:
     return _Grouping(program).made()
 
 
-STAGES = 12  # of the longest step
+STAGES = max(EVALUATIONS.values())  # of the longest step
 LONGEST = 64  # groups in a loop: beyond, registers run out
 WIDEST = 8  # doubles in a vector
 

@@ -167,12 +167,14 @@ def aligned(size: int) -> Array:
 class Single:
     """Arguments of one call for one state, made once: asking numpy for an address, or ctypes for a number, costs as much as steps.
 
+    It keeps the code it calls in memory.
+
     Attributes:
         arrays: flat, in the order of the routine.
         numbers, counts: views of what is given behind the arrays, set before a call; counts are 1 at first, groups the last.
     """
 
-    __slots__ = ("_block", "_packed", "arrays", "counts", "numbers")
+    __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
         self.arrays = [aligned(size) for size in sizes]
@@ -181,7 +183,7 @@ class Single:
         block.view(np.int64)[:at] = [address(x) for x in self.arrays]
         self.numbers, self.counts = block[at : at + count], block.view(np.int64)[at + count :]
         self.counts[:] = 1
-        self._block, self._packed = ctypes.c_void_p(address(block)), code.packed
+        self._block, self._packed, self._code = ctypes.c_void_p(address(block)), code.packed, code
 
     def run(self) -> None:
         self._packed(self._block)

@@ -179,7 +179,7 @@ class WrittenOut(Registers):
 
 
 class Staged(Registers):
-    """A step of Runge-Kutta as four turns of an inner loop, one stage each, and what comes after them.
+    """A step of Runge-Kutta as four turns of an inner loop, one stage each, and what comes before and after them.
 
     c = h/2, h/2, h is the way from stage to stage, w = 1, 2, 2, 1 the weight of a stage.
     """
@@ -197,7 +197,9 @@ class Staged(Registers):
         regular, within = moved[staged.regular], moved[staged.within]
         following = {name: b for name, (_, b) in carried.items()}
         stage, end = live(g, [*following.values(), regular, within]), live(g, step.roots())
-        self.operations = count_operations(g, stage) + count_operations(g, end)
+        first = {name: a for name, (a, _) in carried.items()}
+        begin = live(g, first.values())
+        self.operations = count_operations(g, sorted({*begin, *stage, *end}))
         half = g.mul(g.const(0.5), g.leaf("%h"))
         early, third = (g.make("everywhere", x) for x in (g.make("below", j, g.whole(1)), g.make("same", j, g.whole(2))))
         loop: Carried = {g.leaf(name): pair for name, pair in carried.items()}
@@ -206,7 +208,8 @@ class Staged(Registers):
         loop |= {even: (g.all(True), g.both([even, regular])), near: (g.all(True), g.both([near, within]))}
         loop[j] = (g.whole(0), g.make("sum", j, g.whole(1)))
         after = [Compute(order(g, stage, following))]
-        self.statements = [Loop(loop, [], g.make("below", j, g.whole(4)), after), Compute(order(g, end, step.carried))]
+        before = Compute(order(g, begin, first))
+        self.statements = [before, Loop(loop, [], g.make("below", j, g.whole(4)), after), Compute(order(g, end, step.carried))]
         self.regular, self.within = g.both([even, step.regular]), g.both([near, step.within])
 
 

@@ -24,19 +24,22 @@ sums X, U; the way c to the next stage and the weight w of this one:
     a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a          (all with the old u)
     q' = q + h/6 X,   v' = v + h/6 U                                             after the fourth
 
-Sines are rotated from q to x; those at q come from nothing. The projection follows the last stage: q by Newton's chord at the
-uncorrected q', then v with the Jacobian at the corrected one.
+Sines are rotated from q to x; those at q come from nothing. The projection is as above, but for the chord, whose Jacobian is that
+at the uncorrected q', and for the first stage, which already has the corrected v. A step of either form begins with what the other
+leaves: a loop goes on where a step in one piece does not reach.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import inf, isfinite
 
-from scipy.integrate._ivp import dop853_coefficients
+import numpy as np
 
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
+from gauss_bench.integrate.fixed_step import dop853_estimates, dop853_tableau
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 TINY = 1e-300
@@ -64,15 +67,15 @@ class Tableau:
     estimates: Sequence[tuple[Coefficients, Coefficients]]
 
 
-def _tableau() -> Tableau:
-    """The coefficients of order 8, as scipy has them."""
-    s = dop853_coefficients.N_STAGES
-    A, b, c = dop853_coefficients.A[:s, :s], dop853_coefficients.B, dop853_coefficients.C[:s]
-    errors = [(e[:s].tolist(), (e[:s] @ A).tolist()) for e in (dop853_coefficients.E5, dop853_coefficients.E3)]
-    return Tableau(c.tolist(), A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
-
-
-TABLEAU = _tableau()
+@cache
+def order_eight() -> Tableau:
+    """DOP853's."""
+    c, rows, b = dop853_tableau()
+    A = np.zeros((len(b), len(b)))
+    for k, row in enumerate(rows):
+        A[k, :k] = row
+    errors = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
+    return Tableau(c, A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
 
 
 @dataclass(frozen=True)
@@ -331,7 +334,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
         error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of the differences relative to atol + rtol max(|y|, |y'|)
     """
-    b = Builder(code, reach, library=library)
+    b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
     start = b.fresh() if reach.rotates else []
     b.share(q, start)
@@ -344,13 +347,13 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
 
-    for k in range(1, len(TABLEAU.c)):
-        moved, w = at(TABLEAU.c[k], TABLEAU.A[k], TABLEAU.twice[k])
+    for k in range(1, len(method.c)):
+        moved, w = at(method.c[k], method.A[k], method.twice[k])
         x = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
         b.limit(b.of_angles(moved), reach.step)
         b.turn(start, moved, reach.step, x)
-        a.append(b.acceleration(g.add(b.t, b.times_h(TABLEAU.c[k])), x, w))
-    moved, v_new = at(1.0, TABLEAU.b, TABLEAU.end)
+        a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), x, w))
+    moved, v_new = at(1.0, method.b, method.end)
     q_new = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
     pairs = b.turn(start, moved, reach.step, q_new)
     q_new, _ = b.corrected_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
@@ -364,7 +367,7 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     for x, y in zip(old, new, strict=True):
         larger = g.make("select", g.make("lt", g.abs(x), g.abs(y)), g.abs(y), g.abs(x))
         allowed.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for weights, twice in TABLEAU.estimates:
+    for weights, twice in order_eight().estimates:
         off = [*(g.mul(b.h, x) for x in b.weighted(a, twice)), *b.weighted(a, weights)]
         squares.append(g.squares([g.mul(x, scale) for x, scale in zip(off, allowed, strict=True)]))
     fifth, third = squares
@@ -377,11 +380,11 @@ STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed":
 
 @dataclass(frozen=True, eq=False)
 class StagedStep:
-    """A step as four turns of a loop over its stages, and what comes after them.
+    """A step as four turns of a loop over its stages, and what comes before and after them.
 
     Attributes:
         carried: leaf -> its value before the first stage, and at the next stage.
-        step: what comes after the stages; its masks are those of that part alone.
+        step: what comes before and after the stages; its masks are those of these parts alone.
         regular, within: masks of one stage, as in Step.
     """
 
@@ -407,20 +410,21 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
         b.turn(e.fresh(), moved, reach.step, x)
         b.limit(b.of_angles(moved), reach.step)
     a = b.acceleration(b.t, x, u)
+    if code.projected:
+        e.acceleration(e.t, q, v)  # for its guards
+    out_pivots, out_v = list(e.pivots), e.corrected_velocity()
     X, U = b.vector("X"), b.vector("U")
     zero = [g.const(0.0)] * b.n
     stages = (
         ("x", q, b.along(q, way, u)),
-        ("u", v, b.along(v, way, a)),
+        ("u", out_v, b.along(out_v, way, a)),
         ("X", zero, b.along(X, weight, u)),
         ("U", zero, b.along(U, weight, a)),
     )
     carried = {f"%{k}{i}": pair for k, first, after in stages for i, pair in enumerate(zip(first, after, strict=True))}
     carried["%time"] = (e.t, g.add(e.t, way))
     sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)
-    q, v = e.along(q, sixth, X), e.along(v, sixth, U)
+    q_new, v_new = e.along(q, sixth, X), e.along(out_v, sixth, U)
     if code.projected:
-        q, _ = e.corrected_position(end, q, [e.sincos(x) for x in e.of_angles(q)], q)
-        (dv,) = inline(g, code.velocity, ([end], q, v, e.p), e.sincos)
-        v = [g.add(x, d) for x, d in zip(v, dv, strict=True)]
-    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q, v, [], e.v, []))
+        q_new, _ = e.corrected_position(end, q_new, [e.sincos(x) for x in e.of_angles(q_new)], q_new)
+    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q_new, v_new, [], out_v, out_pivots))

@@ -148,10 +148,11 @@ class Way:
         The sine of the angle between the links (RRR), the cosine of the rod against the line (RRP), of RPR the way of the block
         from where it meets the pin [m].
         """
-        return np.stack([_opening(dyad, q) for dyad in self.dyads], axis=-1) if self.dyads else np.ones((*q.shape[:-1], 0))
+        return np.stack([opening(dyad, q) for dyad in self.dyads], axis=-1) if self.dyads else np.ones((*q.shape[:-1], 0))
 
 
-def _opening(dyad: Dyad, q: Array) -> Array:
+def opening(dyad: Dyad, q: Array) -> Array:
+    """How far a dyad is from its dead centre (...) at positions q (..., n), as `Way.opening` tells it."""
     match dyad:
         case RRR():
             a = _vector(q, dyad.first.own, dyad.middle[0])
@@ -202,7 +203,7 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
         raise NoWay(f"redundant constraint rows ({mechanism.redundant}): no sequence of dyads has them")
     found, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
     for link, joint, fixed, moved in sorted(_inputs(mechanism), key=lambda x: x[0] != mechanism.crank):
-        dyads, open_links = _closed_from(mechanism, link)
+        dyads, open_links = closed_from(mechanism, {link})
         if not open_links:
             found.append(Way(link, joint, fixed, moved, tuple(dyads)))
         elif not found:
@@ -254,9 +255,9 @@ class _Joints:
         return next((s for s in self.slides if {s.guide.link, s.block.link} == {one, two}), None)
 
 
-def _closed_from(mechanism: Mechanism, link: int) -> tuple[list[Dyad], set[int]]:
-    """Dyads in order, and the links that none of them reaches."""
-    joints, placed = _Joints(mechanism), {GROUND, link}
+def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
+    """Dyads in the order in which they close on the given links, and the links that none of them reaches."""
+    joints, placed = _Joints(mechanism), {GROUND, *given}
     left, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
     while left:
         tried = (_dyad(joints, (a, b), placed) for a, b in permutations(sorted(left), 2))

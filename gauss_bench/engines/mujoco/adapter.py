@@ -79,7 +79,7 @@ class Mujoco:
     integrators = tuple(INTEGRATORS)
     stabilizations = ("none",)
     settings = VARIANTS.settings
-    variants, knobs = VARIANTS.space, VARIANTS.knobs
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     native_loop = True
     python_loop = True
 

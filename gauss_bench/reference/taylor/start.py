@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.mechanism.build import angle_of
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.numbers import Number, exact, pair, radians
+from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
@@ -46,22 +45,20 @@ def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]
     """What the start of a scenario holds, besides its drivers."""
     coordinates, start = rows.coordinates, scenario.get("start", {})
     mechanism = coordinates.mechanism
-    index = {link.name: i for i, link in enumerate(mechanism.links)}
     holds = []
-    for link, (target, rate) in _held_angles(mechanism, start, index, number).items():
+    for link, (target, rate) in _held_angles(mechanism, start, number).items():
         holds.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
     for name, target in start.get("slides", {}).items():
         rate = exact(number, start.get("slide_speeds", {}).get(name, 0))
         holds.append(Held(coordinates.slides[name], number("0"), (), (exact(number, target),), (rate,)))
     for reference, target in start.get("points", {}).items():
-        owner, name = reference.split(".")
-        point = coordinates.point(mechanism.point(index[owner], name))
+        point = coordinates.point(mechanism.named_point(reference))
         rate = start.get("point_velocities", {}).get(reference, (0, 0))
         holds.append(Held(NONE, 0, point, tuple(pair(number, target)), tuple(pair(number, rate))))
     return holds
 
 
-def _held_angles(mechanism: Mechanism, start: dict[str, Any], index: dict[str, int], number: Number) -> dict[int, tuple[Any, Any]]:
+def _held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
@@ -72,7 +69,11 @@ def _held_angles(mechanism: Mechanism, start: dict[str, Any], index: dict[str, i
             angles[crank] = angle_of(start, "crank", number)
         if "speed" in start:
             speeds.setdefault(crank, exact(number, start["speed"]))
-    return {index[name]: (x, speeds.get(name, number("0"))) for name, x in angles.items()}
+    found = {}
+    for name, x in angles.items():
+        link, turn = mechanism.placed(name)
+        found[link] = x - turn, speeds.get(name, number("0"))
+    return found
 
 
 def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:

@@ -31,6 +31,7 @@ from gauss_bench.report.drawings.drawing import (
     joints,
     link_shape,
     links,
+    names_of,
     page,
     paths,
     pin_shape,
@@ -40,7 +41,8 @@ from gauss_bench.report.drawings.drawing import (
     scale_line,
     slides,
 )
-from gauss_bench.report.drawings.lettering import LETTER, lettering, obstacles
+from gauss_bench.report.drawings.forces import Mark, marks
+from gauss_bench.report.drawings.lettering import LETTER, obstacles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
@@ -70,16 +72,17 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     canvas = fit(shown, states, (*points, *rails))
     film, slower = filmed(t[kept], states, canvas)
     swept = np.vstack([obstacles(shown, x, canvas.at, _ground_guides(shown, states, canvas)) for x in states])
+    acting = marks(shown, film.states, canvas.at)
     length, bar = scale_line(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
         *pivots(shown, canvas),
         *paths(points, states, canvas),
         '<g class="motion-film">',
-        *moving(shown, film, canvas),
+        *moving(shown, film, canvas, acting),
         "</g>",
         '<g class="motion-still" display="none">',
-        *still(shown, states, canvas),
+        *still(shown, states, canvas, length, bar),
         "</g>",
         *scale_bar(length, bar),
         *pace(slower, canvas, np.vstack([swept, bar[None]])),
@@ -112,7 +115,7 @@ class Film:
 
     def track(self, kind: str, values: Iterable[str]) -> str:
         """An animation of the transform of the element it stands in; a second one applies within the first."""
-        more = 'additive="sum" ' if kind == "rotate" else ""
+        more = 'additive="sum" ' if kind != "translate" else ""
         return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
 
 
@@ -142,14 +145,15 @@ def _ground_guides(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[
     return [guide_line(j, states[0], states, canvas) for j in slides(mechanism) if j.guide.link == GROUND]
 
 
-def moving(mechanism: Mechanism, film: Film, canvas: Canvas) -> list[str]:
-    """Guides, links with the guides and blocks they carry, pins, and points with their names."""
+def moving(mechanism: Mechanism, film: Film, canvas: Canvas, acting: Sequence[Mark]) -> list[str]:
+    """Guides, links with the guides and blocks they carry, what acts on them, pins, and points with their names."""
     shapes = [part for line in _ground_guides(mechanism, film.states, canvas) for part in guide_shape(line, grounded=True)]
     blocks = {joint.block.link for joint in slides(mechanism)}
     for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
         shapes += carried(
             mechanism.links[i], i, film, canvas, [*_slide_parts(mechanism, i, film, canvas), *_bars(mechanism, i, canvas)]
         )
+    shapes += [part for mark in acting for part in marked(mark, film)]
     pins = {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}
     pin_ways = [canvas.at(position(film.states, p)) for p in pins.values()]
     shapes += [part for way in pin_ways for part in followed(way, film, [pin_shape(0, 0)])]
@@ -200,12 +204,24 @@ def followed(way: Array, film: Film, shapes: Sequence[str]) -> list[str]:
     return [start, *track, *shapes, "</g>"]
 
 
-def still(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[str]:
+def marked(mark: Mark, film: Film) -> list[str]:
+    """A mark carried, turned and stretched as it acts."""
+    where = [f"{x:.2f} {y:.2f}" for x, y in mark.place]
+    start = f'<g transform="translate({where[0]}) rotate({mark.turn[0]:.2f})">'
+    tracks = [film.track("translate", where), film.track("rotate", [f"{x:.2f}" for x in mark.turn])]
+    if np.ptp(mark.stretch) > 1e-4:
+        tracks.append(film.track("scale", [f"{x:.4f} 1" for x in mark.stretch]))
+    return [start, *tracks, *mark.shapes, "</g>"]
+
+
+def still(mechanism: Mechanism, states: Array, canvas: Canvas, length: float, bar: Array) -> list[str]:
     """The first state as it is drawn elsewhere, with names."""
-    q = states[0]
+    q, acting = states[0], marks(mechanism, states[:1], canvas.at)
     avoid = obstacles(mechanism, q, canvas.at, [guide_line(j, q, states, canvas) for j in slides(mechanism)])
-    names = lettering(mechanism, q, canvas.at, (canvas.width, canvas.height), avoid)
-    return [*guides(mechanism, q, states, canvas), *links(mechanism, q, canvas), *joints(mechanism, q, canvas), *names]
+    avoid = np.vstack([avoid, *(mark.reach for mark in acting)])
+    names = names_of(mechanism, q, canvas, avoid, acting, length, bar)
+    parts = [*guides(mechanism, q, states, canvas), *links(mechanism, q, canvas), *(mark.standing for mark in acting)]
+    return [*parts, *joints(mechanism, q, canvas), *names]
 
 
 def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:

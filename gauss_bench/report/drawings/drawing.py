@@ -14,7 +14,8 @@ import numpy as np
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.load import built_in
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.report.drawings.lettering import distance, lettering, obstacles
+from gauss_bench.report.drawings.forces import Mark, held_by, marks
+from gauss_bench.report.drawings.lettering import box_of, distance, lettering, obstacles
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
 from gauss_bench.tables import write_text
@@ -49,15 +50,42 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
     """SVG text of a linkage at state q (n,), its start if not given, with the paths of observed points over `trace` (k, n)."""
     q = mechanism.q0 if q is None else q
     canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
+    acting = marks(mechanism, q[None], canvas.at)
     avoid = obstacles(mechanism, q, canvas.at, [guide_line(j, q, trace, canvas) for j in slides(mechanism)])
+    avoid = np.vstack([avoid, *(mark.reach for mark in acting)])
+    length, bar = scale_line(canvas, avoid)
     parts = [
         *guides(mechanism, q, trace, canvas),
         *pivots(mechanism, canvas),
         *(paths(mechanism.observed_points, trace, canvas) if trace is not None else ()),
         *links(mechanism, q, canvas),
+        *(mark.standing for mark in acting),
         *joints(mechanism, q, canvas),
-        *lettering(mechanism, q, canvas.at, (canvas.width, canvas.height), avoid),
-        *scale_bar(*scale_line(canvas, avoid)),
+        *names_of(mechanism, q, canvas, avoid, acting, length, bar),
+        *scale_bar(length, bar),
+    ]
+    return page(canvas, mechanism.title or mechanism.name, parts)
+
+
+def names_of(
+    mechanism: Mechanism, q: Array, canvas: Canvas, avoid: Array, acting: Sequence[Mark], length: float, bar: Array
+) -> list[str]:
+    """The names of all parts at state q (n,), clear of the scale bar of a length [m] between two pixels (2, 2)."""
+    told = [(mark.name, mark.reach) for mark in acting if mark.name and len(mark.reach)]
+    lines = np.vstack([avoid, bar[None]])
+    taken = [box_of(f"{length:g} m", bar.mean(axis=0) - np.array([0.0, 10.0]), 11.0)]
+    return lettering(mechanism, q, canvas.at, (canvas.width, canvas.height), lines, told, taken)
+
+
+def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str:
+    """One picture of a film: state q (n,) on a canvas that others share, with the paths over `trace` (k, n) and no names."""
+    parts = [
+        *guides(mechanism, q, trace, canvas),
+        *pivots(mechanism, canvas),
+        *paths(mechanism.observed_points, trace, canvas),
+        *links(mechanism, q, canvas),
+        *(mark.standing for mark in marks(mechanism, q[None], canvas.at)),
+        *joints(mechanism, q, canvas),
     ]
     return page(canvas, mechanism.title or mechanism.name, parts)
 
@@ -85,7 +113,7 @@ def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Ca
 
 def _ground_ends(mechanism: Mechanism) -> list[Point]:
     ends = [p for j in mechanism.joints for p in ((j.a, j.b) if isinstance(j, Revolute) else (j.guide, j.block))]
-    return [p for p in ends if p.link == GROUND]
+    return [*(p for p in ends if p.link == GROUND), *held_by(mechanism)]
 
 
 def _path(points: Array, closed: bool = False) -> str:
@@ -197,9 +225,10 @@ def hatched(a: Array, b: Array) -> list[str]:
 
 
 def pivots(mechanism: Mechanism, canvas: Canvas) -> list[str]:
-    """A foot under every pin on the ground."""
+    """A foot under every pin on the ground, and where springs and cylinders take hold of it."""
     shapes = []
-    for where in dict.fromkeys((float(p.local[0]), float(p.local[1])) for p in _pins(mechanism) if p.link == GROUND):
+    fixed = [p for p in (*_pins(mechanism), *held_by(mechanism)) if p.link == GROUND]
+    for where in dict.fromkeys((float(p.local[0]), float(p.local[1])) for p in fixed):
         x, y = canvas.at(np.array(where))
         foot = _path(np.array([[x, y], [x - 12, y + 22], [x + 12, y + 22]]), closed=True)
         shapes.append(f'<path d="{foot}" fill="{PAPER}" stroke="{INK}" stroke-width="1.5" stroke-linejoin="round"/>')

@@ -1,4 +1,4 @@
-"""Puts the names of links and points into a drawing, each where it is farthest from lines and other names."""
+"""Puts the names of links, points and forces into a drawing, each where it is farthest from lines, and never over another name."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -8,29 +8,77 @@ import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
-from gauss_bench.report.palette import INK, MUTED
+from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
 LETTER = 6.6  # mean width of a letter at 13 px
-FAR = 22.0  # [px] clearance beyond which a place is as good as any
+WIDTHS = {"il.,'|j": 3.6, "frtI-()": 5.0, "mwMW_": 11.0}  # [px] of letters at 13 px, in the widest of the fonts asked for; else 8.3
+TALL = 13.0  # [px] of a name
+FAR = 22.0  # [px] clearance of a link's name beyond which a place is as good as any
+NEAR = 8.0  # [px] the same of names that belong to one spot, which they should not leave
+EDGE = 3.0  # [px] between a name and the picture's edge, or another name
 
 
 Pixels = Callable[[Array], Array]
 
 
-def lettering(mechanism: Mechanism, q: Array, at: Pixels, size: tuple[float, float], segments: Array) -> list[str]:
-    """SVG texts of all names; `at` turns world positions into pixels, `segments` (k, 2, 2) are the lines to keep away from."""
-    taken: list[Array] = []
+def width_of(name: str, size: float = 13.0) -> float:
+    """Width [px] of a name, rather too wide than too narrow."""
+    return size / 13 * sum(next((width for letters, width in WIDTHS.items() if x in letters), 8.3) for x in name)
+
+
+def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
+    """Left, top, right and bottom (4,) of a name around the middle of its letters, in pixels."""
+    half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
+    return np.concatenate([middle - half, middle + half])
+
+
+def lettering(
+    mechanism: Mechanism,
+    q: Array,
+    at: Pixels,
+    size: tuple[float, float],
+    segments: Array,
+    forces: Sequence[tuple[str, Array]] = (),
+    taken: Sequence[Array] = (),
+) -> list[str]:
+    """SVG texts of all names.
+
+    Args:
+        at: turns world positions into pixels.
+        segments: (k, 2, 2) the lines to keep away from.
+        forces: names and lines (l, 2, 2) of what acts; a name that finds no room beside its lines is left out.
+        taken: boxes (4,) of what is written already.
+    """
+    boxes = list(taken)
     texts = []
+    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     for name, where in _points(mechanism, q, at):
-        turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-        places = [where + r * np.array([np.cos(a), -np.sin(a)]) for r in (16.0, 21.0) for a in turns]
-        place = _best(places, name, segments, taken, size)
-        texts.append(_text(name, place, INK, 'font-style="italic"'))
+        ways = np.stack([np.cos(turns), -np.sin(turns)], axis=-1)
+        reach = width_of(name) / 2 - 4.0
+        places = [where + r * way + np.array([reach * way[0], 0.0]) for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in ways]
+        texts.append(_text(name, _best(places, name, segments, boxes, size, NEAR)[0], INK, 'font-style="italic"'))
     for name, middles in _links(mechanism, q, at):
-        place = _best(middles, name, segments, taken, size)
-        texts.append(_text(name, place, MUTED, ""))
+        texts.append(_text(name, _best(middles, name, segments, boxes, size)[0], MUTED, ""))
+    for name, lines in forces:
+        place, room = _best(_beside_lines(name, lines), name, segments, [*boxes], size, NEAR)
+        if room > 0:
+            boxes.append(box_of(name, place))
+            texts.append(_text(name, place, CRANK_EDGE, ""))
     return texts
+
+
+def _beside_lines(name: str, lines: Array) -> list[Array]:
+    """Places beside the middle of each line, and around all of them."""
+    middles = lines.mean(axis=1)
+    centre = middles.mean(axis=0)
+    around = float(np.hypot(*(middles - centre).T).max(initial=0.0))
+    half = width_of(name) / 2
+    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ways = np.stack([np.cos(turns), -np.sin(turns)], axis=-1)
+    spots = [centre] if around > 0 else [a + part * (b - a) for a, b in lines for part in (0.5, 0.35, 0.65)]
+    reach = around + 11.0
+    return [spot + (reach + more) * way + np.array([half * way[0], 0.0]) for more in (0.0, 6.0) for spot in spots for way in ways]
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
@@ -79,11 +127,11 @@ def _links(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, list[A
         places: list[Array] = []
         for a, b in link.bars or list(pairwise(names)):
             along = (where[b] - where[a]) / max(float(np.hypot(*(where[b] - where[a]))), 1e-9)
-            reach = 13 + 0.5 * LETTER * len(link.name) * abs(along[1])
+            reach = 15 + 0.5 * width_of(link.name) * abs(along[1])
             normal = np.array([-along[1], along[0]])
-            for part in (0.5, 0.4, 0.6, 0.3, 0.7):
+            for part in (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8):
                 middle = where[a] + part * (where[b] - where[a])
-                places += [middle + side * (reach + more) * normal for side in (-1, 1) for more in (0, 6)]
+                places += [middle + side * (reach + more) * normal for side in (-1, 1) for more in (0, 6, 14)]
         centre = np.mean(list(where.values()), axis=0)
         if len(names) > 2:
             places.append(centre)
@@ -93,20 +141,27 @@ def _links(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, list[A
     return lettered
 
 
-def _best(places: Sequence[Array], name: str, segments: Array, taken: list[Array], size: tuple[float, float]) -> Array:
-    """The place with most room for a name, and from then on taken; earlier places win a tie."""
-    half = 0.5 * LETTER * len(name)
-    spread = np.linspace(-half, half, max(3, len(name)))
+def _best(
+    places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
+) -> tuple[Array, float]:
+    """The place with most room for a name, from then on a box among the others, and that room [px]; earlier places win a tie."""
+    half = width_of(name) / 2
+    spread = np.stack([np.linspace(-half, half, max(3, len(name))), np.zeros(max(3, len(name)))], axis=-1)
+    others = np.array(boxes) if boxes else np.zeros((0, 4))
 
     def room(place: Array) -> float:
-        letters = place + np.stack([spread, np.zeros_like(spread)], axis=-1)
-        inside = min(place[0] - half, size[0] - place[0] - half, place[1] - 8, size[1] - place[1] - 8)
-        others = min((float(np.hypot(*(letters[:, None] - x[None]).T).min()) for x in taken), default=FAR)
-        return float(min(distance(letters, segments), others - 6, inside, FAR))
+        box = box_of(name, place)
+        inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
+        gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE
+        free = min(float(inside), float(gaps.min(initial=FAR)))
+        if free < 0:
+            return 10 * free  # worse than any line
+        return float(min(distance(place + spread, segments) - TALL / 2, enough))
 
-    best = max(places, key=lambda place: round(room(place), 1))
-    taken.append(best + np.stack([spread, np.zeros_like(spread)], axis=-1))
-    return best
+    rooms = [round(room(place), 1) for place in places]
+    best = int(np.argmax(rooms))
+    boxes.append(box_of(name, places[best]))
+    return places[best], rooms[best]
 
 
 def distance(points: Array, segments: Array) -> float:

@@ -1,5 +1,6 @@
 """States worth drawing: a linkage at a readable crank angle, and one full turn of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +17,19 @@ TURN = 120  # states of a full turn
 
 
 def posed(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one."""
+    """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one.
+
+    A linkage at its pose has all forces of the file, whichever scenario they act in, and no driver; one at its start those of its
+    first scenario.
+    """
     document, digest, path = document_of(name_or_path)
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
-    scenarios = {"turn": {"duration": 1.0, "driver": driver}}
+    scenarios = {"turn": {"duration": 1.0, "driver": driver, "forces": list(document.get("forces", {}))}}
     if crank is not None:
         try:
             mechanism = load_document(document | {"scenarios": scenarios}, "turn", str(path), digest)
-            return mechanism, mechanism.q0, full_turn(mechanism)
+            return replace(mechanism, drivers=()), mechanism.q0, full_turn(mechanism)
         except LinkageError:  # a crank that cannot reach the pose is drawn where its file starts it
             pass
     mechanism = load_document(document, None, str(path), digest)

@@ -1,0 +1,154 @@
+"""What this machine can do: versions, the processor, threads, caches, and each engine tried on a small linkage.
+
+    doctor() -> Checkup
+
+Only the interpreter and the suite's own formulations are needed. Everything else may be missing: what it is needed for still works
+without it or says what it lacks, and so does the checkup.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.api.results import Result
+from gauss_bench.api.simulate import simulate
+from gauss_bench.bench.offers import Offer, offers
+from gauss_bench.bench.provenance import environment
+from gauss_bench.bench.worker import THREADS
+from gauss_bench.compiler.machine import object_cache
+from gauss_bench.engines.c_code import NO_COMPILER, compiler
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.trajectory import Status
+
+TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # [s] the slowest engine generates and compiles C first
+DURATION, STEP = 0.01, 1e-3  # [s] of the trial
+EXTENDED = 63  # bits of a mantissa, from which on long double is more than double
+OLDEST = (3, 11)
+NEEDED = (
+    "gauss",
+    "lagrange",
+)  # two formulations of our own that must agree with the principle; one of the others is wrong as published
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        name: what.
+        value: what it is here.
+        status: "ok", "missing" where something optional is not there, "invalid" where an engine runs and the judge objects, or
+            "broken".
+        message: what follows from it, or an empty text.
+    """
+
+    name: str
+    value: str
+    status: str = "ok"
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Checkup(Result):
+    """Everything that was looked at.
+
+    Attributes:
+        verdict: one sentence.
+        usable: whether the suite's own formulations and files are sound here.
+        findings: of the machine and the installation.
+        engines: every engine, tried for a hundredth of a second of the crank-slider.
+    """
+
+    verdict: str
+    usable: bool
+    findings: tuple[Finding, ...]
+    engines: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name, and within them each finding by its own."""
+        return asdict(self)
+
+
+def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:
+    """Look at this machine and this installation; `told` hears of each engine before it is tried."""
+    findings = (*_machine(), _linkages(), _cache(), _compiler())
+    tried = []
+    for offer in offers():
+        told(f"trying {offer.name}")
+        tried.append(_tried(offer))
+    engines = tuple(tried)
+    return Checkup(_verdict(findings, engines), not _broken(findings, engines), findings, engines)
+
+
+def _machine() -> Iterator[Finding]:
+    here = environment()
+    recent = sys.version_info >= OLDEST
+    needed = "" if recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
+    yield Finding("Python", here["python"], "ok" if recent else "broken", needed)
+    yield Finding("platform", here["platform"])
+    yield Finding("processor", f"{here['cpu'] or 'unknown'}, {here['cores']} cores")
+    yield Finding("BLAS", here["blas"])
+    threads = [f"{name}={os.environ[name]}" for name in THREADS if name in os.environ]
+    yield Finding(
+        "threads", ", ".join(threads) or "as many as the library likes", message="what is timed runs with one, in workers"
+    )
+    bits = np.finfo(np.longdouble).nmant
+    long = "" if bits >= EXTENDED else "references that are not certified have the error bars of double precision"
+    yield Finding("long double", f"{bits + 1} bits", "ok" if bits >= EXTENDED else "missing", long)
+    yield Finding("packages", ", ".join(f"{name} {version}" for name, version in here["versions"].items()))
+
+
+def _linkages() -> Finding:
+    """All linkages that come with the package, each read and assembled."""
+    names = sorted(built_in())
+    for name in names:
+        try:
+            load(name)
+        except Exception as error:
+            return Finding("linkages", f"{len(names)} built in", "broken", f"{name}: {error}")
+    return Finding("linkages", f"{len(names)} built in, each assembled")
+
+
+def _cache() -> Finding:
+    """Where machine code is kept between runs."""
+    path = object_cache.trusted()
+    if path is None:
+        why = f"{object_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
+        return Finding("cache", "none", "missing", why)
+    sizes = [x.stat().st_size for x in path.glob("*.o")]
+    return Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")
+
+
+def _compiler() -> Finding:
+    path = compiler()
+    if path is None:
+        return Finding("C compiler", "none", "missing", f"{NO_COMPILER}; by_hand does not run, and casadi in its virtual machine")
+    return Finding("C compiler", str(Path(path)))
+
+
+def _tried(offer: Offer) -> Finding:
+    """An engine on the crank-slider for a hundredth of a second, judged as any other run."""
+    if not offer.usable:
+        missing = offer.status is Status.SKIP
+        return Finding(offer.name, offer.version, "missing" if missing else "broken", offer.reason)
+    run = simulate(TRIED, offer.name, step=STEP, at=[0.0, DURATION], limit=ENGINE_LIMIT)
+    status = {Status.OK: "ok", Status.INVALID: "invalid", Status.SKIP: "missing"}.get(run.status, "broken")
+    return Finding(offer.name, offer.version, status, "" if status == "ok" else run.message)
+
+
+def _broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:
+    """What the suite cannot do without."""
+    wrong = [x.name for x in engines if x.name in NEEDED and x.status != "ok"]
+    return [*(x.name for x in findings if x.status == "broken"), *wrong]
+
+
+def _verdict(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> str:
+    if broken := _broken(findings, engines):
+        return f"not usable: {', '.join(broken)}"
+    without = [x.name for x in (*findings, *engines) if x.status in ("missing", "broken")]
+    return f"usable, without {', '.join(without)}" if without else "everything works"

@@ -1,0 +1,45 @@
+"""Which files a verb may write: looked at before anything is run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.exchange.errors import ExchangeError
+
+
+def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
+    """The path of a file that may be written.
+
+    Raises:
+        ExchangeError: it is a folder, lies in no folder, or is there already and may not be replaced.
+    """
+    path = Path(out)
+    if path.is_dir() or not path.name:
+        raise ExchangeError(f"{out}: is a folder; {option} takes a file")
+    if not path.parent.is_dir():
+        raise ExchangeError(f"{out}: there is no folder {path.parent}")
+    if path.exists() and not replace:
+        raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+    return path
+
+
+def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool) -> dict[str, Path]:
+    """Option -> path of the files that are asked for.
+
+    Args:
+        kinds: option -> endings that it knows.
+
+    Raises:
+        ChoiceError: an ending that is not known, or a file that is asked for twice.
+        ExchangeError: as `writable`.
+    """
+    found: dict[str, Path] = {}
+    for name, path in asked.items():
+        if path is None:
+            continue
+        if path.suffix.lower() not in kinds[name]:
+            raise ChoiceError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
+        if path in found.values():
+            raise ChoiceError(f"--{name} {path}: is asked for twice")
+        found[name] = writable(path, replace, f"--{name}")
+    return found

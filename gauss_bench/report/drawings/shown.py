@@ -1,0 +1,68 @@
+"""A run in one file: its curves as SVG or PNG, or the linkage moving as SVG, as GIF, or with all curves on a page of its own."""
+
+from pathlib import Path
+
+import jinja2
+import numpy as np
+
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.report.drawings.animation import SLOWEST, animate, thinned
+from gauss_bench.report.drawings.drawing import draw_at, fit
+from gauss_bench.report.drawings.history import LEFT, RIGHT, WIDTH, plot
+from gauss_bench.report.drawings.raster import gif
+from gauss_bench.report.palette import inline
+from gauss_bench.report.plotting import png, svg
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import History, Told, Trajectory
+
+RATE = 20.0  # [1/s] pictures of a GIF
+MOST = 160  # pictures of a GIF: a longer film runs faster
+TEMPLATES = Path(__file__).parents[1] / "templates"
+
+
+def picture(kind: str, told: Told, history: History) -> bytes:
+    """The curves of a run, as ".svg" or ".png"."""
+    figure = plot(history, told)
+    return svg(figure).encode() if kind.lower() == ".svg" else png(figure)
+
+
+def film(kind: str, told: Told, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
+    """The linkage moving up to where the run may be trusted, as ".svg", ".gif" or ".html"."""
+    whole = len(trajectory.t) if told.trusted is None else int(np.searchsorted(trajectory.t, told.trusted, "right"))
+    t, q = trajectory.t[:whole], trajectory.q[:whole]
+    if whole < 2:  # nothing moves: what can be shown stands
+        t, q = np.array([0.0, SLOWEST]), np.vstack([trajectory.q[:1]] * 2)
+    match kind.lower():
+        case ".svg":
+            return animate(mechanism, t, q, mechanism.observed_points).encode()
+        case ".gif":
+            return _gif(mechanism, t, q)
+        case _:
+            return _page(told, history, animate(mechanism, t, q, mechanism.observed_points), t).encode()
+
+
+def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
+    """Pictures at equal times, on one sheet."""
+    slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
+    count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))
+    shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)
+    trace = q[thinned(t, q)]
+    canvas = fit(mechanism, q)
+    frames = [draw_at(mechanism, q[k], trace, canvas) for k in shown]
+    return gif(frames, max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE)
+
+
+def _page(told: Told, history: History, moving: str, t: Array) -> str:
+    """A page that moves the linkage beside its curves, with a line that runs along with it; it asks for nothing from elsewhere."""
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined)
+    figure = plot(history, told, head=False)
+    return environment.get_template("run.html").render(
+        told=told,
+        film=inline(moving, "film"),
+        curves=inline(svg(figure), "curves"),
+        left=100 * LEFT / WIDTH,
+        wide=100 * (WIDTH - LEFT - RIGHT) / WIDTH,
+        until=float(t[-1]),
+        share=(float(t[-1]) - float(t[0])) / (told.until - float(t[0]) or 1.0),
+        length=max(SLOWEST, float(t[-1] - t[0])),
+    )

@@ -1,0 +1,61 @@
+"""The checkup of a machine: what is there, what is missing, and what follows."""
+
+from pathlib import Path
+
+import pytest
+
+from gauss_bench.api import doctor as room
+from gauss_bench.api.doctor import Checkup, Finding, doctor
+from gauss_bench.bench.offers import Offer
+from gauss_bench.trajectory import Status
+
+
+def looked_at(monkeypatch: pytest.MonkeyPatch, *engines: Offer) -> Checkup:
+    monkeypatch.setattr(room, "offers", lambda: list(engines))
+    return doctor()
+
+
+def named(findings: tuple[Finding, ...], name: str) -> Finding:
+    return next(x for x in findings if x.name == name)
+
+
+def test_an_engine_that_is_not_installed_is_missing_and_the_rest_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    absent = Offer(
+        "exudyn", "not installed", status=Status.SKIP, reason="not installed: no module; pip install 'gauss-bench[exudyn]'"
+    )
+    found = looked_at(monkeypatch, Offer("gauss", "1", integrators=("rk4",), stabilizations=("none",)), absent)
+    assert found.usable
+    assert "exudyn" in found.verdict
+    assert named(found.engines, "gauss").status == "ok"
+    assert named(found.engines, "exudyn") == Finding("exudyn", "not installed", "missing", absent.reason)
+
+
+def test_an_own_formulation_that_does_not_compute_makes_it_unusable(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = looked_at(monkeypatch, Offer("gauss", "1", status=Status.ERROR, reason="numpy is broken"))
+    assert not found.usable
+    assert found.verdict == "not usable: gauss"
+
+
+def test_a_foreign_engine_that_is_broken_is_told_and_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = looked_at(monkeypatch, Offer("mujoco", "cannot be used", status=Status.CRASHED, reason="it died"))
+    assert found.usable
+    assert named(found.engines, "mujoco").status == "broken"
+    assert "mujoco" in found.verdict
+
+
+def test_a_cache_that_others_may_enter_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = tmp_path / "gauss-bench" / "kernels"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = named(looked_at(monkeypatch).findings, "cache")
+    assert found.status == "missing"
+    assert "anew" in found.message
+    folder.chmod(0o700)
+    assert named(looked_at(monkeypatch).findings, "cache").status == "ok"
+
+
+def test_where_double_is_the_longest_number_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room.np, "longdouble", float)
+    found = named(looked_at(monkeypatch).findings, "long double")
+    assert (found.value, found.status) == ("53 bits", "missing")

@@ -1,0 +1,108 @@
+"""An engine's own options, one by one: typed, known, and refused by name otherwise."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gauss_bench
+from gauss_bench.bench.offers import ChoiceError, offer
+from gauss_bench.cli import main
+from gauss_bench.engines import COMPILED, OWN
+from gauss_bench.engines.own_options import Known, OptionError
+from tests.conftest import needs
+
+KNOWN = Known(
+    {
+        "usual": {"rounds": 20, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "Newton", "remark": "as shipped"},
+        "quick": {"rounds": 1, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "CG", "remark": ""},
+    },
+    ("rounds", "mu", "shut", "pair", "method"),
+    {"method": ("PGS",)},
+)
+
+
+def test_options_change_what_they_name_and_nothing_else() -> None:
+    usual = KNOWN.resolved("usual")
+    assert KNOWN.resolved("rounds=3") == usual | {"rounds": 3}
+    assert KNOWN.resolved("quick, pair=[3, 1], method=PGS , shut=false") == KNOWN.resolved("quick") | {
+        "pair": [3.0, 1.0],
+        "method": "PGS",
+        "shut": False,
+    }
+    mu = KNOWN.resolved("mu=0")["mu"]
+    assert (mu, type(mu)) == (0.0, float)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("turns=3", "no option 'turns'; there are rounds=20, mu=1e-08, shut=true, pair=\\[0.02,1\\], method=Newton"),
+        ("remark=x", "no option 'remark'"),
+        ("rounds=1.5", "'rounds' takes a whole number from 1 on; not '1.5'"),
+        ("rounds=0", "'rounds' takes a whole number"),
+        ("rounds=true", "'rounds' takes a whole number"),
+        ("mu=-1e-3", "'mu' takes a number that is not negative; not '-1e-3'"),
+        ("mu=nan", "'mu' takes a number"),
+        ("mu=inf", "'mu' takes a number"),
+        ("mu=", "'mu' takes a number"),
+        ("shut=1", "'shut' takes true or false"),
+        ("pair=[1]", "'pair' takes 2 numbers in brackets, as in \\[0.02,1\\]; not '\\[1\\]'"),
+        ("pair=[1, nan]", "'pair' takes 2 numbers"),
+        ("method=LU", "'method' takes one of: Newton; CG; PGS; not 'LU'"),
+        ("rounds=1,rounds=2", "'rounds' is given twice"),
+        ("rounds=1,quick", "only the first may be a name"),
+    ],
+)
+def test_what_an_engine_does_not_know_is_refused_with_what_it_knows(text: str, said: str) -> None:
+    with pytest.raises(OptionError, match=said):
+        KNOWN.resolved(text)
+
+
+@given(st.text(max_size=40))
+def test_whatever_is_written_is_options_or_refused(text: str) -> None:
+    try:
+        found = KNOWN.resolved(text)
+    except (OptionError, KeyError):
+        return
+    assert found.keys() == KNOWN.labels["usual"].keys()
+
+
+@pytest.mark.parametrize("engine", [OWN[0], COMPILED[0]])
+def test_a_tolerance_given_as_an_option_is_the_one_that_is_used(engine: str) -> None:
+    if engine in COMPILED:
+        needs("llvmlite")
+
+    def steps(settings: str) -> float:
+        run = gauss_bench.simulate("crank_slider", engine, settings=settings, integrator="dop853", step=0.1, at=[0.5])
+        assert run.settings == settings
+        return float(run.metrics["evaluations"])
+
+    assert steps("dop853_rtol=1e-4,dop853_atol=1e-6") < 0.7 * steps("default")
+
+
+def test_the_rate_of_baumgarte_given_as_an_option_closes_gaps_sooner() -> None:
+    def drift(rate: str) -> float:
+        settings = f"baumgarte_alpha_beta_per_s={rate}"
+        run = gauss_bench.simulate("four_bar", "gauss", "conservative", settings, None, "baumgarte", 1e-2, [2.0])
+        return float(run.metrics["position_drift"])
+
+    assert drift("20") < 0.2 * drift("0")
+
+
+def test_every_engine_with_options_takes_its_own_usual_values_by_name() -> None:
+    for name in ("gauss", "mujoco", "pinocchio", "exudyn", "casadi", "minimal"):
+        offered = offer(name)
+        usual = next(iter(offered.settings.values()))
+        for key in offered.options:
+            value = usual[key]
+            told = "[" + ",".join(map(str, value)) + "]" if isinstance(value, list) else str(value).lower()
+            offered.require_settings(f'{key}="{value}"' if isinstance(value, str) else f"{key}={told}")
+        with pytest.raises(ChoiceError, match=f"{name}: no option 'nonsense'; there are {next(iter(offered.options))}="):
+            offered.require_settings("nonsense=1")
+
+
+def test_a_bad_option_on_the_command_line_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "four_bar", "--settings", "dop853_rtol=-1"]) == 2
+    assert "the option 'dop853_rtol' takes a number that is not negative; not '-1'" in capsys.readouterr().err
+    with pytest.raises(ChoiceError, match="no option 'x'"):
+        gauss_bench.compare("four_bar", ["gauss"], settings="x=1")

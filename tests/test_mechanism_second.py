@@ -1,0 +1,260 @@
+"""What the second edition of the grammar adds comes to the same as the links, masses and joints it stands for."""
+
+import copy
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.api.kinematics import kinematics
+from gauss_bench.api.simulate import simulate
+from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.mechanism.digest import physics_digest
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load, load_document, merge
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from tests.conftest import DATA
+
+ARM, LEG, GRIPPER = (DATA / f"{name}.toml" for name in ("excavator_arm", "leg", "gripper"))
+
+
+def document(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def changed(path: Path, change: dict[str, Any]) -> dict[str, Any]:
+    return merge(document(path), change)
+
+
+def said(content: dict[str, Any], scenario: str | None = None) -> str:
+    with pytest.raises(LinkageError) as caught:
+        load_document(content, scenario, "arm.toml")
+    return str(caught.value)
+
+
+def terms(mechanism: Mechanism) -> tuple[Array, Array, Array]:
+    """Start, speeds, and what the equations of motion are made of."""
+    found = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
+    return mechanism.q0, mechanism.mass, np.concatenate([found.Q, found.J.ravel(), found.gamma])
+
+
+def assert_same(one: Mechanism, other: Mechanism) -> None:
+    for a, b in zip(terms(one), terms(other), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * (1 + np.abs(b).max()))
+
+
+@pytest.mark.parametrize("key", ["cylinders", "welds", "links.boom.point_masses", "scenarios.held.hold"])
+def test_a_file_of_the_first_edition_has_no_key_of_the_second(key: str) -> None:
+    text = said(document(ARM) | {"format": "planar-linkage/1"})
+    assert f"arm.toml: {key}: a key of planar-linkage/2, and the file says format = 'planar-linkage/1'" in text
+
+
+def test_an_override_is_no_way_round_the_edition() -> None:
+    content = document(GRIPPER)
+    content["scenarios"]["grip"]["override"] = {"links": {"left": {"point_masses": [{"point": "tip", "mass": 1.0}]}}}
+    assert "scenarios.grip.override.links.left.point_masses: a key of planar-linkage/2" in said(content)
+
+
+def test_point_masses_move_the_centre_and_add_to_the_inertia() -> None:
+    """A bar of 3 kg and 1.2 m with 1 kg at either end, by hand: about the same centre, I = m l^2 / 12 + 2 (l / 2)^2."""
+    bar = {"points": {"A": [0.0, 0.0], "B": [1.2, 0.0]}, "bars": [["A", "B"]], "mass": 3.0}
+    both = bar | {"point_masses": [{"point": "A", "mass": 1.0}, {"point": "B", "mass": 1.0}]}
+    alone = {"points": bar["points"], "point_masses": [{"point": "A", "mass": 1.0}, {"point": "B", "mass": 3.0}]}
+    links = {"both": both, "alone": alone}
+    content = {"format": "planar-linkage/2", "name": "x", "links": links, "scenarios": {"fly": {"duration": 1.0}}}
+    content["assembly"] = {"sketch": {"both.A": [0, 0], "both.B": [1, 0], "alone.A": [0, 0], "alone.B": [1, 0]}}
+    content["scenarios"]["fly"]["start"] = {"angles": {"both": 0, "alone": 0}, "points": {"both.A": [0, 0], "alone.A": [0, 0]}}
+    first, second = load_document(content).links
+    assert first.mass == 5.0
+    np.testing.assert_allclose([*first.com, first.inertia], [0.6, 0.0, 3.0 * 1.2**2 / 12 + 2 * 0.6**2], rtol=1e-14)
+    np.testing.assert_allclose([second.mass, *second.com, second.inertia], [4.0, 0.9, 0.0, 0.3**2 * 3 + 0.9**2], rtol=1e-14)
+    links["alone"] = alone | {"point_masses": [{"point": "A", "mass": 1.0}]}
+    assert "links.alone.inertia: required: masses at one point have none" in said(content)
+    links["alone"] = alone | {"point_masses": [{"point": "C", "mass": 1.0}]}
+    assert "links.alone.point_masses[0].point: unknown point 'C' of 'alone'" in said(content)
+
+
+def test_a_cylinder_is_a_barrel_a_rod_two_pins_and_a_slide() -> None:
+    content = document(ARM)
+    by_hand = copy.deepcopy(content)
+    del by_hand["cylinders"]
+    barrel, rod = {"pin": [0.0, 0.0], "end": [0.7, 0.0]}, {"pin": [0.0, 0.0], "end": [-0.6, 0.0]}
+    by_hand["links"]["lift_barrel"] = {"points": barrel, "bars": [["pin", "end"]], "mass": 8.0}
+    by_hand["links"]["lift_rod"] = {"points": rod, "bars": [["pin", "end"]], "mass": 4.0}
+    by_hand["joints"]["lift_barrel"] = {"type": "revolute", "at": ["ground.P", "lift_barrel.pin"]}
+    by_hand["joints"]["lift_rod"] = {"type": "revolute", "at": ["boom.Q", "lift_rod.pin"]}
+    by_hand["joints"]["lift"] = {"type": "prismatic", "guide": "lift_barrel.pin", "block": "lift_rod.pin"}
+    by_hand["assembly"]["angles_deg"] |= {"lift_barrel": 45.0}
+    for scenario in ("lift", "drop"):
+        assert_same(load_document(content, scenario), load_document(by_hand, scenario))
+
+
+def test_welded_links_are_the_one_link_they_come_to() -> None:
+    """Bucket and tooth as one link, its numbers by hand from the parallel axes."""
+    content = document(ARM)
+    c, s = np.cos(np.radians(-40.0)), np.sin(np.radians(-40.0))
+    F, tip = np.array([0.3, 0.1]), np.array([0.3 + 0.15 * c, 0.1 + 0.15 * s])
+    com = (12.0 * F / 2 + 1.5 * (F + tip) / 2) / 13.5
+    parts = [(12.0, F / 2, 12.0 * (F @ F) / 12), (1.5, (F + tip) / 2, 1.5 * 0.15**2 / 12)]
+    inertia = sum(i + m * ((x - com) @ (x - com)) for m, x, i in parts)
+    one = copy.deepcopy(content)
+    del one["welds"], one["links"]["tooth"]
+    points = {"E": [0.0, 0.0], "F": F.tolist(), "tip": tip.tolist()}
+    one["links"]["bucket"] = {"points": points, "mass": 13.5, "com": com.tolist(), "inertia": float(inertia)}
+    push = np.array([[c, -s], [s, c]]) @ [-30.0, 0.0]
+    one["forces"]["soil"] |= {"point": "bucket.tip", "value": push.tolist()}
+    one["observe"] = {"points": ["bucket.tip"]}
+    for name in ("lift", "drop"):
+        one["scenarios"][name]["start"]["angles_deg"] = {"stick": -60.0, "bucket": -120.0}
+    del one["scenarios"]["held"]
+    for scenario in ("lift", "drop"):
+        assert_same(load_document(content, scenario), load_document(one, scenario))
+    by_points = copy.deepcopy(content)
+    by_points["links"]["bucket"]["points"]["tip"] = tip.tolist()
+    by_points["welds"]["seam"] = {"link": "tooth", "to": "bucket", "points": [["bucket.F", "tooth.F"], ["bucket.tip", "tooth.tip"]]}
+    by_origin = copy.deepcopy(content)
+    by_origin["welds"]["seam"] = {"link": "tooth", "to": "bucket", "origin": [0.3, 0.1], "angle_deg": -40.0}
+    for other in (by_points, by_origin):
+        assert_same(load_document(content, "lift"), load_document(other, "lift"))
+
+
+def test_results_know_welded_links_and_what_the_weld_carries() -> None:
+    """The tooth by itself: its place on the bucket, and Newton's and Euler's equations with what the weld and the soil do."""
+    found = simulate(str(ARM), at=[0.1, 0.2], step=5e-3)
+    assert found.status == "ok", found.message
+    assert list(found.links) == ["boom", "stick", "bucket", "tooth", "lift_barrel", "lift_rod"]
+    tooth, bucket, weld = found.links["tooth"], found.links["bucket"], found.welds["seam"]
+    np.testing.assert_allclose(tooth["theta"], bucket["theta"] - np.radians(40.0), rtol=1e-13)
+    turn = np.exp(1j * tooth["theta"])
+    F = bucket["x"] + 1j * bucket["y"] + np.exp(1j * bucket["theta"]) * (0.15 + 0.05j)
+    centre = tooth["x"] + 1j * tooth["y"]
+    np.testing.assert_allclose(centre - F, 0.075 * turn, atol=1e-12)
+    np.testing.assert_allclose(found.points["tooth.tip"]["x"] + 1j * found.points["tooth.tip"]["y"], F + 0.15 * turn, atol=1e-12)
+    soil, lacking = -30.0 * turn, 1.5 * (tooth["ax"] + 1j * (tooth["ay"] + 9.81))
+    np.testing.assert_allclose(weld["fx"] + 1j * weld["fy"], lacking - soil, atol=1e-10)
+    moment = 1.5 * 0.15**2 / 12 * tooth["alpha"] + (np.conj(0.075 * turn) * lacking - np.conj(0.15 * turn) * soil).imag
+    np.testing.assert_allclose(weld["moment"], moment, atol=1e-10)
+
+
+def test_a_weld_between_a_joint_and_the_rest_carries_what_the_joint_does() -> None:
+    """The stick's two halves, welded: the far one carries the bucket, so that its weld lacks what the pin E hands on."""
+    content = document(ARM)
+    stick = {"points": {"T": [0.0, 0.0], "M": [0.6, 0.0]}, "bars": [["T", "M"]], "mass": 12.5}
+    far = {"points": {"M": [0.0, 0.0], "E": [0.6, 0.0]}, "bars": [["M", "E"]], "mass": 12.5}
+    content["links"]["stick"], content["links"]["far"] = stick, far
+    content["welds"]["middle"] = {"link": "far", "to": "stick", "points": [["stick.M", "far.M"]]}
+    content["joints"]["E"]["at"] = ["far.E", "bucket.E"]
+    assert_same(load_document(document(ARM), "lift"), load_document(content, "lift"))
+
+
+WRONG = {
+    "welded to nothing": ({"welds": {"seam": {"to": "buckle"}}}, "welds.seam.to: unknown link 'buckle'"),
+    "welded to the ground": ({"welds": {"seam": {"to": "ground"}}}, "welds.seam.to: what is welded to the ground does not move"),
+    "welded to itself": ({"welds": {"seam": {"to": "tooth"}}}, "welds.seam: welded in a circle"),
+    "welded twice": ({"welds": {"b": {"link": "tooth", "to": "stick", "origin": [0, 0]}}}, "link 'tooth' is welded twice"),
+    "a circle": ({"welds": {"b": {"link": "bucket", "to": "tooth", "origin": [0, 0]}}}, "welded in a circle"),
+    "no place": ({"welds": {"seam": {"points": []}}}, "welds.seam.points: must have at least 1 entries"),
+    "pinned to its own body": ({"joints": {"F": {"type": "revolute", "at": ["bucket.F", "tooth.F"]}}}, "are welded together"),
+    "points of others": (
+        {"welds": {"seam": {"points": [["boom.Q", "tooth.F"]]}}},
+        "welds.seam.points[0]: must be a point of 'bucket' and the point of 'tooth' that coincides with it",
+    ),
+    "points that do not fit": (
+        {"welds": {"seam": {"points": [["bucket.F", "tooth.F"], ["bucket.E", "tooth.tip"]], "angle_deg": -40.0}}},
+        "welds.seam.angle_deg: given together with two pairs of points",
+    ),
+    "an unknown pin": (
+        {"cylinders": {"lift": {"between": ["ground.P", "boom.X"]}}},
+        "lift.between[1]: unknown point 'X'",
+    ),
+    "one link": (
+        {"cylinders": {"lift": {"between": ["boom.O", "boom.Q"]}}},
+        "lift.between: the link 'boom' appears twice",
+    ),
+    "no length": ({"cylinders": {"lift": {"rod": {"length": 0.0}}}}, "cylinders.lift.rod.length: must be positive"),
+    "two masses": ({"cylinders": {"lift": {"rod": {"kg_per_m": 1.0}}}}, "cylinders.lift.rod.mass: give either mass or kg_per_m"),
+    "a name twice": ({"joints": {"lift": {"type": "revolute", "at": ["boom.O", "stick.E"]}}}, "joints.lift is there already"),
+    "holds nothing": ({"scenarios": {"held": {"hold": ["nix"]}}}, "scenarios.held.hold[0]: unknown link or joint 'nix'"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_faults_of_the_second_edition_name_table_and_field(case: str) -> None:
+    change, fault = WRONG[case]
+    assert fault in said(changed(ARM, change))
+
+
+def test_two_pairs_of_points_at_different_distances_cannot_be_welded() -> None:
+    content = document(ARM)
+    content["welds"]["seam"] = {"link": "tooth", "to": "bucket", "points": [["bucket.F", "tooth.F"], ["bucket.E", "tooth.tip"]]}
+    assert "welds.seam.points: two pairs of points cannot coincide: 0.316228 m apart on bucket, 0.15 m on tooth" in said(content)
+
+
+def test_the_digest_follows_what_the_second_edition_says() -> None:
+    before = physics_digest(document(ARM), "lift")
+    assert physics_digest(changed(ARM, {"cylinders": {"lift": {"rod": {"mass": 4.5}}}}), "lift") != before
+    assert physics_digest(changed(ARM, {"welds": {"seam": {"angle_deg": -41.0}}}), "lift") != before
+    assert physics_digest(changed(ARM, {"scenarios": {"lift": {"hold": ["T"]}}}), "lift") == before
+
+
+def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> None:
+    """Three bars on one pin: each is held back by both others, whoever is named first."""
+    bar = {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
+    content = {"format": "planar-linkage/2", "name": "x", "gravity": [0.0, 0.0], "links": dict.fromkeys("abc", bar)}
+    content["forces"] = {"rub": {"type": "joint_damping", "joint": "P", "c": 0.3}}
+    speeds = {"a": 1.0, "b": 2.0, "c": 5.0}
+    start = {"angles": {"a": 0.0, "b": 1.0, "c": 2.0}, "speeds": speeds, "points": {"a.A": [0.0, 0.0]}}
+    content["scenarios"] = {"spin": {"duration": 1.0, "start": start, "forces": ["rub"]}}
+    content["assembly"] = {"sketch": {"P": [0.0, 0.0]}, "angles": {"a": 0.0, "b": 1.0, "c": 2.0}}
+    for order in ("abc", "bca", "cab", "acb"):
+        content["joints"] = {"P": {"type": "revolute", "at": [f"{x}.A" for x in order]}}
+        mechanism = load_document(content)
+        Q = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0).Q
+        np.testing.assert_allclose(Q[2::3], [-0.3 * (3 * w - 8.0) for w in speeds.values()], rtol=1e-14)
+    content["format"] = "planar-linkage/1"  # the first edition keeps its meaning: neighbours in the list alone
+    first = load_document(content)
+    Q = Evaluator(first).terms(0.0, first.q0, first.v0).Q
+    np.testing.assert_allclose(Q[2::3], [0.3 * 4.0, 0.3 * 3.0, -0.3 * 7.0], rtol=1e-14)  # a-c and c-b
+    assert first.digest != mechanism.digest
+
+
+def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
+    with pytest.raises(ChoiceError, match=r'1 free \(angle of payload\).*--hold payload`.*`hold = \["payload"\]` in scenario step'):
+        kinematics(str(LEG), intervals=4)
+    free = kinematics(str(LEG), intervals=4, hold=["payload=-80"])
+    np.testing.assert_allclose(free.links["payload"]["theta"], np.radians(-80.0), rtol=1e-12)
+    fixed = kinematics(str(LEG), intervals=4, hold=["F"])  # the payload turns with the shank, from where it hangs
+    turned = fixed.links["payload"]["theta"] - fixed.links["shank"]["theta"]
+    np.testing.assert_allclose(turned, turned[0], rtol=1e-12)
+    assert fixed.links["payload"]["theta"][0] == pytest.approx(-np.pi / 2, abs=1e-12)
+    np.testing.assert_allclose(free.links["shank"]["x"], fixed.links["shank"]["x"], atol=1e-11)
+    arms = [kinematics(str(ARM), scenario, intervals=4, hold=hold) for scenario, hold in (("held", None), ("lift", ["T", "E"]))]
+    np.testing.assert_array_equal(arms[0].points["tooth.tip"]["x"], arms[1].points["tooth.tip"]["x"])
+
+
+@pytest.mark.parametrize(("hold", "text"), [("nix", "no such link or joint; there"), ("payload=low", "is not a number of")])
+def test_what_cannot_be_held_is_refused(hold: str, text: str) -> None:
+    with pytest.raises(ChoiceError, match=text):
+        kinematics(str(LEG), intervals=4, hold=[hold])
+
+
+def test_a_start_beside_a_driver_is_told_how_and_too_little_of_it_what_is_free() -> None:
+    content = document(LEG)
+    content["scenarios"]["step"]["driver"] = content["scenarios"]["step"].pop("drivers")[0]
+    assert "scenarios.step.driver: given together with start: beside a start, what is driven stands in the list" in said(content)
+    del content["scenarios"]["step"]["start"]
+    assert "1 too few; what is free: angle of payload; hold it, in a `start` beside the list" in said(content, "step")
+    path = GRIPPER
+    assert load(path).crank is None
+
+
+@pytest.mark.parametrize(
+    ("path", "scenario"), [(ARM, "drop"), (LEG, "step"), (LEG, "swing"), (GRIPPER, "grip"), (GRIPPER, "close")]
+)
+def test_machines_without_a_crank_or_with_passive_freedoms_move(path: Path, scenario: str) -> None:
+    found = simulate(str(path), scenario=scenario, at=[0.05], step=1e-3)
+    assert found.status == "ok", found.message

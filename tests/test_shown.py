@@ -1,0 +1,273 @@
+"""What a run looks like: its curves, its table, the linkage moving, and what is said where it is not to be trusted."""
+
+import csv
+import io
+import itertools
+import json
+import re
+import xml.etree.ElementTree as ET
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+from PIL import Image
+
+import gauss_bench
+from gauss_bench.api.history import table
+from gauss_bench.api.results import Simulation
+from gauss_bench.cli import main
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.model import SpringDamper
+from gauss_bench.report.drawings.drawing import draw, fit
+from gauss_bench.report.drawings.forces import marks
+from gauss_bench.report.drawings.history import GAP, apart, plot
+from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.raster import pixels
+from gauss_bench.report.drawings.shown import film
+from gauss_bench.trajectory import Group, Told
+
+SVG = "{http://www.w3.org/2000/svg}"
+Box = tuple[float, float, float, float]
+
+
+@pytest.fixture(scope="module")
+def driven() -> Simulation:
+    return gauss_bench.simulate("four_bar", scenario="driven", step=5e-3)
+
+
+@pytest.fixture(scope="module")
+def walking() -> Simulation:
+    return gauss_bench.simulate("jansen", step=5e-3, at=[0.5])
+
+
+@pytest.fixture(scope="module")
+def failing() -> Simulation:
+    return gauss_bench.simulate("crank_slider", step=0.05)
+
+
+def curve(result: Simulation, name: str) -> np.ndarray:
+    (found,) = (x for x in gauss_bench.history(result).curves if x.name == name)
+    return found.values
+
+
+def overlaps(boxes: list[tuple[str, Box]]) -> list[tuple[str, str]]:
+    return [
+        (a, b)
+        for (a, p), (b, q) in itertools.combinations(boxes, 2)
+        if min(p[2], q[2]) - max(p[0], q[0]) > 0.5 and min(p[3], q[3]) - max(p[1], q[1]) > 0.5
+    ]
+
+
+def written(svg: str) -> list[tuple[str, Box]]:
+    """Texts of a drawing with the boxes of their letters, set in a font as wide as Helvetica."""
+    found = []
+    for x in ET.fromstring(svg).iter(f"{SVG}text"):
+        size = float(x.get("font-size", 13)) * 0.9
+        outline = TextPath((0, 0), x.text or "", size=size, prop=FontProperties("DejaVu Sans")).get_extents()
+        left, base = float(x.attrib["x"]) - outline.width / 2, float(x.attrib["y"])
+        found.append((str(x.text), (left, base - outline.y1, left + outline.width, base - outline.y0)))
+    return found
+
+
+def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
+    for name in built_in():
+        svg = draw(*posed(name))
+        _, _, width, height = (float(x) for x in ET.fromstring(svg).attrib["viewBox"].split())
+        boxes = written(svg)
+        assert not overlaps(boxes), name
+        assert all(b[0] >= 0 and b[1] >= 0 and b[2] <= width and b[3] <= height for _, b in boxes), name
+
+
+def test_springs_motors_and_cylinders_are_drawn() -> None:
+    jansen, excavator = draw(*posed("jansen")), draw(*posed("excavator"))
+    assert all(f">{name}</text>" in jansen for name in ("cord", "cross", "coil", "motor", "load"))
+    assert jansen.count("non-scaling-stroke") > excavator.count("non-scaling-stroke") > 0
+    assert "boom.Q-bucket.R" in excavator
+
+
+def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
+    mechanism, _, trace = posed("jansen")
+    assert trace is not None
+    states = trace[::20]
+    canvas = fit(mechanism, trace)
+    found = {mark.name: mark for mark in marks(mechanism, states, canvas.at)}
+    for spring in (x for x in mechanism.forces if isinstance(x, SpringDamper)):
+        mark = found[spring.name]
+        length = np.hypot(*(mark.reach[0, 1] - mark.reach[0, 0])) * mark.stretch
+        turn = np.radians(mark.turn)
+        end = mark.place + length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        np.testing.assert_allclose(mark.place, canvas.at(position(states, spring.a)), atol=1e-9)
+        np.testing.assert_allclose(end, canvas.at(position(states, spring.b)), atol=1e-6)
+
+
+def test_curves_are_what_the_field_says_they_are(driven: Simulation) -> None:
+    mechanism, x = driven.model, driven.trajectory
+    assert x is not None
+    b, d = (position(x.q, mechanism.point(i, name)) for i, name in ((0, "B"), (2, "D")))
+    diagonal = np.hypot(*(b - d).T)
+    law_of_cosines = np.degrees(np.arccos((0.36**2 + 0.3**2 - diagonal**2) / (2 * 0.36 * 0.3)))
+    angle = curve(driven, "coupler-rocker.transmission")
+    np.testing.assert_allclose(angle, np.minimum(law_of_cosines, 180 - law_of_cosines), atol=1e-6)
+    at_end = curve(driven, "crank.torque")[-1]
+    assert at_end == pytest.approx(driven.drivers["crank"][-1], rel=1e-12)
+    power = curve(driven, "crank.torque") * x.v[:, 2]
+    gained = curve(driven, "energy.kinetic") + curve(driven, "energy.potential")
+    np.testing.assert_allclose(gained - gained[0], np.append(0, np.cumsum(np.diff(x.t) * (power[1:] + power[:-1]) / 2)), atol=2e-4)
+
+
+def test_a_slide_transmits_best_where_the_rod_lies_along_it() -> None:
+    found = gauss_bench.simulate("crank_slider", step=1e-2, at=[0.0])
+    assert curve(found, "rod-slider.transmission")[0] == pytest.approx(90.0, abs=1e-9)  # stretched out at the start
+
+
+def test_the_table_names_units_and_keeps_an_order(walking: Simulation) -> None:
+    history = gauss_bench.history(walking)
+    rows = list(csv.reader(io.StringIO(table(history))))
+    assert rows[0][0] == "t [s]"
+    assert all(re.fullmatch(r"[\w.\- ]+ \[[\w/^ ]+\]", name) for name in rows[0])
+    assert [x.group for x in history.curves] == sorted((x.group for x in history.curves), key=list(Group).index)
+    assert {"foot.theta [rad]", "foot.G.vx [m/s]", "energy.kinetic [J]", "motor.torque [N m]"} <= set(rows[0])
+    values = np.array([[float(x) for x in row] for row in rows[1:]])
+    np.testing.assert_allclose(values[:, 1:], np.column_stack([x.values for x in history.curves]), rtol=1e-9)
+
+
+def test_what_a_failed_run_reached_is_told_and_how_far_it_may_be_trusted(failing: Simulation) -> None:
+    assert failing.status == "nan"
+    assert not failing.valid
+    assert {x.subject for x in failing.objections} >= {"loops", "energy"}
+    assert failing.trusted_until is not None
+    assert 0.0 < failing.trusted_until < failing.metrics["until"] < 2.0
+    assert failing.advice == "do not trust it; take a step smaller than 0.05 s, or stabilization projection"
+    before = gauss_bench.simulate("crank_slider", step=0.05, at=[failing.trusted_until])
+    after = gauss_bench.simulate("crank_slider", step=0.05, at=[failing.trusted_until + 0.05])
+    assert (before.valid, after.valid) == (True, False)
+    gained = curve(failing, "energy.gained")
+    assert np.isfinite(gained).sum() == round(failing.trusted_until / 0.05) + 1
+    assert "model" not in failing.as_dict()
+    json.loads(failing.to_json())
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
+@pytest.mark.slow
+def test_a_worker_hands_back_what_it_had_when_it_failed(engine: str) -> None:
+    if find_spec(engine) is None:
+        pytest.skip(f"{engine} is not installed")
+    found = gauss_bench.simulate("four_bar", engine, step=0.15)
+    assert found.status in ("nan", "not_converged", "warning", "diverged")
+    assert found.trajectory is not None
+    assert found.metrics["until"] == found.trajectory.t[-1] > 0
+
+
+def test_projection_is_not_advised_to_who_has_it() -> None:
+    found = gauss_bench.simulate("crank_slider", stabilization="projection", step=0.1)
+    assert "projection" not in found.advice
+
+
+def test_plots_have_names_that_do_not_meet_and_shade_what_is_not_to_be_trusted(walking: Simulation, failing: Simulation) -> None:
+    for result in (walking, failing):
+        figure = plot(gauss_bench.history(result), result.told())
+        assert not overlaps(texts_of(figure))
+        shaded = sum(bool(axes.patches) for axes in figure.axes)
+        assert shaded == (0 if result.valid else len(figure.axes))
+    units = [re.findall(r"\[(.*?)\]", axes.get_title(loc="left")) for axes in figure.axes]
+    assert all(len(x) == 1 for x in units)
+    assert {"m", "m/s", "J", "N", "N m", "deg"} == {x[0] for x in units}
+
+
+def texts_of(figure: Figure) -> list[tuple[str, Box]]:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    inside = figure.bbox
+    found = []
+    for axes in figure.axes:
+        for text in (*axes.texts, axes.title, axes._left_title, axes._right_title):  # type: ignore[attr-defined]
+            if text.get_text():
+                box = text.get_window_extent(canvas.get_renderer())
+                assert inside.x0 <= box.x0
+                assert box.x1 <= inside.x1, text.get_text()
+                found.append((text.get_text(), (box.x0, box.y0, box.x1, box.y1)))
+    return found
+
+
+def test_names_stay_as_near_as_their_distance_allows() -> None:
+    np.testing.assert_allclose(apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
+    np.testing.assert_allclose(apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
+    crowded = apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0)
+    assert np.diff(np.sort(crowded)).min() >= 10.0 - 1e-9
+    assert crowded.min() >= 0
+    assert crowded.max() <= 100
+
+
+@pytest.mark.slow
+def test_a_film_ends_where_trust_does(failing: Simulation, driven: Simulation) -> None:
+    assert driven.trajectory is not None
+    assert failing.trajectory is not None
+    told, history = failing.told(), gauss_bench.history(failing)
+    moving = film(".svg", told, history, failing.model, failing.trajectory).decode()
+    assert "motion-film" in moving
+    whole = film(".html", told, history, failing.model, failing.trajectory).decode()
+    assert told.verdict.split(";")[0] in whole
+    assert set(re.findall(r"\w+://[^\"' )<]+", whole)) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    pictures = Image.open(io.BytesIO(film(".gif", driven.told(), history, driven.model, driven.trajectory)))
+    assert getattr(pictures, "n_frames", 0) == 80
+
+
+def test_pixels_are_those_of_the_drawing() -> None:
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"><rect width="100%" height="100%" fill="#ffffff"/>'
+    picture = pixels(head + '<g transform="translate(20 10) rotate(90)"><path d="M-5 -20H5V0Z" fill="#ff0000"/></g></svg>', 1.0)
+    assert picture.size == (40, 20)
+    assert picture.getpixel((38, 8)) == (255, 0, 0)
+    assert picture.getpixel((2, 8)) == (255, 255, 255)
+    for strange in ('<ellipse rx="3"/>', '<path d="M0 0C1 1 2 2 3 3"/>', '<g transform="skewX(3)"/>'):
+        with pytest.raises(ValueError, match="no drawing of ours"):
+            pixels(head + strange + "</svg>")
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plot_file, out = tmp_path / "run.svg", tmp_path / "run.csv"
+    command = ["simulate", "four_bar", "--step", "0.01", "--at", "0.2", "--json", "--plot", str(plot_file), "--out", str(out)]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "ok"
+    assert out.read_text().startswith("t [s],coupler.P.x [m]")
+    assert "<svg" in plot_file.read_text()
+    before = plot_file.read_bytes()
+    assert main(command) == 2  # nothing of the user's is touched
+    assert "--replace" in capsys.readouterr().err
+    assert plot_file.read_bytes() == before
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["run.csv", "run.svg"]
+
+
+@pytest.mark.parametrize(
+    ("option", "file", "text"),
+    [
+        ("--plot", "run.pdf", "the ending says what to write: .svg, .png"),
+        ("--animate", "run.mp4", "the ending says what to write: .svg, .gif, .html"),
+        ("--out", "run.txt", "the ending says what to write: .csv"),
+        ("--out", "nowhere/run.csv", "there is no folder"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(
+    option: str, file: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "four_bar", "--at", "1e9", option, str(tmp_path / file)]) == 2
+    assert text in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_reached_nothing_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.csv"
+    main(["simulate", "parallelogram", "--engine", "minimal", "--at", "0.1", "--out", str(path)])
+    assert "no file is written" in capsys.readouterr().err
+    assert not path.exists()
+
+
+def test_a_sentence_stands_above_every_plot() -> None:
+    result = gauss_bench.simulate("four_bar", step=1e-2, at=[0.1])
+    assert result.told() == Told("four_bar / torque", "gauss (default), rk4, stabilization none, step 0.01 s", "", 0.1, None)
+    assert load("four_bar").name == result.model.name
