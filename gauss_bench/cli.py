@@ -135,6 +135,8 @@ def simulate(options: argparse.Namespace) -> int:
         options.at,
         options.budget,
     )
+    for sentence in result.warnings:
+        tell(f"warning: {sentence}")
     show_run(result, files)
     print(result.to_json() if options.json else text.format_simulation(plain(result.as_dict())))
     return 0 if result.status in ("ok", "skip") else 1
