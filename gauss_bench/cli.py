@@ -135,9 +135,29 @@ def simulate(options: argparse.Namespace) -> int:
         options.at,
         options.budget,
     )
+    for sentence in result.warnings:
+        tell(f"warning: {sentence}")
     show_run(result, files)
     print(result.to_json() if options.json else text.format_simulation(plain(result.as_dict())))
     return 0 if result.status in ("ok", "skip") else 1
+
+
+def diagnose(options: argparse.Namespace) -> int:
+    from gauss_bench.api import diagnose as diagnosed
+    from gauss_bench.diagnosis.causes import Cause
+
+    asked = (options.scenario, options.settings, options.integrator, options.stabilization, options.step, options.until)
+    result = diagnosed.diagnose(options.linkage, options.engine, *asked, budget=options.budget, told=tell)
+    print(result.to_json() if options.json else diagnosed.format_diagnosis(result))
+    return 1 if result.cause is Cause.UNKNOWN else 0
+
+
+def selftest(options: argparse.Namespace) -> int:
+    from gauss_bench.api import selftest as tested
+
+    found = tested.selftest(options.only, tell)
+    print_json(tested.as_dict(found)) if options.json else print(tested.format_selftest(found))
+    return 0 if found.passed else 1
 
 
 def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
@@ -383,6 +403,7 @@ ACTIONS: dict[str, Verb] = {
     "doctor": doctor,
     "show": show,
     "simulate": simulate,
+    "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
     "export": export,
@@ -392,4 +413,5 @@ ACTIONS: dict[str, Verb] = {
     "run": run,
     "report": report,
     "check": check,
+    "selftest": selftest,
 }
