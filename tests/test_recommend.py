@@ -45,7 +45,7 @@ def known() -> Truth:
 def found() -> Recommendation:
     needs("llvmlite")
     needs("cc", "gcc", "clang")
-    result: Recommendation = gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=120.0)
+    result: Recommendation = gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=900.0)
     return result
 
 
@@ -97,7 +97,7 @@ def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) ->
 def test_an_impossible_requirement_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
     needs("llvmlite")
     with pytest.raises(NoTruth, match=r"the true motion is known to .* m only, a tenth of 1e-16 m is needed"):
-        gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=60.0)
+        gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=900.0)
 
 
 @pytest.mark.slow
@@ -170,7 +170,7 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(tmp_path
     """MuJoCo's setting, as the command line writes it, against the certified motion at all times that both have."""
     needs("llvmlite")
     needs("mujoco")
-    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--budget", "60", "--out", str(tmp_path), "--json"]
+    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--budget", "300", "--out", str(tmp_path), "--json"]
     assert main(["recommend", "crank_slider", *asked]) == 0
     (answer,) = json.loads(capsys.readouterr().out)["answers"]
     assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
@@ -222,7 +222,7 @@ def test_candidates_and_errors_are_the_same_bit_for_bit() -> None:
 
     def accuracy() -> dict[str, list[tuple[object, ...]]]:
         spaces = {name: variants(offer(name)) for name in QUICK}
-        with Recommender(SHORT, {"position": 1e-6}, spaces, 200.0, quiet) as recommender:
+        with Recommender(SHORT, {"position": 1e-6}, spaces, 1800.0, quiet) as recommender:
             engines = recommender.search().engines
         rows = {e: [(way, trial) for way, x in many.items() for trial in x] for e, many in engines.items()}
         return {e: [(*way, t.size, t.steps, *sorted(t.errors.items())) for way, t in many] for e, many in rows.items()}
@@ -249,7 +249,7 @@ def test_a_scale_begins_no_coarser_than_asked() -> None:
 def test_what_moves_as_it_must_is_told_as_that(tmp_path: Path) -> None:
     """An excavator whose cylinders are driven: engines that are given angles only are rows with that reason."""
     needs("llvmlite")
-    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=60.0)
+    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=900.0)
     own = found.answers[0]
     assert (own.engine, own.status) == ("gauss-native", "ok")
     assert "is prescribed, nothing is left to move freely" in found.remarks[0]
