@@ -4,7 +4,10 @@
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
     history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
+    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
+    selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
+    recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: the truth with its own error bar
@@ -22,22 +25,28 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "Checkup",
+    "Diagnosis",
     "Export",
     "History",
     "Import",
     "Kernel",
     "Kinematics",
+    "Recommendation",
+    "SelfTest",
     "Simulation",
     "__version__",
     "certify",
     "compare",
     "compile_kernel",
+    "diagnose",
     "doctor",
     "export",
     "history",
     "import_model",
     "kinematics",
     "load",
+    "recommend",
+    "selftest",
     "simulate",
 ]
 
@@ -47,7 +56,13 @@ _HOMES = {
     "history": "gauss_bench.api.history:history",
     "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
+    "diagnose": "gauss_bench.api.diagnose:diagnose",
+    "Diagnosis": "gauss_bench.api.diagnose:Diagnosis",
+    "selftest": "gauss_bench.api.selftest:selftest",
+    "SelfTest": "gauss_bench.diagnosis.selftest:SelfTest",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
+    "recommend": "gauss_bench.api.recommend:recommend",
+    "Recommendation": "gauss_bench.api.recommend:Recommendation",
     "export": "gauss_bench.api.exchange:export",
     "import_model": "gauss_bench.api.exchange:import_model",
     "Import": "gauss_bench.api.results:Import",

@@ -135,9 +135,29 @@ def simulate(options: argparse.Namespace) -> int:
         options.at,
         options.budget,
     )
+    for sentence in result.warnings:
+        tell(f"warning: {sentence}")
     show_run(result, files)
     print(result.to_json() if options.json else text.format_simulation(plain(result.as_dict())))
     return 0 if result.status in ("ok", "skip") else 1
+
+
+def diagnose(options: argparse.Namespace) -> int:
+    from gauss_bench.api import diagnose as diagnosed
+    from gauss_bench.diagnosis.causes import Cause
+
+    asked = (options.scenario, options.settings, options.integrator, options.stabilization, options.step, options.until)
+    result = diagnosed.diagnose(options.linkage, options.engine, *asked, budget=options.budget, told=tell)
+    print(result.to_json() if options.json else diagnosed.format_diagnosis(result))
+    return 1 if result.cause is Cause.UNKNOWN else 0
+
+
+def selftest(options: argparse.Namespace) -> int:
+    from gauss_bench.api import selftest as tested
+
+    found = tested.selftest(options.only, tell)
+    print_json(tested.as_dict(found)) if options.json else print(tested.format_selftest(found))
+    return 0 if found.passed else 1
 
 
 def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
@@ -218,6 +238,23 @@ def export(options: argparse.Namespace) -> int:
     result = exported(options.linkage, options.engine, options.out, *asked, told=tell)
     print(result.to_json() if options.json else text.format_export(plain(result.as_dict())))
     return 0 if result.tuning is None or result.tuning.met else 1
+
+
+def recommend(options: argparse.Namespace) -> int:
+    from gauss_bench.api import recommendation_text as text
+    from gauss_bench.api.recommend import recommend as recommended
+    from gauss_bench.api.results import plain
+    from gauss_bench.bench.truth import NoTruth
+
+    wanted = (options.position, options.angle, options.force, options.until)
+    engines = [x for names in options.engines or [] for x in names.split(",")]
+    try:
+        result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
+    except NoTruth as reason:
+        print(f"{options.linkage}: nothing can be recommended: {reason}", file=sys.stderr)
+        return 1
+    print(result.to_json() if options.json else text.format_recommendation(plain(result.as_dict())))
+    return 0 if any(x.status == "ok" for x in result.answers) else 1
 
 
 def bring_in(options: argparse.Namespace) -> int:
@@ -377,7 +414,9 @@ ACTIONS: dict[str, Verb] = {
     "doctor": doctor,
     "show": show,
     "simulate": simulate,
+    "diagnose": diagnose,
     "kinematics": kinematics,
+    "recommend": recommend,
     "export": export,
     "import": bring_in,
     "certify": certify,
@@ -386,4 +425,5 @@ ACTIONS: dict[str, Verb] = {
     "run": run,
     "report": report,
     "check": check,
+    "selftest": selftest,
 }

@@ -177,6 +177,18 @@ def test_an_override_changes_its_scenario_alone() -> None:
     assert next(f for f in load("crank_slider", "settles").forces if f.name == "motor").value == -0.2  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("turns", [-2, 1])
+def test_a_link_that_cannot_turn_over_may_start_whole_turns_from_the_sketch(turns: int) -> None:
+    document = tomllib.loads(FOUR_BAR)
+    here = load_document(document, "torque")
+    rocker = [link.name for link in here.links].index("rocker")
+    document["scenarios"]["torque"]["start"] = {"angles": {"rocker": float(here.q0[3 * rocker + 2]) + 2 * np.pi * turns}}
+    there = load_document(document, "torque")
+    moved = np.zeros(here.n)
+    moved[3 * rocker + 2] = 2 * np.pi * turns
+    assert there.q0 == pytest.approx(here.q0 + moved, abs=1e-12)
+
+
 def test_an_override_of_a_length_moves_the_start() -> None:
     document = tomllib.loads(FOUR_BAR)
     longer = copy.deepcopy(document)

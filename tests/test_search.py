@@ -12,9 +12,11 @@ from gauss_bench.bench import apart, search
 from gauss_bench.bench.clock import Measured
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import ladder, race, requirements, space
+from gauss_bench.bench.measurements.search import ladder, race, requirements
 from gauss_bench.bench.offers import offer
 from gauss_bench.bench.search import Requirement, Scale, Trial, coarsest, equal_steps, explore, finalists, tolerances, won
+from gauss_bench.bench.ways import BEATS, Way, evaluated, space, whole_run
+from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import Variant
@@ -61,7 +63,7 @@ def test_the_largest_step_that_is_exact_enough_is_found_within_a_fifth() -> None
     assert len(method.asked) == len(set(method.asked)) == len(trials)
 
 
-@pytest.mark.parametrize("beats", measured.BEATS)
+@pytest.mark.parametrize("beats", BEATS)
 def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -> None:
     scale = equal_steps(1.0, beats, 100_000)
     counts = np.array([round(1 / x) for x in scale.sizes])
@@ -303,11 +305,11 @@ def test_an_aim_is_held_against_rivals_that_get_there() -> None:
 
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
     """2000 steps at 90 us are 0.18 s: of them 333 are run in a lead of 30 ms, and the time told is that of all."""
-    run, way = measured.Run("four_bar", load("four_bar", "torque"), 0.1), measured.Way("mujoco", "dear", "rk4", "none", 5e-5)
-    block = measured.whole_run(run, way, 2000, 0.18, 0.03)
+    run, way = WayRun("four_bar", load("four_bar", "torque"), 0.1), Way("mujoco", "dear", "rk4", "none", 5e-5)
+    block = whole_run(run, way, 2000, 0.18, 0.03)
     assert block.seconds() == pytest.approx(0.18, rel=2e-3)
     assert block.count == pytest.approx(333 / 2000)
-    whole = measured.whole_run(run, way, 2000, 0.18, 1.0)
+    whole = whole_run(run, way, 2000, 0.18, 1.0)
     assert (whole.count, whole.seconds()) == pytest.approx((1.0, 0.18))
 
 
@@ -323,8 +325,8 @@ def test_the_error_is_the_largest_of_the_whole_run(clock: Clock, monkeypatch: py
     monkeypatch.setattr(Exact, "read", strayed)
     monkeypatch.setitem(WAYS, "exact", (0.0, 0.0, 2e-6))
     mechanism = load("four_bar", "torque")
-    run, way = measured.Run("four_bar", mechanism, 0.1), measured.Way("mujoco", "exact", "rk4", "none", 1e-3)
-    trial = measured.evaluated(run, Evaluator(mechanism), Exact.truth, way, False, 10)
+    run, way = WayRun("four_bar", mechanism, 0.1), Way("mujoco", "exact", "rk4", "none", 1e-3)
+    trial = evaluated(run, Evaluator(mechanism), Exact.truth, way, False, 10)
     assert (trial.errors["angle"], trial.errors["position"]) == pytest.approx((1e-3, 1e-3))
 
 
@@ -345,7 +347,7 @@ def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requi
     (part,) = read_suite("search").search
     assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in search.UNITS for x in (1e-3, 1e-6, 1e-9)}
     assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
-    assert all(x % 10 == 0 for x in measured.BEATS)
+    assert all(x % 10 == 0 for x in BEATS)
 
 
 def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:

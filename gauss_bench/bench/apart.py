@@ -62,12 +62,16 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     if not isolated(request.engine):
         altered = request.alter(mechanism)
         return one_run(get(request.engine), altered, request.choice, wanted, request.ask, request.shortest)
-    used = worker or kept(request.engine)
+    return run_apart(request, mechanism, limit, worker or kept(request.engine))
+
+
+def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
+    """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped."""
     try:
-        answer = used.call(performed_there, (request,), limit, request.largest(mechanism.n))
+        answer = worker.call(performed_there, (request,), limit, request.largest(mechanism.n))
     except WorkerFailure as failure:
-        return Run(failure.status, str(failure), None, None, wanted)
-    return received(outcome_of(answer), wanted, mechanism.n)
+        return Run(failure.status, str(failure), None, None, request.wanted)
+    return received(outcome_of(answer), request.wanted, mechanism.n)
 
 
 _kept: dict[str, Worker] = {}

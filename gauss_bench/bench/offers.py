@@ -42,6 +42,7 @@ class Offer:
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
         options: those of its settings that can be given one by one, with further words that they may be.
+        first: the variants that are tried first where time is short.
         native_loop, python_loop: as in engines.base.
         status, reason: OK, or why it cannot be used.
     """
@@ -54,6 +55,7 @@ class Offer:
     stabilizations: tuple[str, ...] = ()
     adaptive: tuple[str, ...] = ()
     options: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    first: tuple[str, ...] = ()
     native_loop: bool = False
     python_loop: bool = False
     status: Status = Status.OK
@@ -194,11 +196,11 @@ def describe(name: str) -> Offer:
             if not offered:
                 raise TypeError(f"it offers no {word}")
         adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
-        options = _options(engine)
+        options, first = _options(engine), tuple(map(str, getattr(engine, "first", ())))
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, options, *loops)
+    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, options, first, *loops)
 
 
 def _broken(name: str, error: Exception) -> Offer:

@@ -58,6 +58,7 @@ class Trial:
         errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
         steps: taken, or asked for.
         status, message: OK, or why it failed.
+        evaluations: of accelerations, or None where the engine does not count them.
     """
 
     size: float
@@ -65,6 +66,7 @@ class Trial:
     steps: int = 0
     status: Status = Status.OK
     message: str = ""
+    evaluations: int | None = None
 
     def meets(self, wanted: Requirement) -> bool:
         return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
@@ -90,6 +92,12 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
     counts = sorted({x for x in near if x <= most})
     rungs = {counts.index(x) for x in near[::PER_OCTAVE] if x <= most}
     return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
+
+
+def no_coarser(scale: Scale, size: float) -> Scale:
+    """The part of a scale from the first size on that is not larger than `size`; all but the finest where none is."""
+    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
+    return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:

@@ -4,6 +4,7 @@
                  words that it may be besides those that stand below
     [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
     [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
+    first = [NAME, ...], above the tables: which of them are tried first where a user's time is short
 
 A variant is one line. What it leaves out is as in its settings (the first ones where it names none), and "none" for the
 stabilisation. A list in the place of a value stands for each of its entries: the line is then every combination, and each is named
@@ -69,11 +70,13 @@ class Variants:
     Attributes:
         settings: label -> knob -> value.
         space: the points of the searched space by name, in the file's order.
+        first: those that are tried first where time is short.
     """
 
     knobs: Mapping[str, Knob]
     settings: Mapping[str, Mapping[str, Any]]
     space: Mapping[str, Variant]
+    first: tuple[str, ...] = ()
 
     def options(self, name: str) -> Mapping[str, Any]:
         """The options of settings, of a variant, or of a text as `own_options` tells it.
@@ -106,7 +109,7 @@ def read_variants(room: Path) -> Variants:
     for name in ("knobs", "settings", "variants"):
         if not all(isinstance(x, dict) for x in document.get(name, {"": None}).values()):
             raise VariantError(f"{path}: {name}: a table of inline tables is wanted")
-    if strange := document.keys() - {"knobs", "settings", "variants"}:
+    if strange := document.keys() - {"knobs", "settings", "variants", "first"}:
         raise VariantError(f"{path}: unknown table {min(strange)}")
     knobs = {name: _knob(f"{path}: knobs.{name}", name, table) for name, table in document["knobs"].items()}
     settings = _settings(str(path), knobs, document["settings"])
@@ -116,7 +119,10 @@ def read_variants(room: Path) -> Variants:
             if variant.name in space or variant.name in settings:
                 raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
             space[variant.name] = variant
-    return Variants(knobs, settings, space)
+    first = tuple(map(str, document.get("first", ())))
+    if strange := [name for name in first if name not in space]:
+        raise VariantError(f"{path}: first: there is no variant {strange[0]!r}")
+    return Variants(knobs, settings, space, first)
 
 
 def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:

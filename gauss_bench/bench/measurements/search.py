@@ -13,51 +13,24 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.clock import BLOCK, Block, Measured, Missing, Race, Row, at_least, common, ratio, row, spread, stepping
-from gauss_bench.bench.clock import timed as processor_time
-from gauss_bench.bench.context import CASE_LIMIT, Context
+from gauss_bench.bench.clock import Measured, Missing, Race, Row, at_least, common, ratio, row, spread
+from gauss_bench.bench.context import Context
 from gauss_bench.bench.offers import Offer, offer
-from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.ways import BEATS, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
 from gauss_bench.engines import OWN, all_names, get
-from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
 
-BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
-ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
 CANNOT = "cannot reach"
-
-
-class Way(NamedTuple):
-    """A variant of an engine at a size."""
-
-    engine: str
-    settings: str
-    integrator: str
-    stabilization: str
-    size: float
-
-
-class Run(NamedTuple):
-    """What ways of a linkage (name or path) are run over: from 0 to `until` [s]."""
-
-    linkage: str
-    mechanism: Mechanism
-    until: float
 
 
 def requirements(part: Search) -> list[Requirement]:
@@ -67,18 +40,6 @@ def requirements(part: Search) -> list[Requirement]:
 def searched(part: Search) -> list[Offer]:
     """The engines of a part that can be asked."""
     return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
-
-
-def space(engine: Offer) -> list[Variant]:
-    """The variants of an engine: its own list, or every setting with every integrator and stabilisation."""
-    if engine.variants:
-        return list(engine.variants.values())
-    return [
-        Variant(label, integrator, stabilization, options)
-        for label, options in engine.settings.items()
-        for integrator in engine.integrators
-        for stabilization in engine.stabilizations
-    ]
 
 
 def over(linkage: str, scenario: str, part: Search) -> Run:
@@ -175,33 +136,6 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     return {"search_ladder": rows}
 
 
-def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    chosen = (way.settings, way.integrator, way.stabilization)
-    return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
-
-
-def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Whether the truth is known at every beat of a run."""
-    times = until / beats * np.arange(beats + 1)
-    near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
-    return bool((np.abs(truth.t[near] - times) < 1e-9).all())
-
-
-def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """One run over all beats, and its largest errors."""
-    steps = beats if adaptive else round(run.until / way.size)
-    met = math.gcd(steps, beats)
-    wanted = Sampling(run.until / met * np.arange(met + 1), run.until / steps, steps, 0)
-    choice = choice_of(way, adaptive, run.until)
-    found = run_of(Request(run.linkage, run.mechanism.scenario, way.engine, choice, wanted), run.mechanism, CASE_LIMIT)
-    if found.trajectory is None:
-        return Trial(way.size, {}, steps, found.status, found.message)
-    errors = state_errors(run.mechanism, found.trajectory, truth)
-    force = joint_force_errors(judge, found.trajectory, truth)
-    largest = {"position": errors.length, "angle": errors.angle, "force": force}
-    return Trial(way.size, {kind: float(x.max()) for kind, x in largest.items()}, found.trajectory.steps)
-
-
 def trial_row(trial: Trial, adaptive: bool) -> Row:
     errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
     size = {"step": None, "tolerance": trial.size} if adaptive else {"step": trial.size, "tolerance": None}
@@ -238,7 +172,7 @@ def race(linkage: str, scenario: str, part: Search, rows: Rows, watch: Watch = i
     run, found = over(linkage, scenario, part), Ladders(rows)
     wanted, engines = requirements(part), [x.name for x in searched(part)]
     passing = {(w, e): found.passing(e, w) for w in wanted for e in engines}
-    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found, watch)
+    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found.steps, watch)
     best = {key: finalists({w: costs[w] for w in ways if w in costs}) for key, ways in passing.items()}
     final = Race(watch)
     raced = dict.fromkeys(way for ways in best.values() for way in ways)
@@ -283,57 +217,6 @@ class Ladders:
         """The variants of an engine that meet a requirement, each at the largest size that does, in their order."""
         pairs = ((way, coarsest(trials, wanted)) for way, trials in self.of(engine).items())
         return [way._replace(size=trial.size) for way, trial in pairs if trial is not None]
-
-
-def is_adaptive(way: Way) -> bool:
-    return way.integrator in offer(way.engine).adaptive
-
-
-def built(run: Run, way: Way) -> Model:
-    return get(way.engine).build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
-
-
-def steps_timed(run: Run, ways: Sequence[Way], found: Ladders, watch: Watch = id) -> dict[Way, float]:
-    """Estimated seconds of whole runs: of a step of each variant at its finest way, times the steps of each of its ways.
-
-    What cannot be timed is left out.
-    """
-    finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
-    rough = Race(watch)
-    for variant, way in finest.items():
-        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, found.steps[way])
-    seconds = {variant: float(np.quantile(x, 0.25)) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
-    variants = {way: way._replace(size=0.0) for way in ways}
-    return {way: seconds[v] * found.steps[way] for way, v in variants.items() if v in seconds}
-
-
-def _equal_steps(run: Run, way: Way, steps: int) -> Block:
-    return stepping(way, built(run, way), way.size, native=True)
-
-
-def _adaptive_run(run: Run, way: Way, steps: int) -> Block:
-    """A whole run, of which each of its steps is a repetition: the method's steps are not alike."""
-    block = whole_run(run, way, steps, 0.0, math.inf)
-    block.count = max(1, steps)
-    return block
-
-
-def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Block:
-    """A run, whole, or its first part where equal steps take longer than `lead` [s], as often as BLOCK seconds take.
-
-    Raises:
-        RunFailure: the engine cannot run the mechanism.
-    """
-    model, share = built(run, way), 1.0
-    if not is_adaptive(way) and seconds > lead:
-        share = max(1, round(lead / seconds * steps)) / steps
-    times = np.array([0.0, share * run.until])
-    block = Block(way, lambda: model.prepare(times), model.run, share)
-    block.ready()
-    taken = processor_time(block.go)
-    model.read()  # a run that is not to be trusted is not raced
-    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
-    return block
 
 
 def place(way: Way) -> Row:

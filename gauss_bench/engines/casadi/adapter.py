@@ -53,7 +53,7 @@ class Casadi:
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *METHODS)
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
-    variants, knobs = VARIANTS.space, VARIANTS.knobs
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False

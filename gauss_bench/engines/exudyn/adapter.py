@@ -59,7 +59,7 @@ class Exudyn:
     integrators: tuple[str, ...] = tuple(SOLVERS)
     stabilizations: tuple[str, ...] = ("none",)
     settings = VARIANTS.settings
-    variants, knobs = VARIANTS.space, VARIANTS.knobs
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     native_loop = True
     python_loop = False
 

@@ -46,7 +46,7 @@ class Minimal:
     integrators = ("rk4", ADAPTIVE, "dop853_fixed", "semi_implicit_euler")
     stabilizations = ("none",)
     settings = VARIANTS.settings
-    variants, knobs = VARIANTS.space, VARIANTS.knobs
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     adaptive = (ADAPTIVE,)
     native_loop = True
     python_loop = False

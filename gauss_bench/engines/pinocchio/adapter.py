@@ -43,7 +43,7 @@ class Pinocchio:
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
-    variants, knobs = VARIANTS.space, VARIANTS.knobs
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     native_loop = False
     python_loop = True
 

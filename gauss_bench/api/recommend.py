@@ -1,0 +1,203 @@
+"""Which setting of which engine holds what a user requires of a linkage: what `gauss-bench recommend --json` prints."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gauss_bench.api.results import Result
+from gauss_bench.bench.asked import checked_budget, duration
+from gauss_bench.bench.offers import ChoiceError, Offer, offers
+from gauss_bench.bench.recommending import Answer, Recommender, Searched, setting_said
+from gauss_bench.bench.search import UNITS
+from gauss_bench.bench.truth import NoTruth
+from gauss_bench.bench.ways import Run, space
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
+from gauss_bench.engines.variants import Variant
+from gauss_bench.mechanism.load import load
+
+BUDGET = 60.0  # [s]
+FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that answer early, of an engine that names no variants
+Told = Callable[[str], object]
+
+
+@dataclass(frozen=True, eq=False)
+class Recommendation(Result):
+    """For every engine the cheapest setting that holds the requirement, or why there is none.
+
+    Attributes:
+        mechanism, scenario: what was run; until: how long [s].
+        required: kind -> the largest error that is allowed [m], [rad], [N]; settings hold half of it.
+        truth: how the motion is known that errors are measured against; certified: whether by a certificate.
+        known: kind -> how far that may be off [m], [rad], [N].
+        answers: from the fastest engine on; then those that do not hold it.
+        advice: one sentence.
+        remarks: what has to be known besides.
+        complete: whether every variant of every engine was tried to its end.
+    """
+
+    mechanism: str
+    scenario: str
+    until: float
+    required: Mapping[str, float]
+    truth: str
+    certified: bool
+    known: Mapping[str, float]
+    answers: tuple[Answer, ...]
+    advice: str
+    remarks: tuple[str, ...]
+    complete: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name; plain."""
+        return super().as_dict() | {"answers": [asdict(x) for x in self.answers]}
+
+
+def nobody(sentence: str) -> None:
+    """Tell nobody how far things are."""
+
+
+def recommend(
+    linkage: str,
+    position: float | None = None,
+    angle: float | None = None,
+    force: float | None = None,
+    until: float | None = None,
+    engines: Sequence[str] | None = None,
+    scenario: str | None = None,
+    settings: str | None = None,
+    budget: float | None = None,
+    told: Told = nobody,
+) -> Recommendation:
+    """The cheapest setting of each engine whose error over the whole run is at most half of what is required.
+
+    Candidates and their errors are the same in every run; only what the budget leaves untried depends on the clock, and who is
+    faster of those that hold.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        position, angle, force: the largest error that is allowed of any link's centre of mass [m] or angle [rad], or of any joint's
+            force [N]; at least one of them, and all that are given hold together.
+        until: end of the run [s]; the scenario's duration where not given.
+        engines: names; all where not given.
+        scenario: of the file; the first with a start where not given.
+        settings: of the only engine that is asked, as in `simulate`: which step holds with them.
+        budget: wall-clock seconds that all of it may take (60).
+        told: is told how far things are, a sentence at a time.
+
+    Raises:
+        LinkageError: the file has faults.
+        ChoiceError: a requirement, time or setting that cannot be used.
+        KeyError: unknown engine.
+        NoTruth: the motion is not known well enough to judge by.
+    """
+    wanted = required(position=position, angle=angle, force=force)
+    seconds = checked_budget(budget, BUDGET)
+    mechanism = load(linkage, scenario)
+    end = duration(mechanism.duration, until=until)
+    offered = offers(list(dict.fromkeys(engines)) if engines else ordered())
+    if settings is not None and len(offered) != 1:
+        raise ChoiceError("settings are those of one engine: name it with --engine")
+    spaces = {x.name: variants(x, settings) for x in offered}
+    run = Run(linkage, mechanism, end)
+    with Recommender(run, wanted, spaces, seconds, told) as recommender:
+        found = recommender.search()
+        answers = recommender.answers(recommender.race())
+    return Recommendation(
+        mechanism=mechanism.name,
+        scenario=mechanism.scenario,
+        until=end,
+        required=wanted,
+        truth=found.truth.told,
+        certified=found.truth.certified,
+        known=found.truth.bars,
+        answers=tuple(answers),
+        advice=advice(answers, wanted),
+        remarks=tuple(remarks(run, answers)),
+        complete=all(x.complete for x in answers),
+    )
+
+
+def required(**limits: float | None) -> dict[str, float]:
+    """What is required, by kind.
+
+    Raises:
+        ChoiceError: nothing is, or an error that is no positive number.
+    """
+    found = {kind: x for kind, x in limits.items() if x is not None}
+    if not found:
+        raise ChoiceError("say what is required: --position, --angle or --force")
+    for kind, x in found.items():
+        if not (math.isfinite(x) and x > 0):
+            raise ChoiceError(f"the {kind} error that is allowed must be a positive number of {UNITS[kind]}, not {x:g}")
+    return found
+
+
+def ordered() -> list[str]:
+    """All engines, those first that answer first."""
+    first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
+    return [*first, *(x for x in all_names() if x not in first + last), *last]
+
+
+def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
+    """What is tried of an engine, in order."""
+    if not engine.usable:
+        return []
+    if settings is not None:
+        engine.require_settings(settings)
+        found = [Variant(settings, i, s, {}) for i in engine.integrators for s in engine.stabilizations]
+    else:
+        found = space(engine)
+    rank = {name: k for k, name in enumerate(engine.first)}
+    if rank:
+        return sorted(found, key=lambda x: rank.get(x.name, len(rank)))
+    return sorted(
+        found, key=lambda x: (FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none")
+    )
+
+
+def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
+    """What has to be known besides."""
+    found = []
+    if run.mechanism.drivers:
+        names = ", ".join(d.name for d in run.mechanism.drivers)
+        free = "nothing is left to move freely" if run.mechanism.dof == len(run.mechanism.drivers) else "the rest moves freely"
+        found.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
+    short = [x.engine for x in answers if not x.complete]
+    if short:
+        found.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
+    return found
+
+
+def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
+    """One sentence to act on."""
+    limit, more = " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items()), "raise --budget or the limit"
+    held = [x for x in answers if x.status == "ok"]
+    if not held:
+        near = [x for x in answers if x.errors]
+        if not near:
+            return f"No engine runs this linkage within the budget: raise --budget, or see the reasons above for {limit}."
+        best = min(near, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
+        came = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted if k in best.errors)
+        return f"No setting holds half of {limit} within the budget; {best.engine} is nearest with {came}: {more}."
+    best = held[0]
+    errors = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted)
+    takes = "" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
+    others = [x for x in held[1:] if x.engine in FOREIGN and x.ratio is not None]
+    than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
+    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}."
+
+
+def setting_of(answer: Answer) -> str:
+    """A setting in words."""
+    size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
+    return f"{setting_said(answer.settings, answer.integrator, answer.stabilization)}, {size}"
+
+
+def duration_of(seconds: float) -> str:
+    """Seconds in the unit that suits them."""
+    scale, unit = next(((x, u) for x, u in ((1.0, "s"), (1e-3, "ms")) if seconds >= x), (1e-6, "us"))
+    return f"{seconds / scale:.3g} {unit}"
+
+
+__all__ = ["NoTruth", "Recommendation", "Searched", "recommend"]

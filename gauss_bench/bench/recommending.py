@@ -1,0 +1,444 @@
+"""Recommending: for each engine the cheapest setting that holds what a user requires, within the seconds that the user has.
+
+`search.py` finds what is exact enough, as it does for suites; here it is asked in an order that gives every engine an answer early:
+first one variant of each engine, then the others, in turn. Whatever runs, runs in workers, two at a time; nothing is timed there.
+A variant is not tried at more than SPARE times the evaluations that its engine's best needs so far. Errors are those of the whole
+run against `truth.py`, and half of the requirement is for what the truth and the samples may miss. So candidates, their order and
+their errors are the same in every run; where the seconds end, the last of them are missing, and the answer says so.
+
+Then what passed races in one process, as in suites: of each engine those with the least work, first choices first.
+"""
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.bench.apart import run_apart
+from gauss_bench.bench.clock import Race, common, ratio, spread
+from gauss_bench.bench.offers import offer
+from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
+from gauss_bench.bench.survived import survived, watching
+from gauss_bench.bench.tasks import Tables
+from gauss_bench.bench.truth import NoTruth, Truth, truth
+from gauss_bench.bench.ways import Run, Way, judged, paced_run, request_of, sampled
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines.variants import Variant
+from gauss_bench.integrate.fixed_step import EVALUATIONS
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+
+SHARE = "share of the requirement"  # the largest error over what is required of it
+HALF = Requirement(SHARE, 0.5)
+KNOWN = 0.1  # of a requirement: how well the truth has to be known
+LANES = 2  # workers at a time
+BEATS = 200  # samples of a run by steps of its own choice
+DENSE = 400  # samples of a run by equal steps at most
+EVALUATED = 24  # times that one variant is run at most
+MOST = 200_000  # steps
+TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
+SPARE = 8.0  # times the evaluations of the engine's best so far
+CHOICES = 4  # of an engine that race
+NEAR = 4.0  # times the least work of an engine: more is not raced
+ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
+LEAD = 0.03  # [s] of a run at equal steps that is timed
+SLOW = 0.3  # [s] a run that takes longer is timed once
+TRUTH, SEARCHED, RACED = 0.4, 0.6, 0.95  # of the budget, when each ends at the latest
+LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
+CANNOT = "cannot reach"
+
+Told = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is recommended of an engine, or why nothing is.
+
+    Attributes:
+        status: "ok", "cannot reach", "skip" or how it failed; message: why.
+        settings, integrator, stabilization: of the engine; empty without a setting.
+        step, tolerance: [s] or relative; one of them.
+        steps: of the run.
+        errors: kind -> largest of the whole run [m], [rad], [N]; of the setting, or of the best that there was.
+        seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
+        ratio, ratio_low, ratio_high: to the fastest engine.
+        tried, variants: how many of its variants were tried, and how many there are.
+        evaluations: runs of the search.
+        complete: whether the search ended before its time.
+    """
+
+    engine: str
+    status: str
+    message: str = ""
+    settings: str = ""
+    integrator: str = ""
+    stabilization: str = ""
+    step: float | None = None
+    tolerance: float | None = None
+    steps: int | None = None
+    errors: Mapping[str, float] = field(default_factory=dict)
+    seconds: float | None = None
+    seconds_low: float | None = None
+    seconds_high: float | None = None
+    ratio: float | None = None
+    ratio_low: float | None = None
+    ratio_high: float | None = None
+    tried: int = 0
+    variants: int = 0
+    evaluations: int = 0
+    complete: bool = True
+
+
+class _Over(Exception):
+    """The time for searching has ended."""
+
+
+@dataclass
+class _Engine:
+    """One engine's search on its way.
+
+    Attributes:
+        left: variants that were not tried yet.
+        trials: variant -> its trials; ended: variant -> why there are no more.
+        cut: whether time ended a variant; busy: whether it is at work; ran: whether it has been.
+        refused: why it runs nothing of this linkage.
+    """
+
+    name: str
+    left: list[Variant]
+    worker: Worker
+    adaptive: tuple[str, ...]
+    variants: int = 0
+    trials: dict[Way, list[Trial]] = field(default_factory=dict)
+    ended: dict[Way, str] = field(default_factory=dict)
+    cut: bool = False
+    busy: bool = False
+    ran: bool = False
+    refused: tuple[Status, str] | None = None
+
+    def passing(self) -> dict[Way, Trial]:
+        """Ways that hold, by their work from small to large; ties in the order of trying."""
+        found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
+        return {
+            way._replace(size=trial.size): trial
+            for way, trial in sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
+        }
+
+    def next(self) -> Variant:
+        return self.left.pop(0)
+
+
+def work(integrator: str, trial: Trial) -> float:
+    """Evaluations of accelerations in a run, or its steps where nobody counts them."""
+    return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """The part of a recommendation in which no time counts, but for where it ended.
+
+    Attributes:
+        truth: that runs were judged by.
+        engines: name -> trials of every variant (sizes 0) in the order of trying.
+    """
+
+    truth: Truth
+    engines: Mapping[str, Mapping[Way, Sequence[Trial]]]
+
+
+class Recommender:
+    """One recommendation on its way: use as a context, then `search`, `race`, `answers`.
+
+    Attributes:
+        run: what is run; wanted: kind of error -> what is required.
+        spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
+    """
+
+    def __init__(
+        self, run: Run, wanted: Mapping[str, float], spaces: Mapping[str, Sequence[Variant] | str], budget: float, told: Told
+    ):
+        self.run, self.wanted, self.budget, self.started = run, dict(wanted), budget, time.monotonic()
+        self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
+        self.judge = Evaluator(run.mechanism)
+        self.engines: dict[str, _Engine] = {}
+        for name, space in spaces.items():
+            offered = offer(name)
+            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive)
+            if not offered.usable:
+                engine.refused = offered.status, offered.reason
+            elif isinstance(space, str):
+                engine.refused = Status.SKIP, space
+            else:
+                engine.left, engine.variants = list(space), len(space)
+            self.engines[name] = engine
+        self.truth: Truth | None = None
+
+    def __enter__(self) -> "Recommender":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def told(self, sentence: str) -> None:
+        with self._say:
+            self._told(f"{time.monotonic() - self.started:5.1f} s  {sentence}")
+
+    def left(self, share: float) -> float:
+        """Seconds until a share of the budget is spent."""
+        return share * self.budget - (time.monotonic() - self.started)
+
+    # What is exact enough
+
+    def search(self) -> Searched:
+        """Try variants until they, or the time, end.
+
+        Raises:
+            NoTruth: there is nothing good enough to judge by.
+        """
+        with Worker() as worker:
+            found = truth(self.run, {k: KNOWN * x for k, x in self.wanted.items()}, self.left(TRUTH), worker, self.told)
+        for kind, limit in self.wanted.items():
+            if kind in found.bars and not found.bars[kind] <= KNOWN * limit:
+                known = f"the true motion is known to {found.bars[kind]:.1e} {UNITS[kind]} only"
+                raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {found.told}")
+        self.truth = found
+        self.longest = TURNED / max(float(np.abs(found.reference.v[:, 2::3]).max()), 1e-9)
+        lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
+        failures: queue.Queue[BaseException] = queue.Queue()
+        self._failures = failures
+        for lane in lanes:
+            lane.start()
+        for lane in lanes:
+            while lane.is_alive():  # an interrupt is heard between these
+                lane.join(0.2)
+        if not failures.empty():
+            raise failures.get()
+        return Searched(found, {name: x.trials for name, x in self.engines.items()})
+
+    def _lane(self) -> None:
+        try:
+            while (engine := self._next()) is not None:
+                self._variant(engine, engine.next())
+                with self._state:
+                    engine.busy = False
+                    self._state.notify_all()
+        except BaseException as error:
+            self._failures.put(error)
+
+    def _next(self) -> _Engine | None:
+        """The engine whose turn it is: of those nobody works at, the one with the fewest variants tried; None at the end."""
+        with self._state:
+            while self.left(SEARCHED) > 0 and self._failures.empty():
+                open_ones = [x for x in self.engines.values() if x.left and x.refused is None]
+                if not open_ones:
+                    return None
+                free = [x for x in open_ones if not x.busy]
+                if free:
+                    chosen = min(free, key=lambda x: len(x.trials))
+                    chosen.busy = True
+                    return chosen
+                self._state.wait(0.2)
+        return None
+
+    def _variant(self, engine: _Engine, variant: Variant) -> None:
+        """One ladder, and what it brings."""
+        way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
+        adaptive, before = variant.integrator in engine.adaptive, next(iter(engine.passing().items()), None)
+        trials: list[Trial] = []
+        engine.trials[way] = trials
+        scale, most = tolerances(smallest=12), 0
+        if not adaptive:
+            most = self._most(way, before)
+            scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
+
+        def evaluate(size: float) -> Trial:
+            if self.left(SEARCHED) <= 0:
+                raise _Over
+            trials.append(self._evaluated(engine, way._replace(size=size), adaptive))
+            return trials[-1]
+
+        try:
+            _, engine.ended[way] = explore(evaluate, scale, [HALF], EVALUATED, most)
+        except _Over:
+            engine.cut, engine.ended[way] = True, "the time for searching ended"
+        if trials and all(t.status is Status.SKIP for t in trials) and not before and len(engine.trials) == 1:
+            self._refuse(engine, trials[-1])
+        self._tell(engine, before)
+
+    def _refuse(self, engine: _Engine, trial: Trial) -> None:
+        """An engine that refuses the linkage in its first variant is asked in one more with another way, and no further."""
+        others = [x for x in engine.left if x.integrator != next(iter(engine.trials)).integrator][:1]
+        engine.left = others
+        engine.refused = None if others else (trial.status, trial.message)
+
+    def _most(self, way: Way, before: tuple[Way, Trial] | None) -> int:
+        """Steps that a variant may take: all, or what can still be cheaper than the engine's best so far."""
+        if before is None:
+            return MOST
+        spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
+        return int(min(MOST, max(spared, 2 * DENSE)))
+
+    def _evaluated(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
+        assert self.truth is not None
+        steps = BEATS if adaptive else round(self.run.until / way.size)
+        samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
+        wanted = sampled(self.run, steps, samples)
+        longest = LONGEST * self.budget * (1 if engine.ran else 2)
+        limit, engine.ran = max(min(longest, self.left(SEARCHED) + 0.05 * self.budget), 1.0), True
+        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker)
+        trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
+        if trial.status is not Status.OK:
+            return trial
+        shares = [trial.errors[kind] / limit for kind, limit in self.wanted.items()]
+        share = math.nan if any(map(math.isnan, shares)) else max(shares)
+        return Trial(trial.size, {**trial.errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
+
+    def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
+        after = next(iter(engine.passing().items()), None)
+        if after is None:
+            trials = [x for many in engine.trials.values() for x in many]
+            best = nearest(trials, SHARE)
+            if engine.refused:
+                self.told(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
+            elif best is not None and len(engine.trials) == 1:
+                self.told(f"{engine.name}: not yet; nearest {self._errors(best)}")
+        elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
+            self.told(
+                f"{engine.name}: {'holds' if before is None else 'better'}: {said(after[0], engine)}: {self._errors(after[1])}"
+            )
+
+    def _errors(self, trial: Trial) -> str:
+        return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
+
+    # What is cheapest
+
+    def race(self) -> dict[Way, Array]:
+        """Seconds (rounds,) of runs of what passed, interleaved in one process."""
+        chosen: dict[Way, int] = {}
+        lists = [self._choices(x) for x in self.engines.values()]
+        for place in range(CHOICES):  # first choices of all engines before second ones of any
+            chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
+        if not chosen or self.left(RACED) <= 0:
+            return {}
+        self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
+        rows = [[*way, steps] for way, steps in chosen.items()]
+        place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until)
+        deadline = time.time() + self.left(RACED)
+        names = list(dict.fromkeys(x.engine for x in chosen))
+        try:
+            tables, lost = survived(raced_there, (*place_of, rows, deadline), names, max(1.0, self.left(1.0)))
+        except WorkerFailure as error:
+            self.told(f"race: {error}")
+            return {}
+        for name, failure in lost.items():
+            self.told(f"race: {name}: {failure}")
+        return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
+
+    def _choices(self, engine: _Engine) -> list[tuple[Way, Trial]]:
+        ways = list(engine.passing().items())
+        least = min((work(w.integrator, t) for w, t in ways), default=0.0)
+        return [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
+
+    def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
+        """An answer for every engine: those that hold, from the fastest on, then those that do not."""
+        chosen: dict[str, tuple[Way, Trial]] = {}
+        for engine in self.engines.values():
+            ways = engine.passing()
+            if raced := {way: times[way] for way in ways if way in times}:
+                winner = won(raced)[0]
+                chosen[engine.name] = winner, ways[winner]
+            elif ways:
+                chosen[engine.name] = next(iter(ways.items()))
+        fastest = min((times[w] for w, _ in chosen.values() if w in times), key=lambda x: float(np.quantile(x, 0.25)), default=None)
+        found = [self._held(self.engines[e], *pair, times.get(pair[0]), fastest) for e, pair in chosen.items()]
+        found.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
+        return found + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
+
+    def _counts(self, engine: _Engine) -> dict[str, Any]:
+        evaluations = sum(map(len, engine.trials.values()))
+        complete = not engine.cut and not (engine.left and engine.refused is None)
+        return {"tried": len(engine.trials), "variants": engine.variants, "evaluations": evaluations, "complete": complete}
+
+    def _held(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
+        timed: dict[str, float] = {}
+        if seconds is not None and fastest is not None:
+            timed = spread("seconds", seconds)
+            timed |= dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(*common(seconds, fastest)), strict=True))
+        adaptive = way.integrator in engine.adaptive
+        size = {"tolerance": way.size} if adaptive else {"step": way.size}
+        errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
+        columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
+        columns.pop("size")
+        message = "" if timed else "it was not raced: there was no time"
+        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
+
+    def _not_held(self, engine: _Engine) -> Answer:
+        counts: dict[str, Any] = self._counts(engine)
+        best = [(way, trial) for way, x in engine.trials.items() if (trial := nearest(x, SHARE)) is not None]
+        if engine.refused is not None:
+            return Answer(engine.name, str(engine.refused[0]), engine.refused[1], **counts)
+        if not best:
+            last = [x[-1] for x in engine.trials.values() if x]
+            if not last:
+                return Answer(engine.name, CANNOT, "it was not tried: there was no time", **counts)
+            status, message = last[0].status, last[0].message
+            if status is Status.OK:
+                status, message = Status.SKIP, "errors of joint forces are not determined: redundant rows leave them open"
+            return Answer(engine.name, str(status), message, **counts)
+        way, trial = min(best, key=lambda x: x[1].errors[SHARE])
+        errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
+        placed = said(way._replace(size=trial.size), engine)
+        why = engine.ended.get(way, "")
+        message = f"came to {self._errors(trial)} with {placed}; {why}" + ("" if counts["complete"] else "; not all was tried")
+        return Answer(engine.name, CANNOT, message, steps=trial.steps, errors=errors, **counts)
+
+
+def said(way: Way, engine: "_Engine | None" = None, adaptive: bool = False) -> str:
+    """A way in words."""
+    adaptive = adaptive or (engine is not None and way.integrator in engine.adaptive)
+    size = f"tolerance {way.size:.2g}" if adaptive else f"step {way.size:.4g} s"
+    return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"
+
+
+def setting_said(settings: str, integrator: str, stabilization: str) -> str:
+    """A setting in words, each once: variants are often called by what they choose."""
+    words = [] if settings == "default" else [settings]
+    words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
+    return ", ".join(words)
+
+
+def raced_there(
+    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], deadline: float, engines: Sequence[str], path: str
+) -> Tables:
+    """Ways, each with its steps, raced in the process of a worker until `deadline` (time.time); those that matter come first."""
+    run = Run(linkage, load(linkage, scenario), until)
+    race, round_time = Race(watching(path)), 0.0
+    slow: dict[str, tuple[Way, float]] = {}
+    for row in (r for r in rows if r[0] in engines):
+        way, steps = Way(*row[:5]), row[5]
+        left = deadline - time.time() - ROUNDS[0] * round_time
+        if (race.blocks and left <= 0) or way.engine in slow:
+            continue
+        race.add(way, paced_run, run, way, int(steps), LEAD, BEATS)
+        if not (race.blocks and race.blocks[-1].entry == way):
+            continue
+        begun = time.time()
+        seconds = race.blocks[-1].seconds()
+        taken = time.time() - begun
+        if taken > SLOW:  # far behind all that a race could tell apart: once is enough
+            slow[way.engine] = way, seconds
+            race.blocks.pop()
+        else:
+            round_time += taken
+    rounds = int(min(max((deadline - time.time()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
+    found = race.run(rounds).samples
+    told = [{"way": list(way), "seconds": x.tolist()} for way, x in found.items() if isinstance(way, Way)]
+    return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

@@ -1,0 +1,175 @@
+"""Ways: a variant of an engine at a step or tolerance, run over a linkage's whole motion, judged, and timed.
+
+What `measurements/search.py` and `recommending.py` share: which ways there are, how large the errors of one are (no clock is looked
+at), and what of one is raced.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gauss_bench.bench.apart import Request, run_of
+from gauss_bench.bench.clock import BLOCK, Block, Race, stepping
+from gauss_bench.bench.clock import timed as processor_time
+from gauss_bench.bench.context import CASE_LIMIT
+from gauss_bench.bench.offers import Offer, offer
+from gauss_bench.bench.one_run import Run as OneRun
+from gauss_bench.bench.one_run import Sampling
+from gauss_bench.bench.search import Trial
+from gauss_bench.bench.survived import Watch
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.variants import Variant
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import joint_force_errors, state_errors
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
+FIRST = 20  # steps that tell how long the others take
+ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
+
+
+class Way(NamedTuple):
+    """A variant of an engine at a size."""
+
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+    size: float
+
+
+class Run(NamedTuple):
+    """What ways of a linkage (name or path) are run over: from 0 to `until` [s]."""
+
+    linkage: str
+    mechanism: Mechanism
+    until: float
+
+
+def space(engine: Offer) -> list[Variant]:
+    """The variants of an engine: its own list, or every setting with every integrator and stabilisation."""
+    if engine.variants:
+        return list(engine.variants.values())
+    return [
+        Variant(label, integrator, stabilization, options)
+        for label, options in engine.settings.items()
+        for integrator in engine.integrators
+        for stabilization in engine.stabilizations
+    ]
+
+
+def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
+    chosen = (way.settings, way.integrator, way.stabilization)
+    return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
+
+
+def has_samples(truth: Reference, until: float, beats: int) -> bool:
+    """Whether the truth is known at every beat of a run."""
+    times = until / beats * np.arange(beats + 1)
+    near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
+    return bool((np.abs(truth.t[near] - times) < 1e-9).all())
+
+
+def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
+    """One run over all beats, and its largest errors."""
+    steps = beats if adaptive else round(run.until / way.size)
+    wanted = sampled(run, steps, math.gcd(steps, beats))
+    return judged(run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT))
+
+
+def sampled(run: Run, steps: int, samples: int) -> Sampling:
+    """So many equal steps, of which so many samples after the first are kept."""
+    return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
+
+
+def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
+    return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
+
+
+def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, found: OneRun) -> Trial:
+    """The largest errors of a run at the times that it has in common with the truth."""
+    if found.trajectory is None:
+        return Trial(way.size, {}, found.sampling.count, found.status, found.message)
+    errors = state_errors(run.mechanism, found.trajectory, truth)
+    force = joint_force_errors(judge, found.trajectory, truth)
+    largest = {"position": errors.length, "angle": errors.angle, "force": force}
+    steps, evaluations = found.trajectory.steps, found.trajectory.evaluations
+    return Trial(way.size, {kind: float(x.max()) for kind, x in largest.items()}, steps, evaluations=evaluations)
+
+
+def is_adaptive(way: Way) -> bool:
+    return way.integrator in offer(way.engine).adaptive
+
+
+def built(run: Run, way: Way) -> Model:
+    return get(way.engine).build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
+
+
+def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: Watch = id) -> dict[Way, float]:
+    """Estimated seconds of whole runs: of a step of each variant at its finest way, times the steps of each of its ways.
+
+    What cannot be timed is left out.
+    """
+    finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
+    rough = Race(watch)
+    for variant, way in finest.items():
+        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, steps[way])
+    seconds = {variant: float(np.quantile(x, 0.25)) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
+    variants = {way: way._replace(size=0.0) for way in ways}
+    return {way: seconds[v] * steps[way] for way, v in variants.items() if v in seconds}
+
+
+def _equal_steps(run: Run, way: Way, steps: int) -> Block:
+    return stepping(way, built(run, way), way.size, native=True)
+
+
+def _adaptive_run(run: Run, way: Way, steps: int) -> Block:
+    """A whole run, of which each of its steps is a repetition: the method's steps are not alike."""
+    block = whole_run(run, way, steps, 0.0, math.inf)
+    block.count = max(1, steps)
+    return block
+
+
+def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Block:
+    """A run, whole, or its first part where equal steps take longer than `lead` [s], as often as BLOCK seconds take.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    model, share = built(run, way), 1.0
+    if not is_adaptive(way) and seconds > lead:
+        share = max(1, round(lead / seconds * steps)) / steps
+    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+
+
+def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Block:
+    """As `whole_run`, of a way of which nobody has found out how long it takes.
+
+    Steps of its own choice end at so many samples, as where they were judged.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    model = built(run, way)
+    if is_adaptive(way):
+        return _repeated(way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
+    first = min(steps, FIRST)
+    model.prepare(np.array([0.0, first / steps * run.until]))
+    seconds = max(processor_time(model.run), 1e-9) * steps / first
+    share = max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
+    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+
+
+def _repeated(way: Way, model: Model, times: Array, share: float) -> Block:
+    """Runs over the times, of which each is so much of a whole one, as often as BLOCK seconds take."""
+    block = Block(way, lambda: model.prepare(times), model.run, share)
+    block.ready()
+    taken = processor_time(block.go)
+    model.read()  # a run that is not to be trusted is not raced
+    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
+    return block

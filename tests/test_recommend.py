@@ -1,0 +1,165 @@
+"""Recommendations hold what they promise, in the time that they are given, and are the same again."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.api.recommend import Recommendation, variants
+from gauss_bench.bench.offers import offer
+from gauss_bench.bench.recommending import Recommender, work
+from gauss_bench.bench.search import Scale, Trial, no_coarser
+from gauss_bench.bench.truth import NoTruth, Truth, between, truth
+from gauss_bench.bench.ways import Run
+from gauss_bench.bench.worker import Worker
+from gauss_bench.cli import main
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference.store import certified_reference
+from gauss_bench.trajectory import Reference
+from tests.conftest import needs
+
+SHORT = Run("crank_slider", load("crank_slider"), 0.2)
+QUICK = ("minimal", "by_hand")
+
+
+def quiet(sentence: str) -> None:
+    """Nobody listens."""
+
+
+@pytest.fixture(scope="module")
+def known() -> Truth:
+    needs("llvmlite")
+    with Worker() as worker:
+        return truth(SHORT, {"position": 1e-8, "force": 1e-3}, 60.0, worker, quiet)
+
+
+@pytest.fixture(scope="module")
+def found() -> Recommendation:
+    needs("llvmlite")
+    needs("cc", "gcc", "clang")
+    return gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=120.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([], "say what is required: --position, --angle or --force"),
+        (["--position=-1e-4"], "the position error that is allowed must be a positive number of m, not -0.0001"),
+        (["--position", "nan"], "the position error that is allowed must be a positive number"),
+        (["--force", "0"], "the force error that is allowed must be a positive number of N, not 0"),
+        (["--position", "1e-4", "--until", "0"], "the end of a run must be a positive number"),
+        (["--position", "1e-4", "--budget", "0"], "the budget must be a positive number"),
+        (["--position", "1e-4", "--engine", "gauss,nonsense"], "unknown engine 'nonsense'"),
+        (["--position", "1e-4", "--settings", "tuned"], "settings are those of one engine"),
+        (["--position", "1e-4", "--engine", "gauss", "--settings", "x=1"], "gauss: no option 'x'"),
+    ],
+)
+def test_what_cannot_be_asked_is_bad_input(given: Sequence[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["recommend", "crank_slider", *given]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.out == ""
+
+
+def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
+    t, at = np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 41)
+    p = np.polynomial.Polynomial([0.1, -2.0, 3.0, 0.5, -4.0, 7.0])
+    none = np.zeros(5)
+    q, v, a = (x(t)[:, None] for x in (p, p.deriv(), p.deriv(2)))
+    x, u = between(Reference(t, q, v, a, none, none, none, none, none, none, ""), at)
+    np.testing.assert_allclose(x[:, 0], p(at), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(u[:, 0], p.deriv()(at), rtol=0, atol=1e-13)
+
+
+@pytest.mark.slow
+def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) -> None:
+    certified = certified_reference(SHORT.mechanism, SHORT.until)
+    assert certified is not None
+    assert known.certified
+    own = known.at(SHORT, certified.t)
+    off = np.abs(own.q - certified.q)
+    bar = known.bars["position"] + known.bars["angle"]
+    assert off.max() <= bar
+    assert bar < 1e-8
+    np.testing.assert_allclose(own.a, certified.a, rtol=0, atol=1e-5 * np.abs(certified.a).max())
+
+
+@pytest.mark.slow
+def test_an_impossible_requirement_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
+    needs("llvmlite")
+    with pytest.raises(NoTruth, match=r"the true motion is known to .* m only, a tenth of 1e-16 m is needed"):
+        gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=60.0)
+
+
+@pytest.mark.slow
+def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommendation) -> None:
+    for answer in found.answers:
+        assert answer.status == "ok", answer
+        assert answer.errors["position"] <= 0.5e-4
+        assert answer.errors["angle"] <= 0.5e-3
+        assert (answer.step is None) != (answer.tolerance is None)
+    assert found.certified
+    assert all(found.known[kind] <= 0.1 * x for kind, x in found.required.items())
+    ratios = [x.ratio for x in found.answers]
+    assert ratios[0] == 1.0
+    assert ratios == sorted(ratios)  # type: ignore[type-var]
+    assert found.advice.startswith(f"Take {found.answers[0].engine} with ")
+    assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
+
+
+@pytest.mark.slow
+def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None:
+    """The recommended setting in `simulate`, against the certified motion at the end of the run."""
+    certified = certified_reference(SHORT.mechanism, SHORT.until)
+    assert certified is not None
+    for answer in found.answers:
+        if answer.step is None:
+            continue
+        chosen = (answer.settings, answer.integrator, answer.stabilization, answer.step, [SHORT.until])
+        run = gauss_bench.simulate("crank_slider", answer.engine, None, *chosen)
+        for k, link in enumerate(SHORT.mechanism.links):
+            at = certified.q[-1, 3 * k : 3 * k + 3]
+            assert abs(run.links[link.name]["x"][-1] - at[0]) < 1e-4
+            assert abs(run.links[link.name]["theta"][-1] - at[2]) < 1e-3
+
+
+@pytest.mark.slow
+def test_candidates_and_errors_are_the_same_bit_for_bit() -> None:
+    needs("llvmlite")
+
+    def accuracy() -> dict[str, list[tuple[object, ...]]]:
+        spaces = {name: variants(offer(name)) for name in QUICK}
+        with Recommender(SHORT, {"position": 1e-6}, spaces, 200.0, quiet) as recommender:
+            engines = recommender.search().engines
+        rows = {e: [(way, trial) for way, x in many.items() for trial in x] for e, many in engines.items()}
+        return {e: [(*way, t.size, t.steps, *sorted(t.errors.items())) for way, t in many] for e, many in rows.items()}
+
+    one, other = accuracy(), accuracy()
+    assert one == other
+    assert len(one["minimal"]) > 10
+
+
+def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:
+    assert work("rk4", Trial(1e-3, {}, 100)) == 400
+    assert work("rk4", Trial(1e-3, {}, 100, evaluations=350)) == 350
+    assert work("implicit of some kind", Trial(1e-3, {}, 100)) == 100
+
+
+def test_a_scale_begins_no_coarser_than_asked() -> None:
+    scale = Scale((1.0, 0.8, 0.5, 0.4, 0.25), (0, 2, 4))
+    assert no_coarser(scale, 2.0) == scale
+    assert no_coarser(scale, 0.8) == Scale((0.8, 0.5, 0.4, 0.25), (0, 1, 3))
+    assert no_coarser(scale, 0.1) == Scale((0.25,), (0,))
+
+
+@pytest.mark.slow
+def test_what_moves_as_it_must_is_told_as_that(tmp_path: Path) -> None:
+    """An excavator whose cylinders are driven: engines that are given angles only are rows with that reason."""
+    needs("llvmlite")
+    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=60.0)
+    own = found.answers[0]
+    assert (own.engine, own.status) == ("gauss-native", "ok")
+    assert "is prescribed, nothing is left to move freely" in found.remarks[0]
