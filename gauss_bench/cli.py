@@ -275,6 +275,25 @@ def bring_in(options: argparse.Namespace) -> int:
     return 0
 
 
+def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.atlas import chart, survey, table
+    from gauss_bench.bench.asked import checked_budget
+    from gauss_bench.tables import write_text
+
+    chosen, along = survey.ways(options.engines), survey.axes(options.axes)
+    found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    if options.out is not None:
+        contents = {"atlas.csv": table.csv_of(found), "atlas.svg": chart.chart(found), "index.html": table.page(found)}
+        for name, content in contents.items():
+            write_text(options.out / name, content)
+            tell(f"{options.out / name}")
+    if options.json:
+        print_json([table.row(x) for x in found])
+    else:
+        print(table.text(found))
+    return 0
+
+
 def tell(sentence: str) -> None:
     """How far things are, to people."""
     print(sentence, file=sys.stderr)
@@ -410,6 +429,7 @@ ACTIONS: dict[str, Verb] = {
     "import": bring_in,
     "certify": certify,
     "verify": verify,
+    "atlas": atlas,
     "run": run,
     "report": report,
     "check": check,
