@@ -112,7 +112,7 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     if apart.friction:
         acting = acting + apart.friction.generalised(told.q, told.v, multipliers)
     lacking = told.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
-    forces = {}
+    forces: dict[str, dict[str, Array]] = {}
     for weld in mechanism.welds:
         at = position(told.q, weld.at)
         force, moment = np.zeros((len(told.t), 2)), np.zeros(len(told.t))

@@ -11,12 +11,13 @@ from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, co
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
 from gauss_bench.formulations.gauss import gauss
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
-from tests.conftest import needs
+from tests.conftest import DATA, needs
 from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
 
 mujoco = needs("mujoco")
@@ -124,6 +125,16 @@ def test_driving_torques_over_a_turn(name, scenario):
     assert coarse < 1e-6  # RK4 against the 0.02 s in which closures are drawn shut: 2e-7 at most was measured
     assert fine < coarse / 8  # order four
     assert 1e-5 < torque_error(ENGINE, mechanism, settings="tuned") < 1e-2  # soft closures
+
+
+@pytest.mark.parametrize(("name", "scenario"), [("gripper", "close"), ("excavator_arm", "lift")])
+def test_a_driven_slide_follows_its_law(name, scenario):
+    mechanism, times = load(DATA / f"{name}.toml", scenario), np.array([0.0, 0.05, 0.1])
+    found = trajectory(mechanism, times)
+    (driver,) = mechanism.drivers
+    assert np.abs(value(driver.coordinate, found.q) - driver.law(times)[0]).max() < 1e-8
+    expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
+    assert np.abs(found.q - expected.q).max() < 1e-5
 
 
 @pytest.mark.parametrize("native", [True, False])

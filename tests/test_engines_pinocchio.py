@@ -20,7 +20,7 @@ from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import everything, needs, redundant
+from tests.conftest import DATA, everything, needs, redundant
 from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error
 from tests.engine_runs import ran as ran_in
 
@@ -79,6 +79,15 @@ def test_two_driven_links_that_hang_on_other_links() -> None:
     expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
     assert np.abs(found.q - expected.q).max() < 1e-12  # projection leaves no freedom at all
     assert relative_error(found.a, expected.a) < 1e-11
+
+
+@pytest.mark.parametrize(("name", "scenario"), [("gripper", "close"), ("excavator_arm", "lift")])
+def test_a_driven_slide_between_ground_and_link_and_between_links(name: str, scenario: str) -> None:
+    mechanism, times = load(DATA / f"{name}.toml", scenario), np.array([0.0, 0.05, 0.1])
+    found = ran(mechanism, times, stabilization="projection")
+    expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
+    assert np.abs(found.q - expected.q).max() < 1e-10
+    assert relative_error(found.a, expected.a) < 1e-9
 
 
 @pytest.mark.parametrize(("name", "scenario"), [("six_bar", "cycloid"), ("shaper", "driven"), ("five_bar", "driven")])

@@ -11,6 +11,7 @@ import pytest
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.cli import main
 from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -258,3 +259,24 @@ def test_a_start_beside_a_driver_is_told_how_and_too_little_of_it_what_is_free()
 def test_machines_without_a_crank_or_with_passive_freedoms_move(path: Path, scenario: str) -> None:
     found = simulate(str(path), scenario=scenario, at=[0.05], step=1e-3)
     assert found.status == "ok", found.message
+
+
+def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A block on a rail runs over the point that its spring is fixed to; one beside the rail is never reached."""
+    content = """format = "planar-linkage/1"
+name = "rail"
+ground = { points = { O = [0.0, 0.0], S = [0.3, HEIGHT] } }
+links = { block = { points = { C = [0.0, 0.0] }, mass = 1.0, inertia = 0.01 } }
+joints = { rail = { type = "prismatic", guide = "ground.O", block = "block.C" } }
+forces = { cord = { type = "spring_damper", between = ["ground.S", "block.C"], k = 50.0, rest = REST } }
+assembly = { sketch = { rail = [0.1, 0.0] } }
+scenarios = { run = { duration = 0.01, forces = ["cord"], start = { slides = { rail = 0.1 } } } }
+"""
+    path = tmp_path / "rail.toml"
+    for height, rest, warned in (("0.0", "0.1", True), ("0.05", "0.1", False), ("0.0", "0.0", False)):
+        path.write_text(content.replace("HEIGHT", height).replace("REST", rest))
+        assert bool(load(path).warnings) == warned
+        assert main(["simulate", str(path)]) == 0
+        assert ("warning: forces.cord: the linkage can bring ground.S and block.C together" in capsys.readouterr().err) == warned
+        assert main(["show", str(path)]) == 0
+        assert ("warning: forces.cord" in capsys.readouterr().out) == warned

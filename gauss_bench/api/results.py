@@ -51,6 +51,7 @@ class Simulation(Result):
         drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
         welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
             out of dictionaries where there are none.
+        warnings: what the loader says of the file; left out of dictionaries where it says nothing.
         asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
             not in dictionaries; `gauss_bench.history` makes curves of them.
     """
@@ -79,12 +80,13 @@ class Simulation(Result):
     trajectory: Trajectory | None = None
     drivers: dict[str, Array] = field(default_factory=dict)
     welds: States = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain but for arrays."""
         found = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
         absent = ("model", "trajectory", "asked_until")
-        return {k: v for k, v in found.items() if k not in absent and (k not in ("drivers", "welds") or v)}
+        return {k: v for k, v in found.items() if k not in absent and (k not in ("drivers", "welds", "warnings") or v)}
 
     def told(self) -> Told:
         """What plots and animations say of the run."""

@@ -134,6 +134,7 @@ def described(
         valid=status is Status.OK and verdict is not None and verdict.valid,
         objections=objections,
         observed=observed_names(mechanism),
+        warnings=mechanism.warnings,
         welds=metrics.weld_forces(evaluator, chosen),
         trusted_until=until,
         advice=advice(objections, choice.step, choice.stabilization != "none"),

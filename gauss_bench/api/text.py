@@ -84,6 +84,8 @@ def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
         "links": {x.name: {"mass": x.mass, "inertia": x.inertia, "com": x.com, "points": dict(x.points)} for x in first.links},
         "joints": {x.name: type(x).__name__.lower() for x in first.joints},
         "knife_edges": [x.name for x in first.knife_edges],
+        "welds": {x.name: [first.whole.links[i].name for i in x.beyond] for x in first.welds},
+        "warnings": sorted({x for m in (first, *others) for x in m.warnings}),
         "scenarios": {
             m.scenario: {
                 "duration": m.duration,
@@ -106,6 +108,8 @@ def format_description(found: dict[str, Any]) -> str:
     for name, scenario in found["scenarios"].items():
         how = "driven" if scenario["driven"] else "free"
         lines.append(f"scenario {name}: {scenario['duration']:g} s, {how}, forces {', '.join(scenario['forces']) or 'none'}")
+    lines += [f"weld {name}: holds {', '.join(held)}" for name, held in found["welds"].items()]
+    lines += [f"warning: {x}" for x in found["warnings"]]
     return "\n".join(lines)
 
 

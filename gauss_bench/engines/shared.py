@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute, loads
+from gauss_bench.mechanism.model import (
+    GROUND,
+    AngleDriver,
+    LengthDriver,
+    Mechanism,
+    Point,
+    Prismatic,
+    Revolute,
+    SlideDriver,
+    loads,
+)
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -45,19 +55,19 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
     loads(mechanism.forces)
     if mechanism.has_friction:
         return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
-    other = next((d.name for d in mechanism.drivers if not isinstance(d, AngleDriver)), None)
-    return other and f"{library} is given prescribed angles of links only here, not the slide or length {other}"
+    return None
 
 
-def driven_links(mechanism: Mechanism) -> list[AngleDriver]:
-    """The prescribed rotations, in order; there are no other drivers once `refused` has been asked."""
-    return [d for d in mechanism.drivers if isinstance(d, AngleDriver)]
+def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
+    """The drivers that prescribe a link's angle or a slide, in order; there are no others once `beyond_a_tree` has been asked."""
+    return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
 
-def driven_hinges(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """For each driver the tree coordinate that is the angle of its link, or None where that is a sum or no coordinate."""
+def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
+    """For each driver the tree coordinate that it prescribes, or None where that is a sum or no coordinate."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
-    return [hinges.get(d.link) for d in driven_links(mechanism)]
+    slides = {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
+    return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
@@ -66,6 +76,9 @@ def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
         return reason
     if mechanism.knife_edges:
         return f"{library} has no constraint on velocities alone (knife edge)"
+    length = next((d.name for d in mechanism.drivers if isinstance(d, LengthDriver)), None)
+    if length:
+        return f"{library} is given prescribed angles of links and slides only here, not the length {length}"
     slide = next((j.name for j in spanning_tree(mechanism).closures if isinstance(j, Prismatic)), None)
     return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
 

@@ -8,8 +8,9 @@ from gauss_bench.exchange.laws import law_function
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.exchange.transcript import Script, python
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.trajectory import RunFailure, Status
 
 STATEMENTS = {
     "SystemContainer": "container",
@@ -102,6 +103,9 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
             return Written(f"lambda mbs, t, item, offset: {names[id(law)]}(t)[{rate}] - {python(start)}")
 
+    beyond = ", ".join(d.name for d in mechanism.drivers if not isinstance(d, AngleDriver))
+    if beyond:
+        raise RunFailure(Status.SKIP, f"the script holds motion laws of links only, not of the slide or length {beyond}")
     built = ExudynModel(mechanism, choice)  # which is compared with the linkage
     names = {id(d.law): f"law_{k}" for k, d in enumerate(mechanism.drivers, 1)}
     script = Script(STATEMENTS)

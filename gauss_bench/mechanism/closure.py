@@ -4,7 +4,7 @@ The sketch picks the branch: Gauss-Newton closes the joints from it with nothing
 reached in small steps, so that a start far from the sketch keeps its assembly. Speeds follow from one linear system.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,7 +68,8 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
-    return replace(closed, apart=closed.apart and replace(closed.apart, **spread_start(closed)))
+    closed = replace(closed, warnings=tuple(through_zero(closed, joints)))
+    return replace(closed, apart=closed.apart and started(closed.apart, closed))
 
 
 def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
@@ -81,11 +82,11 @@ def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return close_joints(mechanism, joints, sketch(mechanism, document))
 
 
-def spread_start(mechanism: Mechanism) -> dict[str, Array]:
-    """q0 and v0 (n,) of the links of the file, of which some are welded."""
+def started(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
+    """The links of the file on their own, at the start of the bodies that they are welded into."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     told = spread(mechanism, start)
-    return {"q0": told.q[0], "v0": told.v[0]}
+    return replace(apart, q0=told.q[0], v0=told.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
@@ -132,6 +133,28 @@ def check_springs(mechanism: Mechanism) -> None:
         for distance in (x for x in directed if isinstance(x, Distance)):
             if value(distance, mechanism.q0) < CLOSED:
                 raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
+
+
+def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
+    """Sentences on springs with a rest length whose points the linkage can bring together: their force turns round there."""
+    if mechanism.dof <= len(mechanism.drivers):
+        return  # the motion does not follow from forces
+    close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
+    for f in mechanism.forces:
+        for law in (x for x in loads([f]) if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
+            if not isinstance(ends := law.coordinate, Distance):
+                continue
+            axes = [[Along(world, p, 0.0, across) for p in (ends.a, ends.b)] for across in (False, True)]
+
+            def residual(q: Array, axes: list[list[Along]] = axes) -> tuple[Array, Array]:
+                (F, J), gaps = close(q), [value(b, q) - value(a, q) for a, b in axes]
+                return np.append(F, gaps), np.vstack([J, *(gradient(b, q) - gradient(a, q) for a, b in axes)])
+
+            if gauss_newton(mechanism.q0, residual)[1] < CLOSED:
+                yield (
+                    f"forces.{f.name}: the linkage can bring {ends.a.name} and {ends.b.name} together, where the spring has no "
+                    "direction: its force turns round at once, and no step size follows that; keep the motion away from there"
+                )
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:

@@ -28,7 +28,7 @@ def written_out(document: dict[str, Any]) -> dict[str, Any]:
 
 def _link(part: dict[str, Any], sense: int) -> dict[str, Any]:
     """A uniform bar from the pin along the cylinder, +1 towards the other pin's side along x, -1 against it."""
-    link = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
+    link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
     if "com" in part:
         link["com"] = [sense * part["com"], 0]
     return link | {"points": {PIN: [0, 0], END: [sense * part["length"], 0]}, "bars": [[PIN, END]]}

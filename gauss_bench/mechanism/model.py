@@ -462,6 +462,7 @@ class Mechanism:
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
         parts: every link of the file as part of a body, where some are welded; else none. welds: what holds them.
         apart: the linkage with every link of the file on its own, where some are welded: what results are told by.
+        warnings: sentences on what the file allows and a motion should stay away from.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
     """
 
@@ -492,6 +493,7 @@ class Mechanism:
     parts: tuple[Part, ...] = ()
     welds: tuple[Weld, ...] = ()
     apart: "Mechanism | None" = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.

@@ -30,7 +30,7 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     centre: dict[int, Array] = {GROUND: np.zeros(2)}
 
     def world(point: Point) -> Array:
-        return centre[point.link] + turned(point.local, theta[point.link])
+        return np.asarray(centre[point.link] + turned(point.local, theta[point.link]))
 
     todo = list(range(len(mechanism.links)))
     while todo:

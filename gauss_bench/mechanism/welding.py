@@ -101,7 +101,8 @@ def bodies(links: Mapping[str, Link], placed: Mapping[str, Pose]) -> tuple[Link,
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
     if len(members) == 1:
         return root
-    points, bars, masses = {}, [], []
+    points: dict[str, Array] = {}
+    bars, masses = [], []
     for name, pose in members.items():
         link = links[name]
         said = {key: key if name == root.name else f"{name}.{key}" for key in link.points}

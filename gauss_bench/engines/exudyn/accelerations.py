@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.exudyn.items import System
-from gauss_bench.engines.shared import driven_links, require_agreement, size
+from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -54,7 +54,7 @@ class Readout:
         settings.solution.file.write = False
         self.solver.InitializeSolver(system.mbs, settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
-        self.laws = [driver.law for driver in driven_links(system.mechanism)]  # of the last rows
+        self.laws = [driver.law for driver in system.mechanism.drivers]  # of the last rows
 
     def jacobian(self, q: Array) -> Array:
         """C_q (m, n)."""

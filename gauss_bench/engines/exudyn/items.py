@@ -10,29 +10,33 @@ Forces along an axis need care on moving links. Exudyn applies the opposite forc
 unless origin and point lie on one line along the axis. Where a slide between the two links keeps their distance from that line,
 the marker is moved there and the law is exact; anywhere else the mechanism is skipped.
 
-A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0.
+A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0; a prescribed
+slide or length is a CoordinateVectorConstraint, whose equation x(q) - law(t) = 0 and Jacobian are user functions.
 """
 
 from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.shared import PARALLEL, driven_links, spatial
-from gauss_bench.mechanism.coordinates import unit, value
+from gauss_bench.engines.shared import PARALLEL, spatial
+from gauss_bench.mechanism.coordinates import gradient, rate, unit, value
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,
     Angle,
     AngleDriver,
     Distance,
+    Driver,
     Force,
     Joint,
     Law,
+    LengthDriver,
     Load,
     Mechanism,
     Point,
     PointForce,
     Prismatic,
+    SlideDriver,
     loads,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -80,7 +84,7 @@ class System:
             self._link(i)
         for joint in mechanism.joints:
             self._joint(joint)
-        for driver in driven_links(mechanism):
+        for driver in mechanism.drivers:
             self._driver(driver)
         for load in loads(mechanism.forces):
             self._load(load)
@@ -123,12 +127,43 @@ class System:
         )
         self.mbs.AddObject(slide)
 
-    def _driver(self, driver: AngleDriver) -> None:
+    def _driver(self, driver: Driver) -> None:
+        if not isinstance(driver, AngleDriver):
+            self._driven(driver)
+            return
         start = float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
             markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
             offsetUserFunction=self._offset(driver.law, 0, start),
             offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
+        )
+        self.mbs.AddObject(drive)
+
+    def _driven(self, driver: SlideDriver | LengthDriver) -> None:
+        """x(q) = law(t) of a slide or a length; Exudyn hands over the coordinates of both links one after the other."""
+        pair = (driver.joint.guide, driver.joint.block) if isinstance(driver, SlideDriver) else (driver.a, driver.b)
+        coordinate, law = driver.coordinate, driver.law
+        columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
+
+        def full(given: Any) -> Array:
+            state = np.zeros(self.mechanism.n)
+            state[columns] = np.array(given)
+            return state
+
+        def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
+            if velocity:
+                return [float(rate(coordinate, full(q), full(v))) - float(law(t)[1])]
+            return [float(value(coordinate, full(q))) - float(law(t)[0])]
+
+        def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
+            return np.array(gradient(coordinate, full(q))[None, columns])
+
+        nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
+        drive = self.items.ObjectConnectorCoordinateVector(
+            markerNumbers=nodes,
+            scalingMarker0=np.zeros((1, 1)),  # says that there is one equation
+            constraintUserFunction=equation,
+            jacobianUserFunction=jacobian,
         )
         self.mbs.AddObject(drive)
 

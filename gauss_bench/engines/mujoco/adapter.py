@@ -4,8 +4,8 @@ The generated model is compared with the suite's own terms before it is used: ma
 of the open joints, at the start and at random tree states. Only the softness of the closures is left unchecked: it is what the
 settings vary.
 
-MuJoCo has no prescribed motion of a joint. A hinge on the ground with an armature (rotor inertia) A far beyond all masses, under
-the torque A law''(t), moves so up to the share of the linkage's load in that torque:
+MuJoCo has no prescribed motion of a joint. A hinge on the ground, or a slide, with an armature (rotor inertia) A far beyond all
+masses, under the torque or force A law''(t), moves so up to the share of the linkage's load in that torque:
 
     (A + m) theta'' = A law''(t) + load
 """
@@ -24,11 +24,11 @@ from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
     beyond_a_tree,
     closing_pins,
-    driven_hinges,
-    driven_links,
+    driven_coordinates,
     finite,
     finite_acceleration,
     joint_tree,
+    jointed,
     require_agreement,
     tree_states,
     with_accelerations,
@@ -93,7 +93,7 @@ class Mujoco:
         if reason:
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
-        if None in driven_hinges(mechanism, tree):
+        if None in driven_coordinates(mechanism, tree):
             return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
         try:
             native_forces(mechanism, tree)
@@ -142,9 +142,9 @@ class MujocoModel:
         self._drive()
 
     def _drive(self) -> None:
-        """Give driven hinges their armatures, as if they had been compiled into the model."""
-        laws = [d.law for d in driven_links(self.mechanism)]
-        at = [k for k in driven_hinges(self.mechanism, self.tree) if k is not None]
+        """Give driven hinges and slides their armatures, as if they had been compiled into the model."""
+        laws = [d.law for d in jointed(self.mechanism)]
+        at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
         if not laws:
             return
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.pinocchio.tree import Multibody
-from gauss_bench.engines.shared import driven_links
+from gauss_bench.engines.shared import jointed
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import Force, Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Force, Mechanism, SlideDriver
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -42,7 +42,7 @@ class TreeForces:
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
         self.motion = Motion(tree, body)
-        self.drivers = driven_links(mechanism)
+        self.drivers = jointed(mechanism)
         y = tree.relative(mechanism.q0, mechanism.v0)[0]
         self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
@@ -69,21 +69,29 @@ class TreeForces:
 
 
 class DrivingTorques:
-    """Torques on driven links under which they have their prescribed accelerations.
+    """Torques on driven links, and forces along driven slides, under which they have their prescribed accelerations.
 
-    Accelerations are affine in torques. With R the rows of theta = theta0 + R y that are driven, a0 the accelerations without any
-    driving torque and a_j those with a probe torque on driver j alone,
+    Accelerations are affine in torques. With R the rows of x = x0 + R y that are driven (a slide is a coordinate of the tree), a0
+    the accelerations without any driving torque and a_j those with a probe torque on driver j alone,
 
-        y'' = a0 + sum s_j (a_j - a0),    R y'' = law''(t) - Kd (theta' - law'(t)) - Kp (theta - law(t))
+        y'' = a0 + sum s_j (a_j - a0),    R y'' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
     where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
-        self.laws, links = [d.law for d in forces.drivers], [d.link for d in forces.drivers]
-        self.rows, self.theta0 = forces.motion.turns[links], forces.motion.theta0[links]
+        self.laws = [d.law for d in forces.drivers]
+        rows = [self._row(forces, d) for d in forces.drivers]
+        self.rows, self.origin = np.array([row for row, _ in rows]).reshape(-1, forces.tree.n), np.array([x for _, x in rows])
         self.gains = gains
         self.inertias = np.einsum("ij,jk,ik->i", self.rows, forces.inertia, self.rows)  # that the opened tree has at the start
+
+    def _row(self, forces: TreeForces, driver: AngleDriver | SlideDriver) -> tuple[Array, float]:
+        """A driven coordinate as row . y + constant."""
+        if isinstance(driver, AngleDriver):
+            return forces.motion.turns[driver.link], float(forces.motion.theta0[driver.link])
+        (at,) = [b.at for b in forces.tree.branches if b.joint and b.joint.name == driver.joint.name]
+        return np.eye(forces.tree.n)[at], 0.0
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
         """The accelerations (n,) that `solve` finds at t, y, dy under tau (n,) and the driving torques.
@@ -93,7 +101,7 @@ class DrivingTorques:
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
-        wanted = second - kd * (self.rows @ dy - rate) - kp * (self.theta0 + self.rows @ y - value)
+        wanted = second - kd * (self.rows @ dy - rate) - kp * (self.origin + self.rows @ y - value)
         free = solve(t, y, dy, tau)
         missing = wanted - self.rows @ free
         probes = self.inertias * np.maximum(1.0, np.abs(missing))
