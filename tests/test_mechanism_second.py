@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.api.exchange import export
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.bench.offers import ChoiceError
@@ -19,6 +18,8 @@ from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get as engine
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS, exported
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.adaptive import dop853
@@ -362,9 +363,9 @@ def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
         compile_kernel(mechanism)
     with pytest.raises(Uncertified, match="force profile varies with time or direction"):
         certify(path)
-    for kind in ("c", "casadi", "mujoco", "pinocchio", "exudyn"):
-        with pytest.raises(ChoiceError, match="varies"):
-            export(path, kind, "/nonexistent/out")
+    for kind in KINDS:
+        with pytest.raises(ExchangeError, match="varies with time"):
+            exported(mechanism, kind, 1e-3)
     wrong = {"over_time": {"law": "table", "rows": [[0.2, 1.0], [0.1, 2.0]]}}
     assert "forces.push.over_time.rows: times must increase" in said_of(wrong)
     assert "forces.push.over_time: type 'saw' is not one of" in said_of({"over_time": {"law": "saw"}})
