@@ -4,6 +4,8 @@
     simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
     history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
+    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
+    selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
@@ -23,17 +25,20 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "Checkup",
+    "Diagnosis",
     "Export",
     "History",
     "Import",
     "Kernel",
     "Kinematics",
     "Recommendation",
+    "SelfTest",
     "Simulation",
     "__version__",
     "certify",
     "compare",
     "compile_kernel",
+    "diagnose",
     "doctor",
     "export",
     "history",
@@ -41,6 +46,7 @@ __all__ = [
     "kinematics",
     "load",
     "recommend",
+    "selftest",
     "simulate",
 ]
 
@@ -50,6 +56,10 @@ _HOMES = {
     "history": "gauss_bench.api.history:history",
     "History": "gauss_bench.trajectory:History",
     "compare": "gauss_bench.api.compare:compare",
+    "diagnose": "gauss_bench.api.diagnose:diagnose",
+    "Diagnosis": "gauss_bench.api.diagnose:Diagnosis",
+    "selftest": "gauss_bench.api.selftest:selftest",
+    "SelfTest": "gauss_bench.diagnosis.selftest:SelfTest",
     "kinematics": "gauss_bench.api.kinematics:kinematics",
     "recommend": "gauss_bench.api.recommend:recommend",
     "Recommendation": "gauss_bench.api.recommend:Recommendation",

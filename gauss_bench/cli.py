@@ -142,6 +142,24 @@ def simulate(options: argparse.Namespace) -> int:
     return 0 if result.status in ("ok", "skip") else 1
 
 
+def diagnose(options: argparse.Namespace) -> int:
+    from gauss_bench.api import diagnose as diagnosed
+    from gauss_bench.diagnosis.causes import Cause
+
+    asked = (options.scenario, options.settings, options.integrator, options.stabilization, options.step, options.until)
+    result = diagnosed.diagnose(options.linkage, options.engine, *asked, budget=options.budget, told=tell)
+    print(result.to_json() if options.json else diagnosed.format_diagnosis(result))
+    return 1 if result.cause is Cause.UNKNOWN else 0
+
+
+def selftest(options: argparse.Namespace) -> int:
+    from gauss_bench.api import selftest as tested
+
+    found = tested.selftest(options.only, tell)
+    print_json(tested.as_dict(found)) if options.json else print(tested.format_selftest(found))
+    return 0 if found.passed else 1
+
+
 def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
     """Write the plot, the animation and the table of a run that were asked for, each in one move."""
     from gauss_bench.tables import write_bytes
@@ -224,17 +242,25 @@ def export(options: argparse.Namespace) -> int:
 
 def recommend(options: argparse.Namespace) -> int:
     from gauss_bench.api import recommendation_text as text
+    from gauss_bench.api.files import writable
+    from gauss_bench.api.recommend import ordered
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.results import plain
     from gauss_bench.bench.truth import NoTruth
+    from gauss_bench.tables import write_text
 
     wanted = (options.position, options.angle, options.force, options.until)
     engines = [x for names in options.engines or [] for x in names.split(",")]
+    files = {x: writable(options.out / f"{x}.py", options.replace) for x in engines or ordered()} if options.out else {}
     try:
         result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
     except NoTruth as reason:
         print(f"{options.linkage}: nothing can be recommended: {reason}", file=sys.stderr)
         return 1
+    for answer in result.answers:
+        if answer.snippet and answer.engine in files:
+            write_text(files[answer.engine], answer.snippet)
+            tell(f"{files[answer.engine]}")
     print(result.to_json() if options.json else text.format_recommendation(plain(result.as_dict())))
     return 0 if any(x.status == "ok" for x in result.answers) else 1
 
@@ -246,6 +272,25 @@ def bring_in(options: argparse.Namespace) -> int:
 
     result = import_model(options.model, options.out, options.close, options.replace, tell)
     print(result.to_json() if options.json else text.format_import(plain(result.as_dict())))
+    return 0
+
+
+def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.atlas import chart, survey, table
+    from gauss_bench.bench.asked import checked_budget
+    from gauss_bench.tables import write_text
+
+    chosen, along = survey.ways(options.engines), survey.axes(options.axes)
+    found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    if options.out is not None:
+        contents = {"atlas.csv": table.csv_of(found), "atlas.svg": chart.chart(found), "index.html": table.page(found)}
+        for name, content in contents.items():
+            write_text(options.out / name, content)
+            tell(f"{options.out / name}")
+    if options.json:
+        print_json([table.row(x) for x in found])
+    else:
+        print(table.text(found))
     return 0
 
 
@@ -377,13 +422,16 @@ ACTIONS: dict[str, Verb] = {
     "doctor": doctor,
     "show": show,
     "simulate": simulate,
+    "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
     "export": export,
     "import": bring_in,
     "certify": certify,
     "verify": verify,
+    "atlas": atlas,
     "run": run,
     "report": report,
     "check": check,
+    "selftest": selftest,
 }

@@ -57,6 +57,28 @@ def _simulate(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _diagnose(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument("--engine", required=True, metavar="NAME")
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--settings", help="of the engine: default, tuned, ...")
+    verb.add_argument("--integrator", help="of the engine; its first by default")
+    verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
+    verb.add_argument("--step", "--dt", type=float, default=1e-3, metavar="H", help="in seconds (default 0.001)")
+    verb.add_argument(
+        "--until", type=float, metavar="T", help="seconds (default: 1, or the scenario's duration where it is shorter)"
+    )
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds for everything (default 120)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _selftest(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--only", action="append", default=[], metavar="KIND", help="models, formulations, metrics, ...; may be repeated"
+    )
+    verb.add_argument("--json", action="store_true")
+
+
 def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="a driven one (default: the first)")
@@ -93,6 +115,8 @@ def _recommend(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: all")
     verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the only engine: which step holds with them")
     verb.add_argument("--budget", type=float, metavar="S", help="wall-clock seconds that it may take (default 60)")
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="write a program for each engine that holds it: ENGINE.py")
+    verb.add_argument("--replace", action="store_true", help="write over programs that are there already")
     verb.add_argument("--json", action="store_true")
 
 
@@ -133,6 +157,16 @@ def _verify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("certificates", nargs="*", type=Path, metavar="FILE", help="default: those of the built-in linkages")
     verb.add_argument("--linkage", metavar="FILE-OR-NAME", help="default: the one beside the certificate's folder, or built-in")
     verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _atlas(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME", help="may be repeated; default: all")
+    axes = "singular, redundancy, mass, stiffness, speed, step or size; may be repeated (default: all)"
+    verb.add_argument("--axis", action="append", dest="axes", metavar="NAME", help=axes)
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds in all (default 600); what they do not reach stays open")
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--out", type=Path, metavar="DIR", help="write atlas.csv, atlas.svg and index.html there")
     verb.add_argument("--json", action="store_true")
 
 
@@ -188,13 +222,16 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "doctor": ("what this machine has, and whether each engine runs on it", _doctor),
     "show": ("check a linkage file and say what it describes", _show),
     "simulate": ("run one linkage in one engine", _simulate),
+    "diagnose": ("split an engine's error by its causes, and name the one that dominates", _diagnose),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
     "verify": ("check certificates in double precision", _verify),
+    "atlas": ("find how far each engine goes: near singular positions, fast, stiff, uneven, redundant, large", _atlas),
     "run": ("run a suite and write its tables; finished cases are not repeated", _run),
     "report": ("write the pages from the tables of a run", _report),
     "check": ("hold the accuracy cases against the committed baseline", _check),
+    "selftest": ("plant known faults in the suite and show that each is seen", _selftest),
 }

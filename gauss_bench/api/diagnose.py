@@ -1,0 +1,205 @@
+"""What is wrong with an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.api.results import Result
+from gauss_bench.bench.apart import Request, run_apart
+from gauss_bench.bench.asked import checked_budget, duration
+from gauss_bench.bench.offers import ChoiceError, offer
+from gauss_bench.bench.one_run import Run, Sampling
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.diagnosis.causes import Cause, Part
+from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs
+from gauss_bench.diagnosis.explanations import Explained
+from gauss_bench.diagnosis.observations import checkpoints, ladder
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.store import certified_reference
+from gauss_bench.trajectory import Reference, Status
+
+BUDGET = 120.0  # [s] for everything
+USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
+LEAST = 1.0  # [s] that a run is given, however late it is
+SUB_SAMPLES = 1 << 24  # bytes of a reference's answer
+
+Told = Callable[[str], object]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Result):
+    """What is wrong with one engine on one linkage.
+
+    Attributes:
+        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
+        step: [s] that was asked for; until: [s] how long.
+        cause: that dominates, in the words of `diagnosis.causes.Cause`; part: of the error that it belongs to, or None.
+        verdict: a sentence.
+        parts: [m, rad] how much of the error each part accounts for: model, constraint softness, integrator, drift, round-off and
+            output sampling.
+        numbers: `diagnosis.diagnosis.Numbers`, or None where there was no run to look at.
+        explanations: of accelerations that are off, the best first: cause, what, amount, share and a sentence.
+        runs: status and message of each.
+        reference: how the truth was made.
+    """
+
+    engine: str
+    mechanism: str
+    scenario: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+    until: float
+    cause: Cause
+    part: Part | None
+    verdict: str
+    parts: dict[Part, float]
+    numbers: Numbers | None
+    explanations: tuple[Explained, ...]
+    runs: tuple[tuple[Status, str], ...]
+    reference: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name; plain."""
+        found = super().as_dict() | {"cause": str(self.cause), "part": self.part and str(self.part)}
+        found["parts"] = {str(k): x for k, x in self.parts.items()}
+        found["numbers"] = self.numbers and asdict(self.numbers)
+        found["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
+        found["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
+        return found
+
+
+def nobody(sentence: str) -> None:
+    """Tell nobody how far things are."""
+
+
+def diagnose(
+    linkage: str,
+    engine: str,
+    scenario: str | None = None,
+    settings: str | None = None,
+    integrator: str | None = None,
+    stabilization: str | None = None,
+    step: float = 1e-3,
+    until: float | None = None,
+    budget: float | None = None,
+    told: Told = nobody,
+) -> Diagnosis:
+    """Split an engine's error on a linkage (a built-in name or a file) by its causes, and name the one that dominates.
+
+    The engine runs in a worker, by the step that is asked for, its half and its quarter (by finer tolerances where it chooses its
+    own steps). "No dominant cause" means that the largest error of a position is below 1e-6 m or rad, or three times the error bar
+    of the reference, and that the accelerations it tells are the linkage's to 1e-3: `diagnosis.diagnosis`.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        engine: one of `gauss_bench.engines.names()`.
+        scenario: of the file; the first with a start where not given.
+        settings, integrator, stabilization: of the engine; its defaults where not given.
+        step: integration step [s].
+        until: [s]; one second, or the scenario's duration where that is shorter, where not given.
+        budget: seconds for everything (120).
+        told: is told how far things are.
+
+    Raises:
+        LinkageError: the file has faults.
+        ChoiceError: the engine does not offer what was asked for, the run has too few steps, or the linkage has no truth.
+        KeyError: unknown engine.
+    """
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, step)
+    mechanism = load(linkage, scenario)
+    end = duration(min(USUAL, mechanism.duration), until=until)
+    deadline = time.monotonic() + checked_budget(budget, BUDGET)
+    checkpoints(choice.step, end)  # refused before anything is run
+    if not offered.usable:
+        none = Verdict(
+            Cause.UNKNOWN, f"there is no run to look at: {offered.reason}", {}, None, (), ((offered.status, offered.reason),)
+        )
+        return described(mechanism, engine, choice, end, none, "")
+    adaptive = choice.integrator in offered.adaptive
+    with Worker() as worker:
+        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
+        reference = truth(linkage, mechanism, end, left(deadline), worker)
+
+        def run(chosen: Choice, wanted: Sampling) -> Run:
+            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left(deadline), worker)
+
+        offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
+        projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
+        found = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+    return described(mechanism, engine, choice, end, found, reference.method)
+
+
+def left(deadline: float) -> float:
+    """Seconds that are left of the budget."""
+    return max(LEAST, deadline - time.monotonic())
+
+
+def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker: Worker) -> Reference:
+    """The certified motion, or one that is built in the worker within the limit [s].
+
+    Raises:
+        ChoiceError: there is none.
+    """
+    if certified := certified_reference(mechanism, until):
+        return certified
+    try:
+        arrays = worker.call(_built, (linkage, mechanism.scenario, until), limit, SUB_SAMPLES)
+    except WorkerFailure as failure:
+        raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
+    method = str(arrays.pop("method"))
+    return Reference(**{k: np.asarray(x, dtype=float) for k, x in arrays.items()}, method=method)
+
+
+def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:
+    """A reference as plain data, in the worker."""
+    return asdict(build_reference(load(linkage, scenario), until))
+
+
+def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, found: Verdict, reference: str) -> Diagnosis:
+    return Diagnosis(
+        engine=engine,
+        mechanism=mechanism.name,
+        scenario=mechanism.scenario,
+        settings=choice.settings,
+        integrator=choice.integrator,
+        stabilization=choice.stabilization,
+        step=choice.step,
+        until=until,
+        cause=found.cause,
+        part=found.cause.part,
+        verdict=found.sentence,
+        parts=found.parts,
+        numbers=found.numbers,
+        explanations=found.explanations,
+        runs=found.runs,
+        reference=reference,
+    )
+
+
+def format_diagnosis(x: Diagnosis) -> str:
+    """The verdict, and the numbers behind it."""
+    lines = [
+        f"{x.engine} on {x.mechanism} ({x.scenario}), {x.settings}, {x.integrator}, {x.step:g} s, until {x.until:g} s",
+        x.verdict,
+    ]
+    if not x.numbers:
+        return "\n".join(lines)
+    n = x.numbers
+    lines.append(f"largest error {n.error:.2e} (m, rad) at t = {n.at:.4g} s; error bar of the reference {n.bar:.1e}")
+    lines += [f"  {part:20} {amount:.2e}" for part, amount in x.parts.items() if amount > 0]
+    by = [f"{e:.2e} by {f'tolerance {t:g}' if t else f'{h:g} s'}" for e, h, t in zip(n.errors, n.steps, n.tolerances, strict=True)]
+    lines.append(f"errors {', '.join(by)}; order {n.order:.2f}; split up to t = {n.horizon:.3g} s")
+    lines.append(f"loops open by {', '.join(f'{g:.1e}' for g in n.closure)} (m, rad), most at {n.closure_joint}")
+    off = (("told", n.told), ("by which velocities change", n.moved))
+    lines += [f"accelerations {words}: off by {', '.join(f'{e:.1e}' for e in errors)} (relative, median)" for words, errors in off]
+    lines += [f"  explains {e.share:7.2%}: {e.sentence}" for e in x.explanations[:3] if e.share > 0.01]
+    return "\n".join([*lines, f"truth: {x.reference}"])

@@ -1,0 +1,40 @@
+"""Whether the suite would notice a fault: what `gauss-bench selftest` prints."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.diagnosis.selftest import KINDS, SelfTest
+from gauss_bench.diagnosis.selftest import selftest as planted
+
+
+def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
+    """Plant known faults in memory and see whether the suite's own checks speak, and are silent where there is none.
+
+    Args:
+        only: kinds of faults; all where not given.
+        told: is told how far things are.
+
+    Raises:
+        ChoiceError: an unknown kind.
+    """
+    for kind in only:
+        if kind not in KINDS:
+            raise ChoiceError(f"no faults of the kind {kind!r}; there are {', '.join(KINDS)}")
+    return planted(only, told)
+
+
+def as_dict(found: SelfTest) -> dict[str, Any]:
+    """As `--json` prints it."""
+    return asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}
+
+
+def format_selftest(found: SelfTest) -> str:
+    """What was planted and not seen, what was seen where nothing was, and how small a fault may be."""
+    lines = [f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in found.findings]
+    lines += [f"FALSE ALARM: {said}" for said in found.false_alarms]
+    lines.append(f"{found.detected} of {found.planted} planted faults detected; {len(found.false_alarms)} false alarms")
+    lines.append(f"{found.silent} checks silent on the sound suite")
+    lines += [f"smallest {x.fault} error seen: {x.size:.1e} {x.unit}" for x in found.smallest]
+    return "\n".join([*lines, f"{found.seconds:.1f} s of processor time"])

@@ -1,0 +1,1 @@
+"""What is wrong with an engine, and whether the suite would notice: see README.md."""

@@ -1,0 +1,410 @@
+"""The suite's own checks, each with a known answer: silent on what is sound, else a sentence that says what is wrong.
+
+They ask the same functions that judge engines, certify references, keep the gate and read the clock. What is checked is a small
+linkage and a short motion, so that all of them together take seconds.
+"""
+
+import gc
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gauss_bench import judge as judging
+from gauss_bench import metrics
+from gauss_bench.bench import clock, gate, one_run
+from gauss_bench.bench.offers import describe
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.formulations import FORMULATIONS
+from gauss_bench.integrate import fixed_step, stabilization
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.reference.build import States, random_states
+from gauss_bench.reference.certificate import Certificate, as_reference, certificate_path, read_certificate
+from gauss_bench.reference.verification import verify
+from gauss_bench.tables import KEY
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference, Trajectory
+
+Alteration = Callable[[Mechanism], Mechanism]
+FOUR_BAR, CRANK_SLIDER = ("four_bar", "torque"), ("crank_slider", "paper")
+SHAPER = ("shaper", "torque")  # slides that carry moments
+AGREES = 1e-10  # relative: formulations agree to 1e-13 or so
+MOVED = 1e-3  # [m] by which a known answer is displaced
+ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8}
+
+
+def linkage(which: tuple[str, str]) -> Mechanism:
+    return load(*which)
+
+
+@cache
+def states(which: tuple[str, str]) -> States:
+    """Random states with the accelerations that they must have, from equations in the crank's angle."""
+    return random_states(linkage(which), count=16)
+
+
+@cache
+def certificate(which: tuple[str, str]) -> Certificate:
+    path = certificate_path(linkage(which))
+    assert path is not None
+    return read_certificate(path)
+
+
+@cache
+def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
+    return as_reference(certificate(which), until)
+
+
+def told(reference: Reference) -> Trajectory:
+    """The truth as an engine without an error would tell it."""
+    return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
+
+
+def off(found: float, expected: float, tolerance: float) -> bool:
+    """Whether a figure is not what it must be; what is no number is not."""
+    return not abs(found - expected) <= tolerance * max(1.0, abs(expected))
+
+
+def acceleration_error(which: tuple[str, str], altered: Mechanism, engine: str = "gauss") -> float:
+    """Median relative error of a formulation on a linkage, at states of the true one."""
+    x = states(which)
+    model = Interpreted(engine).build(altered, Choice(integrator="rk4"))
+    found = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
+    return float(np.median(metrics.relative_acceleration_error(found, x.a)))
+
+
+def gated(figures: dict[str, float | str], baseline: dict[str, float | str]) -> str | None:
+    """What the gate says of figures of one case against a baseline."""
+    verdicts = list(gate.failures(gate.compare(_frame(figures), _frame(baseline))))
+    return str(verdicts[0]) if verdicts else None
+
+
+def _frame(figures: dict[str, float | str]) -> pd.DataFrame:
+    key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
+    rows = [
+        key | {"metric": k, "value": x if isinstance(x, str) else f"{x:.15g}", "message": "", "accepted": ""}
+        for k, x in figures.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+# models
+
+
+def model(which: tuple[str, str], alter: Alteration) -> str | None:
+    """An engine's accelerations at known states, gated against what sound ones are."""
+    sound = linkage(which)
+    key = "acceleration_error_median"
+    return gated({key: acceleration_error(which, alter(sound))}, {key: acceleration_error(which, sound)})
+
+
+def in_time(which: tuple[str, str], late: float) -> str | None:
+    """A sound motion sampled `late` [s] too late, gated by its errors."""
+    reference = truth(which)
+    t, q, v, a = reference.t, reference.q, reference.v, reference.a
+    moved = Trajectory(t, q + late * v + late**2 / 2 * a, v + late * a, a, len(t) - 1)
+
+    def figures(x: Trajectory) -> dict[str, float | str]:
+        errors = metrics.state_errors(linkage(which), x, reference)
+        return {"position_error": float(errors.position.max()), "velocity_error": float(errors.velocity.max())}
+
+    return gated(figures(moved), figures(told(reference)))
+
+
+# formulations and integrators
+
+
+def formulations() -> str | None:
+    """Every formulation at known states: accelerations, multipliers and rank."""
+    for which in (FOUR_BAR, CRANK_SLIDER):
+        x, evaluator = states(which), Evaluator(linkage(which))
+        for name, solve in FORMULATIONS.items():
+            if name == "yuan_ge_eq16":  # the formula as printed, which is known to be another one
+                continue
+            for k in range(4):
+                terms = evaluator.terms(0.0, x.q[k], x.v[k])
+                found = solve(terms)
+                scale = float(np.abs(x.a[k]).max())
+                if not np.abs(found.a - x.a[k]).max() <= AGREES * scale:
+                    return f"{name}: accelerations are not those of {which[0]}"
+                if found.multipliers is not None:
+                    left = terms.M @ found.a + terms.J.T @ found.multipliers - terms.Q
+                    if not np.abs(left).max() <= AGREES * max(1.0, float(np.abs(terms.Q).max()), scale):
+                        return f"{name}: multipliers do not balance the forces"
+                if found.rank != len(terms.J):
+                    return f"{name}: rank {found.rank} of {len(terms.J)} independent rows"
+    return None
+
+
+def integrators() -> str | None:
+    """A pendulum of small swings, q'' = -q, whose steps converge at the order of their method."""
+
+    def run(step: Callable[..., tuple[Array, Array]], count: int) -> float:
+        q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
+        for k in range(count):
+            q, v = step(lambda t, q, v: -q, k * h, q, v, h)
+        return float(np.hypot(q[0] - math.cos(1.0), v[0] + math.sin(1.0)))
+
+    for name, order in ORDERS.items():
+        few = 3 if order == 8 else 20
+        found = math.log2(max(run(fixed_step.STEPS[name], few), 1e-300) / max(run(fixed_step.STEPS[name], 2 * few), 1e-300))
+        if off(found, order, 0.1):
+            return f"{name} converges by order {found:.2f}, not {order}"
+    return None
+
+
+def stabilizations() -> str | None:
+    """A state off its constraints: Baumgarte's terms lead it back as fast as they say, projection puts it there."""
+    evaluator, x = Evaluator(linkage(FOUR_BAR)), states(FOUR_BAR)
+    q = x.q[0].copy()
+    q[0] += MOVED
+    v = x.v[0] + MOVED
+    terms = evaluator.terms(0.0, q, v)
+    rate = stabilization.BAUMGARTE_RATE
+    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi
+    if np.abs(stabilization.baumgarte(terms).gamma - terms.gamma - expected).max() > AGREES * np.abs(expected).max():
+        return "Baumgarte's terms do not lead back to the constraints"
+    at, speed = evaluator.project(0.0, q, x.v[0])
+    rows = evaluator.constraints(0.0, at, speed)
+    if np.abs(rows.phi).max() > 1e-12 or np.abs(rows.J @ speed).max() > 1e-10:
+        return "projection leaves a state off the constraints"
+    return None
+
+
+# metrics and judge
+
+
+def measures() -> str | None:
+    """Metrics of motions whose errors are known, because they were put in."""
+    mechanism, reference = linkage(FOUR_BAR), truth(FOUR_BAR)
+    evaluator, sound = Evaluator(mechanism), told(reference)
+    for k, name in enumerate(("x", "y")):
+        q = sound.q.copy()
+        q[:, 3 + k] += MOVED
+        moved = replace(sound, q=q)
+        if off(float(metrics.drift(evaluator, moved).position.max()), MOVED, 1e-6):
+            return f"a link moved by {MOVED:g} m along {name} is no gap of as much"
+        errors = metrics.state_errors(mechanism, moved, reference)
+        if off(float(errors.length.max()), MOVED, 1e-6) or off(float(errors.position.max()), MOVED, 1e-6):
+            return f"a link moved by {MOVED:g} m along {name} is no error of as much"
+    v = sound.v.copy()
+    v[:, 4] += MOVED
+    faster = replace(sound, v=v)
+    if off(float(metrics.drift(evaluator, faster).velocity.max()), MOVED, 1e-6):
+        return "a link that leaves its joint is no drift of velocity"
+    if off(float(metrics.state_errors(mechanism, faster, reference).velocity.max()), MOVED, 1e-6):
+        return "a link that is too fast has no error of velocity"
+    a = sound.a.copy()
+    a[:, 4] += 1.0
+    if off(float(metrics.drift(evaluator, replace(sound, a=a)).acceleration.max()), 1.0, 1e-6):
+        return "accelerations off the constraints leave no residual"
+    gained, bar = metrics.energy_error(evaluator, sound)
+    if not np.abs(gained).max() <= bar + 1e-6 * metrics.energy_scale(evaluator, sound):
+        return "a true motion gains energy"
+    quarter = metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0]
+    if not quarter.max() > 0.1 * metrics.energy_scale(evaluator, sound):
+        return "a motion a tenth too fast gains no energy"
+    if off(float(metrics.relative_acceleration_error(1.01 * sound.a, sound.a).max()), 0.01, 1e-9):
+        return "accelerations 1 % off are not off by 1 %"
+    steps = np.array([4e-3, 2e-3, 1e-3])
+    order = metrics.observed_order(steps, steps**3, np.zeros(3))
+    if off(float(order[1]), 3.0, 1e-9) or np.isfinite(metrics.observed_order(steps, np.full(3, 1e-12), np.full(3, 1e-12))[1]):
+        return "an order of three is not seen as one, or rounding has an order"
+    return forces()
+
+
+def forces() -> str | None:
+    """Forces in joints by Newton's laws: what acts on a link makes up for what it accelerates by."""
+    for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
+        mechanism, reference = linkage(which), truth(which)
+        evaluator, sound = Evaluator(mechanism), told(reference)
+        found = metrics.joint_forces(evaluator, sound)
+        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
+        for link in range(len(mechanism.links)):
+            total, moment = np.zeros((len(reference.t), 2)), np.zeros(len(reference.t))
+            for joint in mechanism.joints:
+                first, second = (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
+                for point, sign in ((first, -1.0), (second, 1.0)):
+                    if point.link != link:
+                        continue
+                    given = found[joint.name]
+                    force = sign * np.stack([given["fx"], given["fy"]], axis=1)
+                    theta = reference.q[:, 3 * link + 2]
+                    arm = np.exp(1j * theta) * complex(*second.local) if point is second else _arm(reference.q, link, second, first)
+                    total += force
+                    moment += sign * given["moment"] + arm.real * force[:, 1] - arm.imag * force[:, 0]
+            here = own[:, 3 * link : 3 * link + 3]
+            scale = max(1.0, float(np.abs(own).max()))
+            if not max(np.abs(total - here[:, :2]).max(), np.abs(moment - here[:, 2]).max()) <= 1e-8 * scale:
+                return f"forces in the joints of {mechanism.links[link].name} do not accelerate it as it moves ({which[0]})"
+    return None
+
+
+def _arm(q: Array, link: int, second: Any, first: Any) -> Any:
+    """From a link's centre of mass to where the joint's force acts: the point of the second link."""
+    there = (
+        (q[:, 3 * second.link] + 1j * q[:, 3 * second.link + 1] + np.exp(1j * q[:, 3 * second.link + 2]) * complex(*second.local))
+        if second.link >= 0
+        else complex(*second.local)
+    )
+    return there - q[:, 3 * link] - 1j * q[:, 3 * link + 1]
+
+
+def judged() -> str | None:
+    """The judge on a sound motion, and on motions that are not to be used."""
+    mechanism, reference = linkage(FOUR_BAR), truth(FOUR_BAR)
+    evaluator, sound = Evaluator(mechanism), told(reference)
+    size = judging.size_of(mechanism)
+
+    def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
+        return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
+
+    if not verdict(sound).valid:
+        return f"the judge objects to the truth: {verdict(sound).sentence}"
+    q, turned = sound.q.copy(), sound.q.copy()
+    q[:, 3] += 0.05 * size
+    turned[:, 2::3] += 0.2
+    spoilt = {
+        judging.Subject.LOOPS: verdict(replace(sound, q=q)),
+        judging.Subject.MOTION: verdict(replace(sound, q=turned)),
+        judging.Subject.ENERGY: verdict(replace(sound, v=1.1 * sound.v)),
+        judging.Subject.MODEL: verdict(sound, 0.05),
+        judging.Subject.COMPLETENESS: judging.completeness(replace(sound, t=sound.t + 1e-6), sound.t, mechanism.n),
+        judging.Subject.NUMBERS: judging.completeness(replace(sound, v=sound.v * np.nan), sound.t, mechanism.n),
+    }
+    for subject, found in spoilt.items():
+        if subject not in [x.subject for x in found.objections]:
+            return f"the judge does not object to {subject}"
+    short = judging.completeness(replace(sound, q=sound.q[:, :-1]), sound.t, mechanism.n)
+    return "the judge takes a state without its last coordinate" if short.valid else None
+
+
+def recipe() -> str | None:
+    """A run by the one recipe: every sample at its time, with the steps it took, and judged accelerations."""
+    mechanism = linkage(FOUR_BAR)
+    wanted = one_run.sampling(1e-2, 0.1, [0.05])
+    run = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), wanted)
+    if (
+        wanted.count != 10
+        or run.trajectory is None
+        or off(run.trajectory.steps, 10, 0)
+        or not np.array_equal(run.trajectory.t, wanted.times)
+    ):
+        return "a run of 0.1 s by steps of 0.01 s is not ten steps"
+    error = one_run.acceleration_error(mechanism, run.trajectory)
+    if error is None or error > AGREES:
+        return "a sound engine's accelerations are not its linkage's"
+    wrong = one_run.acceleration_error(mechanism, replace(run.trajectory, a=1.05 * run.trajectory.a))
+    if wrong is None or off(wrong, 0.05, 1e-6):
+        return "accelerations 5 % off are not told as that"
+    late = one_run.sampling(3e-3, 0.1)
+    if not (late.shortened and off(float(late.times[-1]), 0.1, 1e-12) is False):
+        return "a run that whole steps miss does not end where it should"
+    return None if describe("gauss").usable else "an engine of the suite cannot be used"
+
+
+# references
+
+
+def certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificate], alter: Alteration) -> str | None:
+    """A certificate verified against a linkage."""
+    found = verify(spoilt(certificate(which)), alter(linkage(which)))
+    if found.passed:
+        return None
+    return f"the certificate of {which[0]} does not hold: states {found.state_error:.1e}, balance {found.balance_error:.1e}"
+
+
+# clock
+
+
+class Ticks:
+    """A processor that takes as long as it is told to."""
+
+    def __init__(self) -> None:
+        self.now = 0
+
+    def spend(self, seconds: float) -> None:
+        self.now += round(seconds * 1e9)
+
+    def read(self) -> int:
+        return self.now
+
+
+@contextmanager
+def ticking() -> Iterator[Ticks]:
+    """A clock of known ticks in the place of the processor's."""
+    ticks, true = Ticks(), (time.process_time_ns, time.process_time)
+    time.process_time_ns, time.process_time = ticks.read, lambda: ticks.read() * 1e-9
+    try:
+        yield ticks
+    finally:
+        time.process_time_ns, time.process_time = true
+
+
+def clocks() -> str | None:
+    """Measurements with a clock of known ticks."""
+    with ticking() as ticks:
+        if off(clock.timed(lambda: ticks.spend(1.0)), 1.0, 1e-9):
+            return "a second is not a second"
+        block = clock.Block("steps", lambda: ticks.spend(5.0), lambda: ticks.spend(0.5), 500, 2)
+        if off(block.seconds(), 1e-3, 1e-9):
+            return "a thousand steps in a second do not take a millisecond each, or getting ready is timed"
+        for seconds, work in ((1e-7, 1), (3e-5, 40)):
+            lasting = clock.lasting("call", lambda seconds=seconds: ticks.spend(seconds), work)  # type: ignore[misc]
+            whole = clock.timed(lasting.go)
+            if off(whole / lasting.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
+                return "a call does not cost what it costs, or its block is too short"
+        blocks = [clock.Block(name, lambda: None, lambda: ticks.spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
+        told = [(x.entry, n, s) for x, n, s in clock.interleaved(blocks, 8)]
+        orders = {tuple(x for x, n, _ in told if n == k) for k in range(8)}
+        if len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders):
+            return "blocks do not take turns in changing order"
+        if any(off(s, 0.01, 1e-9) for _, _, s in told):
+            return "the garbage collector works while it is timed"
+    samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])
+    if off(clock.ratio(samples, np.full(5, 0.5))[0], 4.0, 1e-12):
+        return "a ratio is not that of lower quartiles"
+    wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
+    if max(abs(x - 3.0) for x in clock.ratio(3 * wandering, wandering)) > 1e-12:
+        return "what both meet in a round counts as spread"
+    n = 4000
+    _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
+    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
+    return "a spread does not hold nine tenths" if off((high - low) / expected, 1.0, 0.3) else None
+
+
+# gate
+
+
+def guarded() -> str | None:
+    """The gate on figures that stayed, and on figures that must not pass."""
+    base: dict[str, float | str] = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
+    base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
+    if said := gated(base, base):
+        return f"the gate fails what has not changed: {said}"
+    near: dict[str, float | str] = base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}
+    if said := gated(near, base):
+        return f"the gate fails what machines differ by: {said}"
+    wrong: dict[str, float | str | None] = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
+    wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
+    for key, value in wrong.items():
+        if value is not None and not gated(base | {key: value}, base):
+            return f"the gate lets {key} pass that went from {base[key]} to {value}"
+        missing = {k: x for k, x in base.items() if k != key}
+        if key not in ("observed_order", "status") and not gated(missing, base):
+            return f"the gate does not miss {key}"
+    floor = gate.RULES["acceleration_error_median"].floor
+    if gated({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
+        return "the gate fails rounding"
+    if not gated({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
+        return "the gate takes for rounding what stands above it"
+    return None if off(floor, 1e-12, 1e-15) is False and floor <= 1e-12 else "the gate's floor of accelerations has moved"

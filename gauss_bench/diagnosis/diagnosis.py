@@ -1,0 +1,545 @@
+"""What is wrong with an engine on a linkage: its error against the reference, split, with a verdict in words.
+
+The order of questions is that of what spoils the answers to the next: are the samples in order and do they move; did the state
+jump; are they those of other times; then what smaller steps leave of the error, what of it leaves the constraints, and which
+explanation predicts the accelerations that are off. A cause is named only where it accounts for most of what is seen.
+
+**"No dominant cause"** is said where there is nothing to explain: the largest error of a position is below SMALL, or below three
+times the error bar of the reference, and the accelerations that the engine tells are not off by more than OFF_TOLD at its own
+states. What little error there is is split all the same.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.bench.one_run import sampling_at
+from gauss_bench.diagnosis import samples, split
+from gauss_bench.diagnosis.causes import Cause, Part
+from gauss_bench.diagnosis.explanations import Explained, Explanation, explained, of_all, of_constraints, of_parameters
+from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
+from gauss_bench.engines.base import Choice
+from gauss_bench.judge import size_of
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference, Status
+
+SMALL = 1e-6  # [m, rad] of errors: a micrometre, which no drawing asks for
+OFF_TOLD = 1e-3  # relative, median: a tenth of what the judge takes for another linkage
+EXPLAINS = 0.9  # of the squared difference of accelerations that a named cause must account for
+AS_GOOD = 3.0  # explanations that leave no more than this times what the best leaves cannot be told apart from it
+MOST = 0.5  # of an error: what is more is dominant
+SEEN = 1e-7  # relative: what accelerations are off by that is no rounding, though a thousand times what matters
+OPEN = 0.3  # of the linkage's size: loops that are open by more are another linkage, whose accelerations explain nothing
+OLD = 0.1  # steps: constraint data that are older than this by more than the integrator needs
+NOTHING, SOUND = 0.02, 1e-5  # of an error that a map of time leaves, and relative, of accelerations: next to nothing
+ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # of integrators by their names
+LEAST_LATE, MOST_LATE = 0.2, 20.0  # steps, of a shift told by the first step
+MEANT, MENDS = 0.2, 1 / 3  # of an error: what must leave the constraints, and what projection may leave, to call it drift
+BETTER = 10.0  # times less that a second cause must leave of squares, to be believed beside the first
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What was measured; m and rad where nothing else is said, NaN where it could not be told.
+
+    Attributes:
+        error: largest of a position, of the run that was asked for; at: [s] when; errors: of every run.
+        bar: of the reference.
+        steps: [s] of the runs; where the integrator chooses its own, their tolerances after the first are in `tolerances`.
+        order: at which the motion converges when the step is halved.
+        horizon: [s] until when errors are small enough to be split.
+        limit_error, step_error: root mean squares of what is left without a step, and of what the step adds.
+        closure: largest gap of every run; closure_early, closure_late: of the first run; closure_joint: where.
+        closure_share: of the error, by how much it leaves the constraints.
+        held: correlation of the gaps with the forces in them; compliance: gap over force [m/N].
+        told: relative error of the accelerations told, median, of every run; moved: of those by which velocities change.
+        step_exponent: k where what a step is off by is proportional to h^k: 0 for rounding, 1 for wrong accelerations, p + 1 for
+            an integrator of order p.
+        shift: [s] and rate: of a time map; jump_time: [s] of a jump.
+    """
+
+    error: float
+    at: float
+    errors: tuple[float, ...]
+    bar: float
+    steps: tuple[float, ...]
+    tolerances: tuple[float | None, ...]
+    order: float
+    horizon: float
+    limit_error: float
+    step_error: float
+    closure: tuple[float, ...]
+    closure_early: float
+    closure_late: float
+    closure_joint: str
+    closure_share: float
+    held: float
+    compliance: float
+    told: tuple[float, ...]
+    moved: tuple[float, ...]
+    step_exponent: float
+    shift: float = np.nan
+    rate: float = np.nan
+    jump_time: float = np.nan
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said.
+
+    Attributes:
+        cause: that dominates; sentence: in words.
+        parts: how much of the error [m, rad] each part accounts for.
+        numbers: behind it, None where there was no run to look at.
+        explanations: of accelerations that are off, the best first.
+        runs: how each run ended: status and message.
+    """
+
+    cause: Cause
+    sentence: str
+    parts: dict[Part, float]
+    numbers: Numbers | None
+    explanations: tuple[Explained, ...]
+    runs: tuple[tuple[Status, str], ...]
+
+
+def diagnose_runs(
+    run: Runner,
+    mechanism: Mechanism,
+    reference: Reference,
+    choices: Sequence[Choice],
+    until: float,
+    adaptive: bool = False,
+    projected: Choice | None = None,
+    told: Callable[[str], object] = id,
+) -> Verdict:
+    """The verdict on an engine that `run` runs by each of the choices.
+
+    Args:
+        run: (choice, sampling) -> Run.
+        mechanism: the linkage as it should be.
+        reference: of it, from 0 to `until` [s].
+        choices: the one that is asked for, and finer ones.
+        until: [s].
+        adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
+        projected: the first choice with its steps projected, where the engine offers that.
+        told: is told how far things are.
+
+    Raises:
+        ChoiceError: too few steps.
+    """
+    own = OwnMotion(mechanism)
+    seen = observe(run, choices, until, told)
+    ended = tuple((r.status, r.message) for r in seen.runs)
+    if not seen.bursts:
+        status, message = ended[0]
+        return Verdict(Cause.UNKNOWN, f"there is no run to look at: {status}: {message}", {}, None, (), ended)
+    told("the differences")
+    with np.errstate(all="ignore"):
+        case = Case(run, own, Truth(own, reference), seen, choices, adaptive, projected)
+        cause, sentence, found = case.verdict()
+        numbers = case.numbers()
+        failed = next((f"{status}: {message}" for status, message in ended if status is not Status.OK), "")
+        sentence = f"{sentence} (a run ended early: {failed})" if failed else sentence
+        return Verdict(cause, sentence, case.parts(cause, numbers), numbers, tuple(found), ended)
+
+
+class Case:
+    """One engine on one linkage, with everything that was measured."""
+
+    def __init__(
+        self,
+        run: Runner,
+        own: OwnMotion,
+        truth: Truth,
+        seen: Observed,
+        choices: Sequence[Choice],
+        adaptive: bool,
+        projected: Choice | None,
+    ):
+        self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
+        most = OPEN * size_of(own.mechanism)
+        self.first: Burst = seen.bursts[0]
+        self.true, self.off = split.errors_of(truth, self.first)
+        self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in seen.bursts)
+        self.bar = float(truth.bar(self.first.at.t).max())
+        shortest = min(len(b.at) for b in seen.bursts)
+        self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in seen.bursts)
+        self.steps = split.by_steps(self.bursts, self.true[slice(0, shortest)], adaptive)
+        h = self.steps.horizon
+        self.closure = split.closure_of(own, self.bursts, self.off[:h])
+        chosen = [split.usable(own, b, most) for b in self.bursts]
+        self.sound = tuple(b[c] for b, c in zip(self.bursts, chosen, strict=True))
+        self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
+        self.map: samples.TimeMap | None = None
+        self.jumped: samples.Jump | None = None
+
+    @property
+    def error(self) -> float:
+        return self.errors[0]
+
+    def verdict(self) -> tuple[Cause, str, list[Explained]]:
+        """Cause, sentence and the explanations that were tried."""
+        matters = not self.error <= max(SMALL, 3 * self.bar)
+        if not matters:
+            return self._small()
+        for asked in (self._order, self._still, self._jump, self._other_times):
+            if found := asked():
+                return (*found, [])
+        return self._by_steps()
+
+    def _small(self) -> tuple[Cause, str, list[Explained]]:
+        limit = max(SMALL, 3 * self.bar)
+        said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {limit:.0e}"
+        last = self.local[-1]
+        if last is None or not last.relative_told > OFF_TOLD:
+            return Cause.NONE, said + self._what_there_is(), []
+        found = self._explained(last.told, self.sound[-1])
+        wrong = f"the motion is right to {self.error:.1e} (m, rad), but the accelerations told are off by {last.relative_told:.1e}"
+        if found and found[0].share >= EXPLAINS:
+            return found[0].cause, f"{wrong}: {found[0].sentence}", found
+        if self.closure.held > 0.8:
+            return Cause.SOFTNESS, f"{wrong}, as forces are that yield in soft constraints", found
+        return Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", found
+
+    def _what_there_is(self) -> str:
+        return f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
+
+    def _order(self) -> tuple[Cause, str] | None:
+        early = slice(0, max(3, len(self.first.at) // 3))
+        start = self.first.start
+        told = States(*(np.concatenate(x) for x in zip(_arrays(start), _arrays(self.first.at[early]), strict=True)))
+        true = self.truth.at(told.t)
+        found = samples.order(self.own.mechanism, true, told)
+        return None if found is None else (Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left")
+
+    def _still(self) -> tuple[Cause, str] | None:
+        if samples.stands_still(self.true, self.first.at):
+            last = self.local[-1]
+            if self.own.mechanism.drivers and last is not None:  # an engine may stand still because it knows of no acceleration
+                found = self._explained(last.told, self.sound[-1])
+                if found and found[0].share >= EXPLAINS and found[0].cause is Cause.SECOND_RATE:
+                    return Cause.SECOND_RATE, f"{found[0].sentence}, so that the linkage stands still"
+            return Cause.STATIONARY, "the samples stand still while the linkage moves"
+        return None
+
+    def _jump(self) -> tuple[Cause, str] | None:
+        """Look again at every step of the one stretch between two checkpoints that could hold a jump."""
+        start = States(*(np.concatenate(x) for x in zip(_arrays(self.first.start), _arrays(self.first.at), strict=True)))
+        a = np.vstack([self.own.accelerations(self.first.start), self.first.a])
+        k = samples.suspicious_window(start, a)
+        if k is None or self.adaptive:
+            return None
+        h = self.first.step
+        lower, upper = round(start.t[k] / h), round(start.t[k + 1] / h)
+        run = self.run(self.choices[0], sampling_at(h, np.unique([0, *range(lower, upper + 1)]) * h))
+        if run.trajectory is None:
+            return None
+        dense = States(run.trajectory.t, run.trajectory.q, run.trajectory.v)
+        self.jumped = samples.jump(self.own, dense)
+        if self.jumped is None:
+            return None
+        where = "back to its start" if self.jumped.to_start else "elsewhere"
+        said = f"the state jumps {where} at t = {self.jumped.t:.6g} s, by {self.jumped.size:.2g} (m, rad) in one step"
+        return Cause.RESET, f"{said}, as an engine does that resets itself after an error"
+
+    def _other_times(self) -> tuple[Cause, str] | None:
+        """A start that is another, or samples of other times: both with steps that are sound."""
+        h = self.first.step
+        for stretch in (False, True):
+            self.map = found = samples.time_map(self.truth, self.first.at, stretch)
+            if found is None:
+                continue
+            left = f"so read, {found.left:.1%} of the error is left"
+            if not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
+                continue
+            if not stretch and abs(found.shift) > 1e-3 * h:
+                late = "later" if found.shift > 0 else "earlier"
+                said = f"the samples are those of {abs(found.shift):.3g} s {late} ({abs(found.shift) / h:.3g} steps)"
+                return Cause.SHIFT, f"{said}; {left}"
+            if stretch and abs(found.rate - 1) > 1e-6:
+                return Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}"
+        if late := self._late_from_the_first_step():
+            said = (
+                f"the first step leads {abs(late):.3g} s too {'far' if late > 0 else 'short'} and no other does: later samples are"
+            )
+            return Cause.SHIFT, f"{said} those of {abs(late) / h:.3g} steps {'later' if late > 0 else 'earlier'}"
+        start = self.first.start
+        off = max(_largest(start.q - self.own.mechanism.q0), _largest((start.v - self.own.mechanism.v0) * self.first.at.t[-1]))
+        if off > MOST * self.error / 10 and off > SMALL:
+            return Cause.START, f"the run begins at another state, {off:.1e} (m, rad, or as much a second times the run) off"
+        return None
+
+    def _as_steps_go(self, found: samples.TimeMap, stretch: bool) -> bool:
+        """Whether a finer run is off in time as much as a map says, or by as many steps; an integrator is not."""
+        finest = self.bursts[-1]
+        if self.adaptive or finest.step == self.first.step:
+            return True
+        again = samples.time_map(self.truth, finest.at, stretch)
+        if again is None:
+            return False
+        if stretch:
+            return abs(again.rate - 1) > abs(found.rate - 1) / 2
+        return abs(again.shift) > 0.8 * abs(found.shift) * finest.step / self.first.step
+
+    def _late_from_the_first_step(self) -> float:
+        """The shift [s] of all samples but the start, told by the first step of every run; 0 where there is none.
+
+        It shows where the integrator's error hides it from a map of time: a first step that leads too far, and no other.
+        """
+        found = []
+        for b, x in zip(self.bursts, self.local, strict=True):
+            if self.adaptive or x is None or not len(b.stepped):
+                return 0.0
+            expected = self.own.moved(b.start, np.array([b.step]))
+            slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
+            off = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
+            steps = float(off @ slope) / max(float(slope @ slope), 1e-300)
+            left = float(np.linalg.norm(off - steps * slope)) / max(float(np.linalg.norm(off)), 1e-300)
+            if not (LEAST_LATE < abs(steps) < MOST_LATE and left < MOST and x.relative_moved < abs(steps) / 5):
+                return 0.0
+            found.append(steps * b.step)
+        same = abs(found[-1]) > 0.8 * abs(found[0]) * self.bursts[-1].step / self.bursts[0].step
+        return found[0] if same else 0.0
+
+    def _steps_are_sound(self, found: samples.TimeMap) -> bool:
+        """Whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
+
+        Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
+        """
+        last = self.local[-1]
+        if found.left < NOTHING or last is None:
+            return found.left < NOTHING
+        by_rate = abs(found.rate - 1)
+        return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
+
+    def _by_steps(self) -> tuple[Cause, str, list[Explained]]:
+        """What is left without a step, against what the step adds."""
+        limit, by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
+        if self._rounds():
+            said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
+            return Cause.ROUND_OFF, f"{said} ({self._steps_in_words()})", []
+        if limit > by_step or not (self.steps.converges or self.adaptive):
+            return self._without_step(limit)
+        return self._of_step(by_step)
+
+    def _steps_in_words(self) -> str:
+        return ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
+
+    def exponent(self) -> float:
+        """k of what a step is off by, h^k, of the two smallest steps."""
+        if self.adaptive or len(self.local) < 2:
+            return np.nan
+        (one, other), steps = self.local[-2:], [b.step for b in self.sound[-2:]]
+        if one is None or other is None:
+            return np.nan
+        sizes = split.size(one.moved) * steps[0], split.size(other.moved) * steps[1]
+        return float(np.log(sizes[0] / sizes[1]) / np.log(steps[0] / steps[1])) if all(sizes) else np.nan
+
+    def _rounds(self) -> bool:
+        return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.exponent() < 0.5)
+
+    def _without_step(self, limit: float) -> tuple[Cause, str, list[Explained]]:
+        """An error that smaller steps leave: wrong accelerations, or loops that are not held."""
+        last, states = self.local[-1], self.sound[-1]
+        if last is None:
+            return Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at", []
+        y = last.told if last.relative_told > 0.3 * last.relative_moved else last.moved
+        found = self._explained(y, states)
+        if found and found[0].share >= EXPLAINS:
+            share = share_words(found[0].share)
+            said = f"{found[0].sentence}; that explains {share} of its wrong accelerations{self._alike(found)}"
+            return found[0].cause, said, found
+        stays = f"{limit:.1e} (m, rad) of error stay however short the step is"
+        if self.closure.stays and self.closure.opened[-1] > SMALL / 10:
+            gap = f"the loops stay open by {self.closure.opened[-1]:.1e} (m, rad) at {self.closure.joint} however short the step is"
+            yields = f", yielding {self.closure.compliance:.1e} m/N" if self.closure.held > 0.8 else ""
+            return Cause.SOFTNESS, f"soft constraints: {gap}{yields}", found
+        off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
+        several = self._several(y, states)
+        if several >= EXPLAINS:
+            said = f"several parameters together explain {share_words(several)} of it, none alone"
+            return Cause.SEVERAL, f"{stays}: {off}; {said}", found
+        return Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", found
+
+    def _alike(self, found: list[Explained]) -> str:
+        left = max(1 - found[0].share, 1e-12)
+        others = [x.sentence for x in found[1:] if 1 - x.share <= AS_GOOD * left][:3]
+        return f" (this motion does not tell it from: {'; '.join(others)})" if others else ""
+
+    def _explained(self, y: Array, b: Burst) -> list[Explained]:
+        count = len(b.at)
+        start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (self.own.mechanism.q0, self.own.mechanism.v0)))
+
+        def some() -> Iterator[Explanation]:
+            yield from of_parameters(self.own, b.at)
+            yield from of_constraints(self.own, b.at, b.before, start)
+            yield from of_all(self.own, b.at)
+
+        return explained(y, self.own.evaluator.mass, some())[:8]
+
+    def _several(self, y: Array, b: Burst) -> float:
+        """Share that all parameters explain together, each by its own amount."""
+        root = np.sqrt(self.own.evaluator.mass)
+        columns = [(x.effect(1e-3) * root).ravel() for x in of_parameters(self.own, b.at) if not x.once]
+        A = np.array([x / np.linalg.norm(x) for x in columns if np.isfinite(x).all() and x.any()]).T
+        target = (y * root).ravel()
+        if not A.size or not target.any():
+            return 0.0
+        left = target - A @ np.linalg.lstsq(A, target, rcond=1e-8)[0]
+        return 1.0 - float(left @ left) / float(target @ target)
+
+    def _of_step(self, by_step: float) -> tuple[Cause, str, list[Explained]]:
+        """An error that falls with the step: old constraint data, soft constraints tied to the step, drift, or the integrator."""
+        if old := self._stale():
+            return Cause.STALE, old.sentence, [old]
+        c = self.closure
+        falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
+        if (c.held > 0.8 and c.share > 0.02 and not c.grows) or self._yields():
+            gap = f"the loops open by {c.opened[0]:.1e} (m, rad) at {c.joint}, following the force there ({c.compliance:.1e} m/N)"
+            return Cause.SOFTNESS, f"soft constraints, which these settings tie to the step: {gap}; it {falls}", []
+        mended = self._mended() if c.share > MEANT and c.grows else 1.0
+        if mended < MENDS:
+            gap = f"the loops open, by {c.early:.1e} early and {c.late:.1e} (m, rad) late"
+            left = f"with steps projected {mended:.0%} of the error is left"
+            return Cause.DRIFT, f"drift off the constraints: {gap}; {left}; it {falls}", []
+        share = by_step / max(by_step, split.size(self.off[: self.steps.horizon]))
+        said = f"the integrator: {share:.0%} of the error {falls}"
+        return Cause.INTEGRATOR, f"{said}{self._beside()}", []
+
+    def _yields(self) -> bool:
+        """Whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
+        first, last = self.local[0], self.local[-1]
+        nominal = ORDERS.get(self.choices[0].integrator, np.nan)
+        if first is None or last is None or not self.steps.order < nominal - 1:
+            return False
+        return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
+
+    def _beside(self) -> str:
+        """What there is besides, where the step hides it."""
+        last, limit = self.local[-1], split.size(self.steps.limit)
+        if last is not None and last.relative_told > OFF_TOLD:
+            found = self._explained(last.told, self.sound[-1])
+            if found and found[0].share >= EXPLAINS:
+                return f"; beside it, {found[0].sentence}"
+        if limit > max(SMALL, split.size(self.steps.by_step) / 10):
+            return f"; {limit:.1e} (m, rad) would stay however short the step is"
+        return ""
+
+    def _mended(self) -> float:
+        """How much of the error is left when the engine's steps are projected; 1 where it offers no projection."""
+        if self.projected is None:
+            return 1.0
+        at = self.first.at.t[: self.steps.horizon]
+        found = self.run(self.projected, sampled(self.first.step, at)).trajectory
+        if found is None:
+            return 1.0
+        b = burst(self.projected, at, found)
+        return split.size(b.at.q - self.truth.at(b.at.t).q) / split.size(self.off[: self.steps.horizon])
+
+    def _stale(self) -> Explained | None:
+        """Constraint data older than the integrator's own."""
+        last, b = self.local[-1], self.sound[-1]
+        if last is None or self.adaptive:
+            return None
+        count = len(b.at)
+        start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (self.own.mechanism.q0, self.own.mechanism.v0)))
+        mass = self.own.evaluator.mass
+        root = np.sqrt(mass)
+        for y, moving in ((last.told, False), (last.moved, True)):
+            if not (last.relative_moved if moving else last.relative_told) > SEEN:
+                continue
+            euler = last.euler if moving else 0 * y
+            alone = _left(y, [euler], root)
+            for one in of_constraints(self.own, b.at, b.before, start):
+                if one.cause is not Cause.STALE or one.once:
+                    continue
+                column = one.effect(1.0)
+                amounts, both = _fit(y, [euler, column] if moving else [column], root)
+                amount = float(amounts[-1])
+                if both * BETTER < alone and OLD < amount < 5 and both < (1 - EXPLAINS) * float(np.sum((y * root) ** 2)):
+                    share = 1 - both / float(np.sum((y * root) ** 2))
+                    said = f"{one.sentence(amount)}, which explains {share_words(share)} of what accelerations are off by"
+                    return Explained(Cause.STALE, one.what, amount, share, said)
+        return None
+
+    def numbers(self) -> Numbers:
+        c, s = self.closure, self.steps
+        worst = int(np.abs(self.off).max(axis=1).argmax())
+        return Numbers(
+            error=self.error,
+            at=float(self.first.at.t[worst]),
+            errors=self.errors,
+            bar=self.bar,
+            steps=tuple(b.step for b in self.bursts),
+            tolerances=tuple(b.tolerance for b in self.bursts),
+            order=s.order,
+            horizon=float(self.first.at.t[s.horizon - 1]),
+            limit_error=split.size(s.limit),
+            step_error=split.size(s.by_step),
+            closure=c.opened,
+            closure_early=c.early,
+            closure_late=c.late,
+            closure_joint=c.joint,
+            closure_share=c.share,
+            held=c.held,
+            compliance=c.compliance,
+            told=tuple(np.nan if x is None else x.relative_told for x in self.local),
+            moved=tuple(np.nan if x is None else x.relative_moved for x in self.local),
+            step_exponent=self.exponent(),
+            shift=np.nan if self.map is None else self.map.shift,
+            rate=np.nan if self.map is None else self.map.rate,
+            jump_time=np.nan if self.jumped is None else self.jumped.t,
+        )
+
+    def parts(self, cause: Cause, numbers: Numbers) -> dict[Part, float]:
+        """The error within the horizon [m, rad], by parts.
+
+        What the step adds is drift as far as it leaves the constraints, else the integrator's; what is left without a step belongs
+        to the cause found, else to the model. Samples of other times, and round-off, are the whole error or none of it.
+        """
+        found = dict.fromkeys(Part, 0.0)
+        whole = split.size(self.off[: self.steps.horizon])
+        if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE):
+            part = cause.part or Part.MODEL
+            left = self.map.left if self.map and cause.part is Part.SAMPLING else 0.0
+            found[part], found[Part.INTEGRATOR] = whole * (1 - left), whole * left
+            return found
+        drift = min(self.closure.share * whole, numbers.step_error) if not self.closure.stays else 0.0
+        found[Part.DRIFT] = drift
+        found[Part.INTEGRATOR] = float(np.sqrt(max(0.0, numbers.step_error**2 - drift**2)))
+        if cause is Cause.SOFTNESS and numbers.step_error > numbers.limit_error:
+            found[Part.SOFTNESS], found[Part.INTEGRATOR], found[Part.DRIFT] = numbers.step_error, 0.0, 0.0
+        rest = Part.SOFTNESS if cause is Cause.SOFTNESS else Part.MODEL
+        told = max(3 * numbers.bar, numbers.step_error / 4)  # less than this is what Richardson's extrapolation leaves
+        if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or numbers.limit_error > told:
+            found[rest] += numbers.limit_error
+        return found
+
+
+def _arrays(x: States) -> tuple[Array, Array, Array]:
+    return x.t, x.q, x.v
+
+
+def _largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+def _fit(y: Array, columns: list[Array], root: Array) -> tuple[Array, float]:
+    """Amounts of columns (k, n) in y (k, n), and the squares that are left."""
+    A, b = np.array([(c * root).ravel() for c in columns]).T, (y * root).ravel()
+    amounts = np.linalg.lstsq(A, b, rcond=None)[0]
+    left = b - A @ amounts
+    return amounts, float(left @ left)
+
+
+def _left(y: Array, columns: list[Array], root: Array) -> float:
+    return _fit(y, columns, root)[1]
+
+
+def share_words(share: float) -> str:
+    """A share in words that do not round to all."""
+    return f"{share:.0%}" if share < 0.995 else f"{100 * share:.4g} %" if share < 0.99995 else "all"

@@ -1,0 +1,173 @@
+"""The suite's own motion of a linkage, for many states at once: accelerations of possibly altered terms, exact flow, and the truth.
+
+In weighted coordinates b = M^(1/2) a with K = J M^(-1/2) independent rows are solved as they stand,
+
+    [1  K^T] [b]   [M^(-1/2) Q]
+    [K   0 ] [l] = [gamma     ]
+
+and redundant ones by K = U S V^T, b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q. Every part of the terms can be another one than the
+linkage's, which is how a fault is predicted. Loops that an engine has left open by some micrometres make redundant rows contradict
+each other a little: they still count as one.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.integrate.fixed_step import dop853_fixed
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+RANK_TOLERANCE = 1e-4  # of the largest singular value, as where states are projected
+SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which leaves about 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States of one linkage: t (k,), q, v (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
+        return States(self.t[chosen], self.q[chosen], self.v[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What accelerations are made of at k states: M as its diagonal (n,), J (k, m, n), gamma (k, m), Q (k, n).
+
+    Attributes:
+        independent: whether the rows are.
+    """
+
+    mass: Array
+    J: Array
+    gamma: Array
+    Q: Array
+    independent: bool
+
+    def accelerations(self) -> Array:
+        """a (k, n) of M a + J^T lambda = Q, J a = gamma."""
+        root = np.sqrt(self.mass)
+        free = self.Q / root
+        if not self.J.shape[1]:
+            return np.asarray(free / root)
+        if self.independent:
+            return self._solved(root, free)
+        U, s, Vt = np.linalg.svd(self.J / root, full_matrices=False)
+        keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
+        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
+        moved = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]
+        blocked = keep * (Vt @ free[..., None])[..., 0]
+        b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
+        return np.asarray(b / root)
+
+    def _solved(self, root: Array, free: Array) -> Array:
+        """a (k, n) where rows are independent; NaN where they are not, in spite of it."""
+        k, m, n = self.J.shape
+        A = np.zeros((k, n + m, n + m))
+        A[:, np.arange(n), np.arange(n)] = 1.0
+        A[:, n:, :n] = self.J / root
+        A[:, :n, n:] = np.swapaxes(A[:, n:, :n], -1, -2)
+        right = np.concatenate([free, self.gamma], axis=1)[..., None]
+        try:
+            return np.asarray(np.linalg.solve(A, right)[:, :n, 0] / root)
+        except np.linalg.LinAlgError:
+            return np.full_like(free, np.nan)
+
+    def multipliers(self, a: Array) -> Array:
+        """The shortest lambda (k, m) of M a + J^T lambda = Q for given accelerations a (k, n)."""
+        inverse = np.linalg.pinv(np.swapaxes(self.J, -1, -2), rcond=RANK_TOLERANCE)
+        return np.asarray((inverse @ (self.Q - self.mass * a)[..., None])[..., 0])
+
+    def without(self, rows: list[int]) -> "Parts":
+        """The same with some rows dropped."""
+        kept = [k for k in range(self.J.shape[1]) if k not in rows]
+        return replace(self, J=self.J[:, kept], gamma=self.gamma[:, kept])
+
+
+class OwnMotion:
+    """The linkage as the suite understands it."""
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
+        self.absolute = AbsoluteCoordinates(mechanism)
+        self.independent = mechanism.redundant == 0
+
+    def parts(self, x: States) -> Parts:
+        """The terms at states; without friction, which needs the multipliers."""
+        rows = self.evaluator.constraints(x.t, x.q, x.v)
+        Q = self.evaluator.applied.generalised(x.q, x.v)
+        return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.independent)
+
+    def gaps(self, x: States) -> Array:
+        """phi (k, h) [m, rad] of the rows that have a position level."""
+        rows = self.evaluator.constraints(x.t, x.q, x.v)
+        return rows.phi[:, : self.evaluator.constraints.holonomic]
+
+    def accelerations(self, x: States) -> Array:
+        """a (k, n)."""
+        if self.evaluator.friction:
+            return self.absolute.acceleration(x.t, x.q, x.v)
+        return self.parts(x).accelerations()
+
+    def moved(self, x: States, by: Array) -> States:
+        """The states that the linkage itself reaches from x after times `by` (k,) [s], which may be negative or zero."""
+        steps = max(1, int(np.ceil(np.abs(by).max(initial=0.0) / SUBSTEP)))
+        k, n = x.q.shape
+        h = (by / steps)[:, None]
+
+        def rate(s: float, q: Array, v: Array) -> Array:
+            """In the time s, which runs from 0 to 1 in every substep of every state; v is dq/ds."""
+            here = States(x.t + (number + s) * h[:, 0], q.reshape(k, n), v.reshape(k, n) / speed)
+            return np.asarray((self.accelerations(here) * h**2).reshape(-1))
+
+        speed = np.where(h == 0, 1.0, h)
+        q: Array = x.q.reshape(-1)
+        v: Array = (x.v * h).reshape(-1)
+        for number in range(steps):  # noqa: B007 - `rate` reads it
+            q, v = dop853_fixed(rate, 0.0, q, v, 1.0)
+        v = np.where(h == 0, x.v, v.reshape(k, n) / speed)
+        return States(x.t + by, q.reshape(k, n), v)
+
+    def projected(self, x: States) -> States:
+        """The nearest states on the constraints."""
+        pairs = [self.evaluator.project(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)]
+        return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
+
+
+class Truth:
+    """The reference at any time: its samples, and the linkage's own flow from the nearest of them.
+
+    Attributes:
+        reference: that was certified or built.
+        until: [s] its last time.
+    """
+
+    def __init__(self, motion: OwnMotion, reference: Reference):
+        self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
+
+    def at(self, t: Array) -> States:
+        """The true states at times t (k,); a little before the start and beyond the end too."""
+        r = self.reference
+        after = np.clip(np.searchsorted(r.t, t), 1, len(r.t) - 1)
+        near = after - (t - r.t[after - 1] < r.t[after] - t)
+        x = States(r.t[near], r.q[near], r.v[near])
+        by = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)
+        return self.motion.moved(x, by) if by.any() else x
+
+    def bar(self, t: Array) -> Array:
+        """(k,) error bar of the positions [m, rad] at times t: below it errors say nothing."""
+        r = self.reference
+        k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)
+        return np.fmax(r.error_q, r.floor_q)[k]

@@ -1,0 +1,171 @@
+"""Samples that are right but told wrongly: at other times, of other links, standing still, or those of a motion that began anew.
+
+What is looked for is a map from the true motion to what was told, after which (nearly) nothing is left of the error.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.tree import spanning_tree
+from gauss_bench.terms import Array
+
+LEFT = 0.2  # of the error may be left, at half of the times, where a map explains it
+ITERATIONS = 12
+LOOKED_AT = 20  # samples for a map of time
+STILL = 1e-3  # of the true way
+JUMP = 10.0  # times what its velocity allows that a link moves in a step
+SUSPICIOUS = 0.03  # [rad, m] between two checkpoints that velocities and accelerations do not account for
+
+
+@dataclass(frozen=True)
+class TimeMap:
+    """Samples told at t that are those of the true motion at shift + rate t.
+
+    Attributes:
+        shift: [s]; rate: 1 but where time is stretched.
+        left: median over the samples of what is left of the error, relative.
+    """
+
+    shift: float
+    rate: float
+    left: float
+
+
+def _state(x: States, pace: float) -> Array:
+    """Positions and velocities (k, 2 n) in comparable units."""
+    return np.hstack([x.q, x.v * pace])
+
+
+def time_map(truth: Truth, told: States, stretch: bool) -> TimeMap | None:
+    """The constant shift, or the shift and stretching, of time that explains samples best; None where none does by LEFT."""
+    reference = truth.reference
+    rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
+    if not all(rms):
+        return None
+    pace = rms[0] / rms[1]  # [s] in which velocities change
+    shift, rate = 0.0, _first_rate(truth, told, pace) if stretch else 1.0
+    inside = told.t * rate <= truth.until
+    x = told[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
+    if len(x) < 3:
+        return None
+    state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
+    before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)
+    for _ in range(ITERATIONS):
+        there = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
+        off = state - _state(there, pace)
+        left = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
+        if not left < 0.99 * best.left:
+            break
+        best = TimeMap(shift, rate, left)
+        slope = np.hstack([there.v, truth.motion.accelerations(there) * pace])
+        columns = [slope, slope * x.t[:, None]] if stretch else [slope]
+        change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
+        change = np.clip(change, -pace, pace)
+        shift, rate = shift + float(change[0]), rate + (float(change[1]) if stretch else 0.0)
+    return best if best.left <= LEFT else None
+
+
+def _first_rate(truth: Truth, told: States, pace: float) -> float:
+    """How fast time runs, from the true samples that are nearest to what was told."""
+    r = truth.reference
+    true = _state(States(r.t, r.q, r.v), pace)
+    nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(told, pace)])
+    rates = nearest[told.t > 0] / told.t[told.t > 0]
+    return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
+
+
+def stands_still(truth: States, told: States) -> bool:
+    """Whether what was told does not move while the truth does."""
+    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
+    return moved[0] <= STILL * moved[1]
+
+
+@dataclass(frozen=True)
+class Order:
+    """Links or joint coordinates that were told in another order: `sentence` says how; left: of the error, relative."""
+
+    sentence: str
+    left: float
+
+
+def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
+    """The order of links or of joint coordinates in which what was told is the truth; None where it is in order or in none."""
+    from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
+
+    best: Order | None = None
+    for words, told_columns, true_columns, names in _columns(mechanism, truth, told):
+        cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in told_columns])
+        _, found = linear_sum_assignment(cost)
+        straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), found].sum())
+        wrong = [k for k, x in enumerate(found) if x != k]
+        if wrong and left <= LEFT * straight and (best is None or left / straight < best.left):
+            listed = ", ".join(f"{names[k]} holds {names[found[k]]}" for k in wrong)
+            best = Order(f"{words} are in another order: {listed}", left / straight)
+    return best
+
+
+def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
+    """Per way of listing a state: words, what was told and the truth (columns, ...), and the columns' names."""
+
+    def links(x: Array) -> Array:
+        return x.reshape(len(x), -1, 3).transpose(1, 0, 2)
+
+    names = [link.name for link in mechanism.links]
+    for words, one, other in (("links", told.q, truth.q), ("velocities of links", told.v, truth.v)):
+        yield words, links(one), links(other), names
+        yield f"angles in {words}", links(one)[..., 2], links(other)[..., 2], names
+    for shallow in (False, True):
+        tree = spanning_tree(mechanism, shallow)
+        named = [""] * tree.n
+        for b in tree.branches:
+            for k in range(b.at, min(tree.n, b.at + (3 if b.kind == "free" else 1))):
+                named[k] = b.joint.name if b.joint else names[b.link]
+        (y, dy), (true_y, true_dy) = tree.relative(told.q, told.v), tree.relative(truth.q, truth.v)
+        yield "joint coordinates", y.T, true_y.T, named
+        yield "joint velocities", dy.T, true_dy.T, named
+
+
+def suspicious_window(told: States, a: Array) -> int | None:
+    """The number of the checkpoint before which a state may have jumped: the largest way that rates do not account for."""
+    h = np.diff(told.t)[:, None]
+    v, q = told.v, told.q
+    off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
+    k = int(off.argmax()) if len(off) else 0
+    return k if len(off) and off[k] > SUSPICIOUS else None
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A state that is not where its velocity leads.
+
+    Attributes:
+        t: [s] time of the first sample after it.
+        size: [m, rad] how far it jumped.
+        to_start: whether it is back at the start.
+    """
+
+    t: float
+    size: float
+    to_start: bool
+
+
+def jump(own: OwnMotion, dense: States) -> Jump | None:
+    """The step in which a state jumped, of samples at every step; the first is the start."""
+    x = dense[1:]
+    h = np.diff(x.t)[:, None]
+    off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)
+    led = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
+    if not len(off):
+        return None
+    usual = float(np.median(off))
+    k = int(off.argmax())
+    if off[k] <= JUMP * (led[k] + usual) and off[k] <= SUSPICIOUS:
+        return None
+    if off[k] <= JUMP * usual:
+        return None
+    back = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
+    return Jump(float(x.t[k + 1]), float(off[k]), back <= 0.1 * off[k])

@@ -1,0 +1,147 @@
+"""Whether the suite would notice: faults are planted one by one, and each must be seen by the suite's own checks.
+
+Faults of the suite's own functions are planted in memory (`planted.py`), those of engines are run and diagnosed (`faults.py`). The
+same checks on the sound suite must be silent.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from gauss_bench.bench.one_run import Run, Sampling, one_run
+from gauss_bench.diagnosis.causes import Cause
+from gauss_bench.diagnosis.checks import linkage, truth
+from gauss_bench.diagnosis.diagnosis import Verdict, diagnose_runs
+from gauss_bench.diagnosis.faults import CLEAN, CRANK_SLIDER, DRIVEN, ENGINES, Fault, Faulty
+from gauss_bench.diagnosis.observations import ladder
+from gauss_bench.diagnosis.planted import PLANTED, SEEN, SIZES, UNSEEN, Check, smallest
+from gauss_bench.engines.base import Choice
+from gauss_bench.trajectory import in_a_sentence
+
+STEP, UNTIL = 4e-3, 0.4  # [s] of engines that are diagnosed: enough for all faults, at the least cost
+ADAPTERS = "adapters"
+SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # what an engine without a fault may be told: it takes steps
+KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault, and what became of it.
+
+    Attributes:
+        kind: what it was planted in; fault: what is wrong; seen: whether a check spoke; said: what it said.
+    """
+
+    kind: str
+    fault: str
+    seen: bool
+    said: str
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The smallest fault of a kind that is seen: `size`, in `unit`."""
+
+    fault: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """What a self-test found.
+
+    Attributes:
+        findings: of every planted fault.
+        false_alarms: what the same checks said of the sound suite: nothing, if all is well.
+        silent: how many checks were silent on the sound suite.
+        smallest: faults that are just seen.
+        seconds: of processor time.
+    """
+
+    findings: tuple[Finding, ...]
+    false_alarms: tuple[str, ...]
+    silent: int
+    smallest: tuple[Smallest, ...]
+    seconds: float
+
+    @property
+    def planted(self) -> int:
+        return len(self.findings)
+
+    @property
+    def detected(self) -> int:
+        return sum(x.seen for x in self.findings)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every fault was seen, and nothing where there was none."""
+        return self.detected == self.planted and not self.false_alarms
+
+
+def diagnosed(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
+    """The diagnosis of an engine with this fault."""
+    which = where or fault.where
+    mechanism, engine = linkage(which), Faulty(fault)
+
+    def run(choice: Choice, wanted: Sampling) -> Run:
+        return one_run(engine, mechanism, choice, wanted)
+
+    chosen = Choice(integrator="rk4", step=STEP)
+    projected = replace(chosen, stabilization="projection")
+    return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, False), UNTIL, projected=projected)
+
+
+def sound_engine(where: tuple[str, str]) -> Check:
+    """The diagnosis of an engine without a fault."""
+
+    def checked() -> str | None:
+        found = diagnosed(CLEAN, where)
+        return None if found.cause in SOUND else f"an engine without a fault: {found.sentence}"
+
+    return checked
+
+
+def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
+    """Plant every fault of the kinds asked for, or of all kinds.
+
+    Args:
+        only: of KINDS; all where not given.
+        told: is told how far things are.
+    """
+    started, kinds = time.process_time(), only or KINDS
+    chosen = [x for x in PLANTED if x.kind in kinds]
+    sound: dict[str, Check] = {f"{x.kind}: {x.sound}": x.sound for x in chosen}
+    if ADAPTERS in kinds:
+        sound |= {f"{ADAPTERS}: {' '.join(x)}": sound_engine(x) for x in (CLEAN.where, CRANK_SLIDER, DRIVEN)}
+    told(f"{len(sound)} checks of the sound suite")
+    alarms = {name: said for name, check in sound.items() if (said := _asked(check)) is not None}
+    findings: list[Finding] = []
+    for kind in kinds:
+        told(f"faults in {kind}")
+        of_kind = (_finding(x.kind, x.sentence, _asked(x.check)) for x in chosen if x.kind == kind)
+        findings += _adapters() if kind == ADAPTERS else of_kind
+    sizes: tuple[Smallest, ...] = ()
+    if "models" in kinds:
+        told("the smallest faults that are seen")
+        sizes = tuple(Smallest(name, smallest(check, UNSEEN, SEEN), unit) for name, (unit, check) in SIZES.items())
+    took = time.process_time() - started
+    return SelfTest(tuple(findings), tuple(alarms.values()), len(sound) - len(alarms), sizes, took)
+
+
+def _finding(kind: str, sentence: str, said: str | None) -> Finding:
+    return Finding(kind, sentence, said is not None, said or "nothing was seen")
+
+
+def _adapters() -> Iterator[Finding]:
+    for fault in ENGINES:
+        found = diagnosed(fault)
+        yield Finding(ADAPTERS, fault.sentence, found.cause is fault.cause, f"{found.cause}: {found.sentence}")
+
+
+def _asked(check: Check) -> str | None:
+    """What a check says; one that cannot be made is no silence."""
+    try:
+        return check()
+    except Exception as error:
+        return f"the check fails: {type(error).__name__}: {in_a_sentence(error)}"

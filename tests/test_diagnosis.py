@@ -1,0 +1,287 @@
+"""What is wrong with an engine: planted faults are named, sound engines are left alone, and what cannot run has a reason."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.bench.one_run import one_run
+from gauss_bench.cli import main
+from gauss_bench.diagnosis import explanations, faults, samples
+from gauss_bench.diagnosis.causes import Cause, Part
+from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
+from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty, scaled
+from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
+from gauss_bench.diagnosis.selftest import diagnosed
+from gauss_bench.diagnosis.split import by_steps
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference.store import certified_reference
+from gauss_bench.terms import Solution, Terms
+from tests.conftest import needs
+
+QUICK = ("soft_loop", "stale", "late")  # and the inertia, below
+FOUR_BAR, CRANK_SLIDER, SIX_BAR = ("four_bar", "torque"), ("crank_slider", "paper"), ("six_bar", "torque")
+
+
+def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: float = 0.4, **choice: str) -> Verdict:
+    mechanism, engine = load(*where), Faulty(fault)
+    truth = certified_reference(mechanism, until)
+    assert truth is not None
+    chosen = ladder(Choice(step=step, **{"integrator": "rk4", **choice}), adaptive=False)
+    return diagnose_runs(lambda c, wanted: one_run(engine, mechanism, c, wanted), mechanism, truth, chosen, until)
+
+
+@pytest.mark.parametrize("fault", [pytest.param(x, marks=() if x.name in QUICK else pytest.mark.slow, id=x.name) for x in ENGINES])
+def test_a_planted_fault_is_named(fault: Fault) -> None:
+    found = diagnosed(fault)
+    assert found.cause is fault.cause, found.sentence
+    assert found.numbers is not None
+    parts = sorted(found.parts, key=lambda part: found.parts[part])
+    assert parts[-1] is fault.cause.part, found.parts
+
+
+def test_a_sound_engine_has_no_dominant_cause_and_the_little_error_it_has_falls_as_its_integrator_says() -> None:
+    found = verdict(CLEAN, FOUR_BAR)
+    assert found.cause is Cause.NONE
+    assert found.numbers is not None
+    assert found.numbers.error < SMALL
+    assert found.numbers.order == pytest.approx(4.0, abs=0.1)
+    assert found.numbers.step_exponent == pytest.approx(5.0, abs=0.3)
+    assert found.parts[Part.MODEL] == found.parts[Part.SOFTNESS] == found.parts[Part.SAMPLING] == 0.0
+
+
+def test_a_first_order_step_is_the_integrators_fault() -> None:
+    found = verdict(CLEAN, FOUR_BAR, integrator="semi_implicit_euler")
+    assert found.cause is Cause.INTEGRATOR, found.sentence
+    assert found.numbers is not None
+    assert found.numbers.order == pytest.approx(1.0, abs=0.1)
+
+
+def compliant(epsilon: float, rate: float, solution: Solution, terms: Terms, model: faults.FaultyModel) -> Solution:
+    """J a = gamma + epsilon lambda, with Baumgarte's terms at a rate [1/s]."""
+    n, m = len(terms.Q), len(terms.gamma)
+    gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
+    K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
+    x = np.linalg.solve(K, np.concatenate([terms.Q, gamma]))
+    return Solution(x[:n], x[n:], m)
+
+
+def jacobian_of_the_step_before(terms: Terms, model: faults.FaultyModel, t: float, q: np.ndarray, v: np.ndarray) -> Terms:
+    return replace(terms, J=model.recent[0][0]) if model.running else terms
+
+
+def shifted(by: float, times: np.ndarray, step: float) -> np.ndarray:
+    return np.where(times > 0, times + by, times)
+
+
+def of(name: str, cause: Cause, **what: object) -> Fault:
+    return Fault(name, name, cause, **what)  # type: ignore[arg-type]
+
+
+VARIATIONS = [  # none of them is one of the catalogue's
+    (of("inertia of rocker", Cause.INERTIA, linkage=scaled("rocker", inertia=1.01)), FOUR_BAR, {}),
+    (of("mass of slider", Cause.MASS, linkage=scaled("slider", mass=0.99)), CRANK_SLIDER, {}),
+    (
+        of("inertia under Euler", Cause.INERTIA, linkage=scaled("crank", inertia=1.01)),
+        FOUR_BAR,
+        {"integrator": "semi_implicit_euler"},
+    ),
+    (of("softer solver", Cause.SOFTNESS, solved=partial(compliant, 1e-2, 20.0)), FOUR_BAR, {}),
+    (of("Jacobian alone", Cause.STALE, terms=jacobian_of_the_step_before), CRANK_SLIDER, {}),
+    (of("stale under Euler", Cause.STALE, terms=faults.stale), FOUR_BAR, {"integrator": "semi_implicit_euler"}),
+    (of("half a millisecond", Cause.SHIFT, times=partial(shifted, 5e-4)), FOUR_BAR, {}),
+    (
+        of("a step under Euler", Cause.SHIFT, times=faults.one_step_late),
+        CRANK_SLIDER,
+        {"integrator": "semi_implicit_euler", "step": 1e-3},
+    ),
+    (
+        of("second rate, projected", Cause.SECOND_RATE, terms=faults.without_second_rate),
+        faults.DRIVEN,
+        {"stabilization": "projection"},
+    ),
+    (of("order in a driven linkage", Cause.ORDER, read=faults.links_in_another_order), faults.DRIVEN, {}),
+    (of("gravity in a larger linkage", Cause.GRAVITY, linkage=faults.gravity_turned), SIX_BAR, {}),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "where", "choice"), VARIATIONS, ids=lambda x: getattr(x, "name", None))
+def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
+    found = verdict(fault, where, **choice)  # type: ignore[arg-type]
+    assert found.cause is fault.cause, found.sentence
+
+
+def test_the_parameter_and_by_how_much_it_is_off_are_told() -> None:
+    found = diagnosed(BY_NAME["inertia"])
+    best = found.explanations[0]
+    assert best.what == "inertia of crank"
+    assert best.amount == pytest.approx(0.01, rel=1e-3)
+    assert "inertia of crank is 1 % too large" in found.sentence
+
+
+# known answers
+
+
+def test_three_runs_that_err_by_known_amounts_are_split_into_them() -> None:
+    """x = truth + 1e-3 + 50 h^2: the limit is off by 1e-3, the step adds the rest, at order two."""
+    n, steps = 9, (4e-3, 2e-3, 1e-3)
+    true = States(np.arange(6.0), np.zeros((6, n)), np.zeros((6, n)))
+
+    def burst(h: float) -> Burst:
+        x = States(true.t, true.q + 1e-3 + 50 * h**2, true.v)
+        return Burst(h, None, x[:1], x[1:2], x, x, x, true.v)
+
+    found = by_steps(tuple(map(burst, steps)), true, adaptive=False)
+    assert found.order == pytest.approx(2.0, abs=1e-9)
+    np.testing.assert_allclose(found.limit, 1e-3, rtol=1e-9)
+    np.testing.assert_allclose(found.by_step, 50 * 16e-6, rtol=1e-9)
+
+
+def test_the_linkages_own_flow_is_that_of_the_certificate_forwards_and_backwards() -> None:
+    mechanism = load(*FOUR_BAR)
+    truth = certified_reference(mechanism, 0.3)
+    assert truth is not None
+    own = OwnMotion(mechanism)
+    k = np.array([3, 10, 20])
+    for by in (1, -1):
+        found = own.moved(States(truth.t[k], truth.q[k], truth.v[k]), by * np.full(3, 0.01))
+        np.testing.assert_allclose(found.q, truth.q[k + by], atol=1e-11)
+        np.testing.assert_allclose(found.v, truth.v[k + by], atol=1e-10)
+    between = Truth(own, truth).at(np.array([0.1234]))
+    again = own.moved(between, np.array([0.13 - 0.1234]))
+    np.testing.assert_allclose(again.q[0], truth.q[13], atol=1e-11)
+
+
+def test_a_map_of_time_is_found_and_an_engine_in_time_has_none() -> None:
+    mechanism = load(*FOUR_BAR)
+    reference = certified_reference(mechanism, 0.5)
+    assert reference is not None
+    truth = Truth(OwnMotion(mechanism), reference)
+    t = np.arange(1, 20) * 0.02
+    late = truth.at(t + 3e-3)
+    found = samples.time_map(truth, States(t, late.q, late.v), stretch=False)
+    assert found is not None
+    assert found.shift == pytest.approx(3e-3, rel=1e-6)
+    slow = truth.at(1.02 * t)
+    found = samples.time_map(truth, States(t, slow.q, slow.v), stretch=True)
+    assert found is not None
+    assert found.rate == pytest.approx(1.02, rel=1e-6)
+    other = truth.at(t)
+    assert samples.time_map(truth, States(t, other.q + 1e-3 * t[:, None], other.v), stretch=False) is None
+
+
+def test_what_is_left_out_is_so_once_or_not_at_all() -> None:
+    """Half of a velocity term is no velocity term left out."""
+    y = np.ones((4, 3))
+    some = explanations.once(Cause.VELOCITY_TERMS, "x", y, "left out")
+    assert explanations.explained(y, np.ones(3), iter([some]))[0].share == pytest.approx(1.0)
+    assert not explanations.explained(0.5 * y, np.ones(3), iter([some]))
+
+
+@pytest.mark.parametrize(("step", "until"), [(1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)])
+def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them(step: float, until: float) -> None:
+    t = checkpoints(step, until)
+    assert len(t) >= 1
+    np.testing.assert_allclose(np.round(t / step), t / step, rtol=1e-9)
+    assert t[0] >= step * (1 - 1e-9)
+    assert t[-1] + step <= until * (1 + 1e-9)
+
+
+# the verb
+
+PLUGIN = """
+import os
+import time
+from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Faulty, FaultyModel
+
+
+class Heavy(Faulty):
+    def __init__(self):
+        super().__init__(BY_NAME["inertia"])
+        self.name = "heavy"
+
+
+class Dies(Faulty):
+    def __init__(self):
+        super().__init__(CLEAN)
+        self.name = "dies"
+
+    def build(self, mechanism, choice):
+        os.abort()
+
+
+class Hangs(Dies):
+    def build(self, mechanism, choice):
+        time.sleep(600)
+"""
+
+
+@pytest.fixture
+def plugins(tmp_path: Path) -> Iterator[None]:
+    (tmp_path / "patients.py").write_text(PLUGIN, encoding="utf-8")
+    made = tmp_path / "patients-1.0.dist-info"
+    made.mkdir()
+    (made / "METADATA").write_text("Metadata-Version: 2.1\nName: patients\nVersion: 1.0\n", encoding="utf-8")
+    points = "".join(f"{x} = patients:{x.capitalize()}\n" for x in ("heavy", "dies", "hangs"))
+    (made / "entry_points.txt").write_text(f"[gauss_bench.engines]\n{points}", encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(tmp_path))
+        patch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{tmp_path}")
+        yield
+
+
+@pytest.mark.slow
+def test_engines_of_others_are_diagnosed_in_a_worker(plugins: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diagnose", "four_bar", "--engine", "heavy", "--step", "0.004", "--until", "0.3", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["cause"] == "inertia"
+    assert found["part"] == "model"
+    assert found["explanations"][0]["amount"] == pytest.approx(0.01, rel=1e-3)
+    for name, status in (("dies", "crashed"), ("hangs", "timeout")):
+        assert main(["diagnose", "four_bar", "--engine", name, "--until", "0.3", "--budget", "3", "--json"]) == 1
+        found = json.loads(capsys.readouterr().out)
+        assert found["cause"] == "unknown"
+        assert found["runs"][0]["status"] == status
+        assert status in found["verdict"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "settings", "causes"),
+    [
+        ("mujoco", "default", {Cause.SOFTNESS}),
+        ("mujoco", "rigid", {Cause.NONE}),
+        ("pinocchio", "default", {Cause.NONE}),
+        ("exudyn", "default", {Cause.INTEGRATOR}),
+    ],
+)
+def test_engines_as_they_are(engine: str, settings: str, causes: set[Cause]) -> None:
+    """Shipped MuJoCo is soft, Exudyn takes steps of order two, and at a millisecond nothing is wrong with the others."""
+    needs(engine)
+    found = gauss_bench.diagnose("crank_slider", engine, settings=settings, until=0.5)
+    assert found.cause in causes, found.verdict
+    assert set(found.parts) == set(Part)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["diagnose", "four_bar", "--engine", "nowhere"], "nowhere"),
+        (["diagnose", "four_bar", "--engine", "gauss", "--step", "0.5"], "smaller step"),
+        (["diagnose", "four_bar", "--engine", "gauss", "--until", "-1"], "positive"),
+        (["diagnose", "four_bar", "--engine", "gauss", "--budget", "0"], "budget"),
+        (["diagnose", "four_bar", "--engine", "gauss", "--settings", "best"], "best"),
+        (["selftest", "--only", "weather"], "weather"),
+    ],
+)
+def test_bad_input_is_refused(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
