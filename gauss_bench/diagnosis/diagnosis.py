@@ -410,11 +410,14 @@ class Case:
         said = f"the integrator: {share:.0%} of the error {falls}"
         return Cause.INTEGRATOR, f"{said}{self._beside()}", []
 
+    def _lost_order(self) -> bool:
+        """Whether the motion converges at a lower order than the integrator's name says."""
+        return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
+
     def _yields(self) -> bool:
         """Whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
         first, last = self.local[0], self.local[-1]
-        nominal = ORDERS.get(self.choices[0].integrator, np.nan)
-        if first is None or last is None or not self.steps.order < nominal - 1:
+        if first is None or last is None or not self._lost_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
@@ -452,13 +455,13 @@ class Case:
         for y, moving in ((last.told, False), (last.moved, True)):
             if not (last.relative_moved if moving else last.relative_told) > SEEN:
                 continue
-            euler = last.euler if moving else 0 * y
-            alone = _left(y, [euler], root)
+            euler = [last.euler] if moving and not self._lost_order() else []
+            alone = _left(y, euler, root)
             for one in of_constraints(self.own, b.at, b.before, start):
                 if one.cause is not Cause.STALE or one.once:
                     continue
                 column = one.effect(1.0)
-                amounts, both = _fit(y, [euler, column] if moving else [column], root)
+                amounts, both = _fit(y, [*euler, column], root)
                 amount = float(amounts[-1])
                 if both * BETTER < alone and OLD < amount < 5 and both < (1 - EXPLAINS) * float(np.sum((y * root) ** 2)):
                     share = 1 - both / float(np.sum((y * root) ** 2))
@@ -530,7 +533,10 @@ def _largest(x: Array) -> float:
 
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[Array, float]:
     """Amounts of columns (k, n) in y (k, n), and the squares that are left."""
-    A, b = np.array([(c * root).ravel() for c in columns]).T, (y * root).ravel()
+    b = (y * root).ravel()
+    if not columns:
+        return np.zeros(0), float(b @ b)
+    A = np.array([(c * root).ravel() for c in columns]).T
     amounts = np.linalg.lstsq(A, b, rcond=None)[0]
     left = b - A @ amounts
     return amounts, float(left @ left)
