@@ -54,6 +54,7 @@ ALLOWED = {
     },
     "report": {"mechanism", "tables", *LIGHT},
     "exchange": {"mechanism", "engines", "compiler", "gauss_bench", *LIGHT},  # files out of the adapters' models, and into linkages
+    "atlas": {"mechanism", "engines", "judge", "bench", "exchange", "report", *LIGHT},
     "api": {
         "mechanism",
         "engines",
@@ -70,7 +71,7 @@ ALLOWED = {
         "gauss_bench",
         *LIGHT,
     },
-    "cli": {"mechanism", "diagnosis", "engines", "exchange", "bench", "reference", "report", "suites", "tables", "api"},
+    "cli": {"mechanism", "diagnosis", "engines", "exchange", "atlas", "bench", "reference", "report", "suites", "tables", "api"},
     "__init__": set(),
     "__main__": {"cli"},
 }

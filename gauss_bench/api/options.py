@@ -115,6 +115,8 @@ def _recommend(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: all")
     verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the only engine: which step holds with them")
     verb.add_argument("--budget", type=float, metavar="S", help="wall-clock seconds that it may take (default 60)")
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="write a program for each engine that holds it: ENGINE.py")
+    verb.add_argument("--replace", action="store_true", help="write over programs that are there already")
     verb.add_argument("--json", action="store_true")
 
 
@@ -155,6 +157,16 @@ def _verify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("certificates", nargs="*", type=Path, metavar="FILE", help="default: those of the built-in linkages")
     verb.add_argument("--linkage", metavar="FILE-OR-NAME", help="default: the one beside the certificate's folder, or built-in")
     verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--json", action="store_true")
+
+
+def _atlas(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--engine", action="append", dest="engines", metavar="NAME", help="may be repeated; default: all")
+    axes = "singular, redundancy, mass, stiffness, speed, step or size; may be repeated (default: all)"
+    verb.add_argument("--axis", action="append", dest="axes", metavar="NAME", help=axes)
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds in all (default 600); what they do not reach stays open")
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--out", type=Path, metavar="DIR", help="write atlas.csv, atlas.svg and index.html there")
     verb.add_argument("--json", action="store_true")
 
 
@@ -217,6 +229,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),
     "verify": ("check certificates in double precision", _verify),
+    "atlas": ("find how far each engine goes: near singular positions, fast, stiff, uneven, redundant, large", _atlas),
     "run": ("run a suite and write its tables; finished cases are not repeated", _run),
     "report": ("write the pages from the tables of a run", _report),
     "check": ("hold the accuracy cases against the committed baseline", _check),

@@ -1,0 +1,1 @@
+"""How far each engine goes: families of linkages that become harder along one axis, and where along it an engine breaks."""

@@ -1,0 +1,272 @@
+"""Takes every way of running along every axis and finds by halving where it stops to pass, and where it fails.
+
+Halving takes for granted that what is harder is not done better; where that is not so, one of the places is found at which a
+verdict changes. Both ends are always run. Every run is in a worker process, with a limit of its own: what crashes or hangs has
+failed, and says so. The verdicts do not depend on time, but where a run reaches its limit or the survey its budget.
+"""
+
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family
+from gauss_bench.atlas.verdict import Found, Verdict, decided
+from gauss_bench.bench.apart import Request, outcome_of, performed_there
+from gauss_bench.bench.offers import ChoiceError, Offer, offers
+from gauss_bench.bench.one_run import Run, received, sampling, sampling_at
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.toml import toml
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference
+
+BUDGET = 600.0  # [s] of a whole survey
+LIMIT = 60.0  # [s] that one run may take, building included
+SAMPLES = 100  # compared with the reference, at most
+EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the one that says how good it is
+STABILIZED = ("none", "projection")
+LABELS = ("default", "tuned")
+
+Told = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way of running: engine, settings and stabilization, with the engine's first integrator."""
+
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+
+    @property
+    def name(self) -> str:
+        words = [self.engine, self.settings if self.settings != "default" else ""]
+        return " ".join(filter(None, [*words, "+ projection" if self.stabilization == "projection" else ""]))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far one way goes along one axis.
+
+    Attributes:
+        way, axis: which.
+        passes_to: the hardest value that passes, None where not even the easiest does.
+        ends_at: the hardest value to which it is degraded at worst, None where not even the easiest is.
+        last: the verdict on the hardest value that is known.
+        reason: why the first value beyond `passes_to` does not pass; why the engine cannot; or what was not reached.
+        error: at the hardest value that passes, of the size or [rad].
+        runs: that were needed.
+    """
+
+    way: Way
+    axis: str
+    passes_to: float | None
+    ends_at: float | None
+    last: Verdict
+    reason: str
+    error: float
+    runs: int
+
+
+def ways(wanted: Sequence[str] | None = None) -> list[Way]:
+    """Every way that is looked at, of the engines of these names or of all that suites know.
+
+    Raises:
+        KeyError: there is no such engine.
+        ChoiceError: an engine that was asked for cannot be used.
+    """
+    found = []
+    for offer in offers(list(wanted) if wanted else None):
+        if not offer.usable:
+            if wanted:
+                raise ChoiceError(f"{offer.name} cannot be used: {offer.reason}")
+            continue
+        found += _ways_of(offer)
+    return found
+
+
+def _ways_of(offer: Offer) -> list[Way]:
+    labels = [x for x in LABELS if x in offer.settings] or list(offer.settings)[:1]
+    stabilizations = [x for x in STABILIZED if x in offer.stabilizations] or list(offer.stabilizations)[:1]
+    return [Way(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
+
+
+def axes(wanted: Sequence[str] | None = None) -> list[Family]:
+    """The families of these names, or all.
+
+    Raises:
+        ChoiceError: there is no such axis.
+    """
+    for name in wanted or ():
+        if name not in FAMILIES:
+            raise ChoiceError(f"no axis {name!r}; there are {', '.join(FAMILIES)}")
+    return [FAMILIES[name] for name in wanted or FAMILIES]
+
+
+class Course:
+    """The linkages of the families as files, each with its reference, made when first asked for."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
+        self.known: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
+        self.locks: dict[tuple[str, float], threading.Lock] = {}
+        self.making = threading.Lock()
+
+    def at(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+        """The linkage of a value, and its reference, or why there is none."""
+        key = (family.name, value)
+        with self.making:
+            lock = self.locks.setdefault(key, threading.Lock())
+        with lock:
+            if key not in self.known:
+                self.known[key] = self._made(family, value, worker)
+            return self.known[key]
+
+    def _made(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+        document = family.document(value)
+        document["name"] = f"{family.name}_{family.values.index(value)}"
+        path = self.folder / f"{document['name']}.toml"
+        path.write_text(toml(document, ()), encoding="utf-8")
+        mechanism, step = load(path, SCENARIO), family.step(value)
+        times = compared(step, mechanism.duration)
+        if family.truth is not None:
+            return mechanism, _reference(times, *(family.truth(value, times, x) for x in (EXACT, NEARLY)))
+        found = []
+        for tolerance in (EXACT, NEARLY):
+            choice = Choice("default", "dop853", "none", step, tolerance)
+            request = Request(str(path), SCENARIO, self.engine, choice, sampling_at(step, times))
+            run = performed(request, mechanism, LIMIT, worker)
+            if run.trajectory is None:
+                return mechanism, f"no reference: {run.message}"
+            found.append((run.trajectory.q, run.trajectory.v, run.trajectory.a))
+        return mechanism, _reference(times, *found)
+
+
+def _reference(times: Array, true: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> Reference:
+    q, v, a = true
+    bar_q, bar_v, bar_a = (np.abs(x - y).max(axis=1) for x, y in zip(true, other, strict=True))
+    none = np.zeros(len(times))
+    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, "DOP853 at two tolerances")
+
+
+def compared(step: float, until: float) -> Array:
+    """Times [s] on the grid of a step, at most SAMPLES of them and no closer than a millisecond."""
+    whole = int(np.floor(until / step * (1 + 1e-9)))
+    each = max(1, round(1e-3 / step), -(-whole // SAMPLES))
+    return np.arange(whole // each + 1) * (each * step)
+
+
+def performed(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
+    """A run in the worker, whatever engine it is of."""
+    try:
+        answer = worker.call(performed_there, (request,), limit, request.largest(mechanism.n))
+    except WorkerFailure as failure:
+        return Run(failure.status, str(failure), None, None, request.wanted)
+    return received(outcome_of(answer), request.wanted, mechanism.n)
+
+
+def reach(way: Way, family: Family, course: Course, worker: Worker, until: float) -> Reach:
+    """How far one way goes along one axis, as far as that can be told before the time `until` of the monotonic clock [s]."""
+    found: dict[int, Found] = {}
+
+    def at(i: int) -> Found:
+        if i not in found:
+            found[i] = looked_at(way, family, family.values[i], course, worker, until)
+        return found[i]
+
+    def count(worst: tuple[Verdict, ...]) -> int:
+        """How many values, from the easiest on, come out no worse."""
+        last = len(family.values) - 1
+        if at(0).verdict not in worst:
+            return 0
+        if at(last).verdict in worst:
+            return last + 1
+        good, bad = 0, last
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if at(middle).verdict in worst else (good, middle)
+        return bad
+
+    passing = count((Verdict.PASS,))
+    ending = max(passing, count((Verdict.PASS, Verdict.DEGRADED)))
+    beyond = found.get(passing)
+    known = [x for _, x in sorted(found.items()) if x.verdict is not Verdict.OPEN]
+    return Reach(
+        way,
+        family.name,
+        family.values[passing - 1] if passing else None,
+        family.values[ending - 1] if ending else None,
+        known[-1].verdict if known else Verdict.OPEN,
+        beyond.reason if beyond else "",
+        found[passing - 1].error if passing else float("nan"),
+        len(found),
+    )
+
+
+def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, until: float) -> Found:
+    """One run of one way at one value."""
+    left = until - time.monotonic()
+    if left <= 0:
+        return Found(Verdict.OPEN, reason="not reached within the budget")
+    mechanism, reference = course.at(family, value, worker)
+    if isinstance(reference, str):
+        return Found(Verdict.OPEN, reason=reference)
+    choice = Choice(way.settings, way.integrator, way.stabilization, family.step(value))
+    request = Request(mechanism.source, SCENARIO, way.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
+    run = performed(request, mechanism, LIMIT, worker)
+    return decided(mechanism, run, reference)
+
+
+def survey(
+    chosen: Sequence[Way], along: Sequence[Family], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
+) -> list[Reach]:
+    """Every way along every axis, in the order of both; told how far things are."""
+    until, done = time.monotonic() + budget, 0
+    workers = threading.local()
+    opened: list[Worker] = []
+    saying = threading.Lock()
+    with tempfile.TemporaryDirectory() as folder:
+        course = Course(Path(folder))
+
+        def one(pair: tuple[Family, Way]) -> Reach:
+            nonlocal done
+            if not hasattr(workers, "own"):
+                workers.own = Worker()
+                opened.append(workers.own)
+            found = reach(pair[1], pair[0], course, workers.own, until)
+            with saying:
+                done += 1
+                told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(found)}")
+            return found
+
+        pairs = [(family, way) for family in along for way in chosen]
+        try:
+            with ThreadPoolExecutor(jobs) as pool:
+                return list(pool.map(one, pairs))
+        finally:
+            for worker in opened:
+                worker.stop()
+
+
+def sentence(found: Reach) -> str:
+    """How far one way goes, in words."""
+    family = FAMILIES[found.axis]
+    unit = f" {family.unit}" if family.unit else ""
+    if found.last is Verdict.CANNOT:
+        return f"cannot: {found.reason}"
+    if found.passes_to is None:
+        return f"{found.last}: {found.reason}"
+    if found.passes_to == family.values[-1]:
+        return f"passes all, to {found.passes_to:g}{unit}"
+    ends = f", degraded to {found.ends_at:g}{unit}" if found.ends_at != found.passes_to else ""
+    return f"passes to {found.passes_to:g}{unit}{ends}; then {found.reason}"

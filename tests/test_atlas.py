@@ -1,0 +1,241 @@
+"""How far engines go: families that are what they say, verdicts with known answers, and the place where a way breaks."""
+
+import csv
+import functools
+import io
+import itertools
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+
+from gauss_bench.atlas import survey as surveying
+from gauss_bench.atlas.chart import BAR, alone, chart, number, part
+from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
+from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
+from gauss_bench.atlas.table import csv_of, page, row
+from gauss_bench.atlas.verdict import PASSES, Found, Verdict, decided
+from gauss_bench.bench.one_run import Run, sampling, sampling_at
+from gauss_bench.bench.worker import Worker
+from gauss_bench.cli import main
+from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.trajectory import Reference, Status, Trajectory
+
+SVG = "{http://www.w3.org/2000/svg}"
+WAY = Way("gauss", "default", "rk4", "none")
+
+
+def of(family: str, value: float) -> Mechanism:
+    return load_document(FAMILIES[family].document(value), SCENARIO)
+
+
+def test_rungs_are_round_numbers_from_easy_to_hard() -> None:
+    assert ladder(1.0, 100.0) == (1.0, 3.0, 10.0, 30.0, 100.0)
+    assert ladder(20.0, 0.5, (1.0, 2.0, 5.0)) == (20.0, 10.0, 5.0, 2.0, 1.0, 0.5)
+    assert FAMILIES["size"].values == (1, 2, 4, 8, 16, 32, 64)
+    assert FAMILIES["mass"].values[::12] == (1.0, 1e6)
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda x: x.name)
+def test_every_family_assembles_at_both_ends(family: Family) -> None:
+    for value in (family.values[0], family.values[-1]):
+        mechanism = load_document(family.document(value), SCENARIO)
+        assert mechanism.dof == 1
+        assert np.abs(Evaluator(mechanism).constraints(0.0, mechanism.q0, mechanism.v0).phi).max() < 1e-10
+
+
+@pytest.mark.parametrize("angle", [20.0, 1.0, 0.01])
+def test_the_smallest_transmission_angle_is_the_one_asked_for(angle: float) -> None:
+    links = FAMILIES["singular"].document(angle)["links"]
+    a, b, c = (max(x[0] for x in links[name]["points"].values()) for name in ("crank", "coupler", "rocker"))
+    cosines = (b**2 + c**2 - np.array([1 - a, 1 + a]) ** 2) / (2 * b * c)
+    folded = np.minimum(np.arccos(cosines), np.pi - np.arccos(cosines))
+    assert np.degrees(folded.min()) == pytest.approx(angle, rel=1e-6)
+
+
+def test_families_differ_in_what_they_say_and_in_nothing_else() -> None:
+    assert [of("redundancy", x).redundant for x in (0.0, 1.0, 3.0)] == [0, 1, 3]
+    assert [len(of("size", x).links) for x in (1.0, 8.0)] == [3, 17]
+    even, uneven = of("mass", 1.0), of("mass", 100.0)
+    np.testing.assert_allclose(even.links[0].mass / uneven.links[0].mass, 100.0)
+    assert even.links[1].mass == uneven.links[1].mass
+    np.testing.assert_allclose(of("speed", 30.0).v0, 10 * of("speed", 3.0).v0, rtol=1e-12)
+    assert FAMILIES["step"].document(1e-3) == FAMILIES["step"].document(1e-1)
+
+
+def test_many_windows_move_as_one_pendulum() -> None:
+    mechanism, t = of("size", 4.0), np.linspace(0.0, 0.2, 5)
+    q, v, a = pendulum(4.0, t, 1e-12)
+    np.testing.assert_allclose(q[0], mechanism.q0, atol=1e-12)
+    rows = Evaluator(mechanism).constraints(t, q, v)
+    assert np.abs(rows.phi).max() < 1e-12
+    model = Interpreted("gauss").build(mechanism, surveying.Choice("default", "rk4"))
+    for k in range(len(t)):
+        np.testing.assert_allclose(model.acceleration(float(t[k]), q[k], v[k]), a[k], atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def known() -> tuple[Mechanism, Run, Reference]:
+    """A pendulum of windows with its motion as the run: without any error."""
+    mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.2)
+    states = pendulum(1.0, wanted.times, 1e-12)
+    run = Run(Status.OK, "", Trajectory(wanted.times, *states, 20), None, wanted)
+    none = np.zeros(len(wanted.times))
+    return mechanism, run, Reference(wanted.times, *states, none, none, none, none, none, none, "closed form")
+
+
+def shifted(run: Run, by: float) -> Run:
+    """The run with all links moved along x [m]: loops on the ground open by as much."""
+    assert run.trajectory is not None
+    q = run.trajectory.q.copy()
+    q[5:, 0::3] += by
+    return replace(run, trajectory=replace(run.trajectory, q=q))
+
+
+def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) -> None:
+    mechanism, run, reference = known
+    assert decided(mechanism, run, reference).verdict is Verdict.PASS
+    assert decided(mechanism, shifted(run, 0.9 * PASSES), reference).verdict is Verdict.PASS
+    degraded = decided(mechanism, shifted(run, 1.1 * PASSES), reference)
+    assert degraded.verdict is Verdict.DEGRADED
+    assert degraded.error == pytest.approx(1.1 * PASSES, rel=1e-9)
+    failed = decided(mechanism, shifted(run, 0.02), reference)
+    assert failed.verdict is Verdict.FAILED
+    assert "loops open by 0.02" in failed.reason
+
+
+def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tuple[Mechanism, Run, Reference]) -> None:
+    mechanism, run, reference = known
+    for status in (Status.CRASHED, Status.TIMEOUT, Status.NAN, Status.NOT_CONVERGED):
+        found = decided(mechanism, replace(run, status=status, message="why", trajectory=None), reference)
+        assert (found.verdict, found.reason) == (Verdict.FAILED, f"{status}: why")
+    skipped = replace(run, status=Status.SKIP, message="no such model", trajectory=None)
+    assert decided(mechanism, skipped, reference).verdict is Verdict.CANNOT
+    vague = replace(reference, error_q=np.full(len(reference.t), 0.11 * PASSES))
+    assert decided(mechanism, run, vague).verdict is Verdict.OPEN
+
+
+@pytest.mark.parametrize("passing", range(8))
+@pytest.mark.parametrize("degraded", [0, 1, 3])
+def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    family = FAMILIES["size"]
+    verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
+    answer = {value: Found(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
+    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: answer[value])
+    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    ends = min(passing + degraded, 7)
+    assert found.passes_to == (family.values[passing - 1] if passing else None)
+    assert found.ends_at == (family.values[ends - 1] if ends else None)
+    assert found.reason == ("" if passing == 7 else f"at {family.values[passing]:g}")
+    assert found.runs <= 7
+    assert row(found)["breaks_at"] == (None if passing == 7 else family.values[passing])
+
+
+def test_times_that_are_compared_lie_on_whole_steps() -> None:
+    assert len(compared(1e-3, 0.5)) == 101
+    np.testing.assert_allclose(compared(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
+    np.testing.assert_allclose(compared(0.1, 0.5), np.arange(6) * 0.1)
+    assert sampling_at(0.1, compared(0.1, 0.5)).shortened == 0
+
+
+def some() -> list[Reach]:
+    names = ("gauss", "udwadia_kalaba", "gauss-native", "mujoco")
+    many = [Way(x, "tuned" if x == "mujoco" else "default", "rk4", y) for x in names for y in ("none", "projection")]
+    found = []
+    for i, way in enumerate(many):
+        for family in FAMILIES.values():
+            n = len(family.values)
+            passes, ends = family.values[i % n], family.values[min(n - 1, i % n + i % 3)]
+            found.append(Reach(way, family.name, passes, ends, Verdict.FAILED, 'off & <"out">', 1e-5, 5))
+    found[0] = replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it")
+    return sorted(found, key=lambda x: list(FAMILIES).index(x.axis))
+
+
+@functools.cache
+def width(text: str, size: float) -> float:
+    """[px], in a font as wide as Helvetica."""
+    return float(TextPath((0, 0), text, size=0.9 * size, prop=FontProperties("DejaVu Sans")).get_extents().width) if text else 0.0
+
+
+def test_names_in_the_chart_neither_meet_nor_leave_it() -> None:
+    found = some()
+    panels = [alone(FAMILIES[axis], [x for x in found if x.axis == axis]) for axis in ("mass", "singular")]
+    for svg in (chart(found), *panels):
+        root = ET.fromstring(svg)
+        _, _, wide, tall = (float(x) for x in root.attrib["viewBox"].split())
+        boxes = []
+        for group in (root, *root.iter(f"{SVG}g")):
+            shift = [float(x) for x in group.get("transform", "translate(0 0)")[10:-1].split()]
+            for x in group.findall(f"{SVG}text"):
+                length, place = width(x.text or "", float(x.attrib["font-size"])), float(x.attrib["x"]) + shift[0]
+                left = place - length * {"middle": 0.5, "end": 1.0}.get(x.get("text-anchor", ""), 0.0)
+                boxes.append((x.text, left, float(x.attrib["y"]) + shift[1], left + length))
+        assert [x for x in boxes if x[1] < 0 or x[3] > wide or not 0 < x[2] < tall] == []
+        meeting = [(a, b) for a, b in itertools.combinations(boxes, 2) if abs(a[2] - b[2]) < 9 and a[1] < b[3] and b[1] < a[3]]
+        assert meeting == []
+
+
+def test_a_bar_is_as_long_as_its_way_goes() -> None:
+    family = FAMILIES["size"]
+    assert [part(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
+    one = Reach(WAY, "size", 8.0, 16.0, Verdict.FAILED, "too large", 1e-9, 5)
+    widths = [float(x.attrib["width"]) for x in ET.fromstring(alone(family, [one])).iter(f"{SVG}rect") if x.get("width") != "100%"]
+    assert widths == pytest.approx([BAR, BAR * 5 / 7, BAR * 4 / 7], abs=0.1)
+    assert [number(x) for x in (1e6, 1e-4, 0.01, 300.0)] == ["1e6", "1e-4", "0.01", "300"]
+
+
+def test_tables_tell_all_and_escape_what_others_said() -> None:
+    rows = list(csv.DictReader(io.StringIO(csv_of(some()))))
+    assert len(rows) == 8 * len(FAMILIES)
+    assert {x["last"] for x in rows} == {"failed", "cannot"}
+    written = page(some())
+    assert '<"out">' not in written
+    assert "&lt;" in written
+    assert "http" not in written.replace("http://www.w3.org/2000/svg", "")
+    assert sentence(some()[0]) == "cannot: cannot hold it"
+
+
+def test_ways_are_every_setting_with_and_without_projection() -> None:
+    assert [x.name for x in ways(["gauss"])] == ["gauss", "gauss + projection"]
+    assert [x.name for x in axes(["speed", "size"])] == ["speed", "size"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--axis", "colour"], "no axis 'colour'; there are singular"),
+        (["--engine", "adams"], "unknown engine"),
+        (["--budget", "0"], ""),
+    ],
+)
+def test_bad_usage_is_refused(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["atlas", "--engine", "gauss", *arguments]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--json", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert {x["last"] for x in json.loads(told.out)} == {"open"}
+    assert "not reached within the budget" in told.err
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "index.html"]
+
+
+@pytest.mark.slow
+def test_an_atlas_finds_the_step_that_is_too_long_and_a_wrong_formulation(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["atlas", "--engine", "gauss-native", "--engine", "yuan_ge_eq16", "--axis", "speed", "--json"]
+    assert main(command) == 0
+    found = {(x["engine"], x["stabilization"]): x for x in json.loads(capsys.readouterr().out)}
+    own = found["gauss-native", "none"]
+    assert 10.0 <= own["passes_to"] <= 100.0  # RK4 with a tenth of a radian a step
+    assert own["error"] < PASSES
+    assert own["last"] == "failed"
+    assert found["yuan_ge_eq16", "none"]["passes_to"] is None
