@@ -250,23 +250,20 @@ class Case:
         """A start that is another, or samples of other times: both with steps that are sound."""
         h = self.first.step
         for stretch in (False, True):
-            self.map = found = samples.time_map(self.truth, self.first.at, stretch)
-            if found is None:
+            found = samples.time_map(self.truth, self.first.at, stretch)
+            if found is None or not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
                 continue
             left = f"so read, {found.left:.1%} of the error is left"
-            if not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
-                continue
             if not stretch and abs(found.shift) > 1e-3 * h:
-                late = "later" if found.shift > 0 else "earlier"
-                said = f"the samples are those of {abs(found.shift):.3g} s {late} ({abs(found.shift) / h:.3g} steps)"
+                self.map, when = found, "later" if found.shift > 0 else "earlier"
+                said = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
                 return Cause.SHIFT, f"{said}; {left}"
             if stretch and abs(found.rate - 1) > 1e-6:
+                self.map = found
                 return Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}"
-        if late := self._late_from_the_first_step():
-            said = (
-                f"the first step leads {abs(late):.3g} s too {'far' if late > 0 else 'short'} and no other does: later samples are"
-            )
-            return Cause.SHIFT, f"{said} those of {abs(late) / h:.3g} steps {'later' if late > 0 else 'earlier'}"
+        if by := self._late_from_the_first_step():
+            said = f"the first step leads {abs(by):.3g} s too {'far' if by > 0 else 'short'} and no other does"
+            return Cause.SHIFT, f"{said}: later samples are those of {abs(by) / h:.3g} steps {'later' if by > 0 else 'earlier'}"
         start = self.first.start
         off = max(_largest(start.q - self.own.mechanism.q0), _largest((start.v - self.own.mechanism.v0) * self.first.at.t[-1]))
         if off > MOST * self.error / 10 and off > SMALL:
