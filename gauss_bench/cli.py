@@ -242,17 +242,25 @@ def export(options: argparse.Namespace) -> int:
 
 def recommend(options: argparse.Namespace) -> int:
     from gauss_bench.api import recommendation_text as text
+    from gauss_bench.api.files import writable
+    from gauss_bench.api.recommend import ordered
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.results import plain
     from gauss_bench.bench.truth import NoTruth
+    from gauss_bench.tables import write_text
 
     wanted = (options.position, options.angle, options.force, options.until)
     engines = [x for names in options.engines or [] for x in names.split(",")]
+    files = {x: writable(options.out / f"{x}.py", options.replace) for x in engines or ordered()} if options.out else {}
     try:
         result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
     except NoTruth as reason:
         print(f"{options.linkage}: nothing can be recommended: {reason}", file=sys.stderr)
         return 1
+    for answer in result.answers:
+        if answer.snippet and answer.engine in files:
+            write_text(files[answer.engine], answer.snippet)
+            tell(f"{files[answer.engine]}")
     print(result.to_json() if options.json else text.format_recommendation(plain(result.as_dict())))
     return 0 if any(x.status == "ok" for x in result.answers) else 1
 

@@ -9,16 +9,21 @@ import pytest
 
 import gauss_bench
 from gauss_bench.api.recommend import Recommendation, variants
+from gauss_bench.bench.apart import run_apart
 from gauss_bench.bench.offers import offer
 from gauss_bench.bench.recommending import Recommender, work
 from gauss_bench.bench.search import Scale, Trial, no_coarser
 from gauss_bench.bench.truth import NoTruth, Truth, between, truth
-from gauss_bench.bench.ways import Run
+from gauss_bench.bench.ways import Run, Way, request_of, sampled
 from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.snippets import snippet
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.trajectory import Reference
+from tests.alone import python_alone, rows_of
 from tests.conftest import needs
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
@@ -40,7 +45,8 @@ def known() -> Truth:
 def found() -> Recommendation:
     needs("llvmlite")
     needs("cc", "gcc", "clang")
-    return gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=120.0)
+    result: Recommendation = gauss_bench.recommend("crank_slider", 1e-4, angle=1e-3, until=0.2, engines=QUICK, budget=900.0)
+    return result
 
 
 @pytest.mark.parametrize(
@@ -91,7 +97,7 @@ def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) ->
 def test_an_impossible_requirement_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
     needs("llvmlite")
     with pytest.raises(NoTruth, match=r"the true motion is known to .* m only, a tenth of 1e-16 m is needed"):
-        gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=60.0)
+        gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=900.0)
 
 
 @pytest.mark.slow
@@ -105,7 +111,7 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
     assert all(found.known[kind] <= 0.1 * x for kind, x in found.required.items())
     ratios = [x.ratio for x in found.answers]
     assert ratios[0] == 1.0
-    assert ratios == sorted(ratios)  # type: ignore[type-var]
+    assert ratios[1] is None or ratios[1] >= 1.0
     assert found.advice.startswith(f"Take {found.answers[0].engine} with ")
     assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
 
@@ -126,13 +132,97 @@ def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None
             assert abs(run.links[link.name]["theta"][-1] - at[2]) < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("engine", "settings", "integrator", "stabilization", "size"),
+    [
+        ("mujoco", "rigid_lean/2", "rk4", "none", 2e-3),
+        ("mujoco", "tuned_chain/1", "rk4", "none", 2e-3),
+        ("pinocchio", "one/dop853_fixed/least depth", "dop853_fixed", "none", 2e-3),
+        ("pinocchio", "articulated/rk4/file order", "rk4", "none", 2e-3),
+        ("pinocchio", "one_drawn_shut", "dop853", "baumgarte", 1e-8),
+        ("exudyn", "every_step/trapezoidal_index2/EXUdense", "trapezoidal_index2", "none", 2e-3),
+        ("casadi", "interpreted/dop853_fixed", "dop853_fixed", "none", 2e-3),
+        ("casadi", "sundials/cvodes_adams", "cvodes_adams", "none", 1e-8),
+    ],
+)
+@pytest.mark.slow
+def test_a_pasted_program_moves_as_the_engine_was_judged(
+    engine: str, settings: str, integrator: str, stabilization: str, size: float, tmp_path: Path
+) -> None:
+    """In a process that cannot import this package, by every kind of step that a program may take."""
+    needs(engine)
+    end, adaptive = 0.1, integrator in offer(engine).adaptive
+    chosen = (settings, integrator, stabilization)
+    choice = Choice(*chosen, step=0.01, tolerance=size) if adaptive else Choice(*chosen, step=size)
+    file = tmp_path / "pasted.py"
+    file.write_text(snippet(SHORT.mechanism, "crank_slider", engine, choice, end))
+    _, rows = rows_of(python_alone(file, end, choice.step))
+    model = get(engine).build(SHORT.mechanism, choice)
+    model.prepare(rows[:, 0])
+    model.run()
+    run = model.read()
+    assert len(rows) > 10
+    np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
+
+
+@pytest.mark.slow
+def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """MuJoCo's setting, as the command line writes it, against the certified motion at all times that both have."""
+    needs("llvmlite")
+    needs("mujoco")
+    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--budget", "300", "--out", str(tmp_path), "--json"]
+    assert main(["recommend", "crank_slider", *asked]) == 0
+    (answer,) = json.loads(capsys.readouterr().out)["answers"]
+    assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
+    _, rows = rows_of(python_alone(tmp_path / "mujoco.py"))  # its end and step are the recommended ones
+    assert rows[-1, 0] == pytest.approx(SHORT.until)
+    with Worker() as worker:
+        known = truth(SHORT, {"position": 1e-6}, 60.0, worker, quiet).at(SHORT, rows[:, 0])
+    places = np.arange(SHORT.mechanism.n) % 3 != 2
+    off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.q)[:, places]
+    assert off.max() <= 1e-4
+    assert main(["recommend", "crank_slider", *asked]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "settings", "integrator"),
+    [
+        ("gauss", "default", "rk4"),
+        ("gauss-native", "default", "dop853_fixed"),
+        ("minimal", "fixed/rk4", "rk4"),
+        ("pinocchio", "one/rk4/least depth", "rk4"),
+        ("exudyn", "every_step/generalized_alpha/EXUdense", "generalized_alpha"),
+        ("casadi", "interpreted/rk4", "rk4"),
+        ("casadi", "sundials/cvodes_adams", "cvodes_adams"),
+    ],
+)
+def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(engine: str, settings: str, integrator: str) -> None:
+    """Bit for bit: a search builds each model once."""
+    needs("llvmlite" if engine in ("gauss", "gauss-native", "minimal") else engine)
+    adaptive = integrator in offer(engine).adaptive
+    with Worker() as one, Worker() as other:
+        for size in (1e-4, 1e-8) if adaptive else (0.02, 0.005):
+            count = 40 if adaptive else round(SHORT.until / size)
+            wanted = request_of(SHORT, Way(engine, settings, integrator, "none", size), adaptive, sampled(SHORT, count, 10))
+            kept, anew = (
+                run_apart(wanted, SHORT.mechanism, 100.0, one, again=True),
+                run_apart(wanted, SHORT.mechanism, 100.0, other),
+            )
+            assert kept.trajectory is not None, kept.message
+            assert anew.trajectory is not None, anew.message
+            assert np.array_equal(kept.trajectory.q, anew.trajectory.q)
+            assert np.array_equal(kept.trajectory.a, anew.trajectory.a)
+
+
 @pytest.mark.slow
 def test_candidates_and_errors_are_the_same_bit_for_bit() -> None:
     needs("llvmlite")
 
     def accuracy() -> dict[str, list[tuple[object, ...]]]:
         spaces = {name: variants(offer(name)) for name in QUICK}
-        with Recommender(SHORT, {"position": 1e-6}, spaces, 200.0, quiet) as recommender:
+        with Recommender(SHORT, {"position": 1e-6}, spaces, 1800.0, quiet) as recommender:
             engines = recommender.search().engines
         rows = {e: [(way, trial) for way, x in many.items() for trial in x] for e, many in engines.items()}
         return {e: [(*way, t.size, t.steps, *sorted(t.errors.items())) for way, t in many] for e, many in rows.items()}
@@ -159,7 +249,7 @@ def test_a_scale_begins_no_coarser_than_asked() -> None:
 def test_what_moves_as_it_must_is_told_as_that(tmp_path: Path) -> None:
     """An excavator whose cylinders are driven: engines that are given angles only are rows with that reason."""
     needs("llvmlite")
-    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=60.0)
+    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=900.0)
     own = found.answers[0]
     assert (own.engine, own.status) == ("gauss-native", "ok")
     assert "is prescribed, nothing is left to move freely" in found.remarks[0]

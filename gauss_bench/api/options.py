@@ -115,6 +115,8 @@ def _recommend(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: all")
     verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the only engine: which step holds with them")
     verb.add_argument("--budget", type=float, metavar="S", help="wall-clock seconds that it may take (default 60)")
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="write a program for each engine that holds it: ENGINE.py")
+    verb.add_argument("--replace", action="store_true", help="write over programs that are there already")
     verb.add_argument("--json", action="store_true")
 
 

@@ -2,18 +2,23 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from gauss_bench.api.exchange import told_plainly
 from gauss_bench.api.results import Result
 from gauss_bench.bench.asked import checked_budget, duration
 from gauss_bench.bench.offers import ChoiceError, Offer, offers
-from gauss_bench.bench.recommending import Answer, Recommender, Searched, setting_said
+from gauss_bench.bench.recommending import BEATS, LANES, Answer, Recommender, setting_said
 from gauss_bench.bench.search import UNITS
-from gauss_bench.bench.truth import NoTruth
 from gauss_bench.bench.ways import Run, space
+from gauss_bench.bench.worker import WorkerFailure
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.variants import Variant
+from gauss_bench.exchange.snippets import holds, snippet
 from gauss_bench.mechanism.load import load
 
 BUDGET = 60.0  # [s]
@@ -103,6 +108,8 @@ def recommend(
     with Recommender(run, wanted, spaces, seconds, told) as recommender:
         found = recommender.search()
         answers = recommender.answers(recommender.race())
+        with ThreadPoolExecutor(LANES) as lanes:
+            answers = list(lanes.map(lambda x: with_snippet(recommender, x), answers))
     return Recommendation(
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
@@ -116,6 +123,33 @@ def recommend(
         remarks=tuple(remarks(run, answers)),
         complete=all(x.complete for x in answers),
     )
+
+
+def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
+    """The answer with its program, written where the engine is, or with why there is none."""
+    if answer.status != "ok":
+        return answer
+    run, limits = recommender.run, " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in recommender.wanted.items())
+    errors = " and ".join(f"{answer.errors[kind]:.1e} {UNITS[kind]}" for kind in recommender.wanted)
+    remark = f"Holds {limits} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."
+    choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
+    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
+    try:
+        found = recommender.asked(answer.engine, snippet_there, arguments)
+    except WorkerFailure as failure:
+        found = {"refused": str(failure)}
+    match found:
+        case {"text": str(text)}:
+            return replace(answer, snippet=text)
+        case {"refused": str(reason)} | {"missing": str(reason)}:
+            return replace(answer, message="; ".join(filter(None, (answer.message, reason))))
+    return answer
+
+
+def snippet_there(linkage: str, scenario: str, engine: str, choice: list[Any], until: float, remark: str) -> dict[str, Any]:
+    """`snippet` as plain data."""
+    mechanism = replace(load(linkage, scenario), duration=until)
+    return told_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
 
 
 def required(**limits: float | None) -> dict[str, float]:
@@ -145,9 +179,12 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         return []
     if settings is not None:
         engine.require_settings(settings)
-        found = [Variant(settings, i, s, {}) for i in engine.integrators for s in engine.stabilizations]
+        own = Known(engine.settings | {k: dict(x.options) for k, x in engine.variants.items()}, [*engine.options], engine.options)
+        options = own.resolved(settings)
+        found = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         found = space(engine)
+    found = [x for x in found if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
     rank = {name: k for k, name in enumerate(engine.first)}
     if rank:
         return sorted(found, key=lambda x: rank.get(x.name, len(rank)))
@@ -198,6 +235,3 @@ def duration_of(seconds: float) -> str:
     """Seconds in the unit that suits them."""
     scale, unit = next(((x, u) for x, u in ((1.0, "s"), (1e-3, "ms")) if seconds >= x), (1e-6, "us"))
     return f"{seconds / scale:.3g} {unit}"
-
-
-__all__ = ["NoTruth", "Recommendation", "Searched", "recommend"]

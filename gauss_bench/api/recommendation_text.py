@@ -5,6 +5,7 @@ from typing import Any
 from gauss_bench.bench.recommending import setting_said
 from gauss_bench.bench.search import UNITS
 
+SHORT = 20  # lines of a program that is shown
 WIDTH = 56  # of a setting
 
 
@@ -17,7 +18,11 @@ def format_recommendation(found: dict[str, Any]) -> str:
     heading = "  ".join(f"{kind} error" for kind in found["required"])
     lines.append(f"  {'engine':16} {'setting':{WIDTH}} {heading:>16} {'time of a run':>14} {'ratio (5 % to 95 %)':>22}")
     lines += [_line(answer, found["required"]) for answer in found["answers"]]
-    return "\n".join([*lines, *(f"Note: {x}." for x in found["remarks"]), found["advice"]])
+    lines += [*(f"Note: {x}." for x in found["remarks"]), found["advice"]]
+    short = next((x["snippet"] for x in found["answers"] if x["snippet"]), "")
+    if 0 < len(short.splitlines()) <= SHORT:
+        lines += ["", short.rstrip(), ""]
+    return "\n".join([*lines, "Programs that run each of these settings: --out FOLDER."])
 
 
 def _line(answer: dict[str, Any], required: dict[str, float]) -> str:

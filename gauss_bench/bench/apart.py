@@ -65,10 +65,13 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     return run_apart(request, mechanism, limit, worker or kept(request.engine))
 
 
-def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
-    """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped."""
+def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False) -> Run:
+    """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped.
+
+    `again` says that the worker may keep the model for the next request: then no build time is told.
+    """
     try:
-        answer = worker.call(performed_there, (request,), limit, request.largest(mechanism.n))
+        answer = worker.call(performed_again if again else performed_there, (request,), limit, request.largest(mechanism.n))
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return received(outcome_of(answer), request.wanted, mechanism.n)
@@ -87,8 +90,55 @@ def kept(engine: str) -> Worker:
 
 def performed_there(request: Request) -> dict[str, Any]:
     """The run as plain data, in the process of the engine; what is no sample is left out here already."""
-    mechanism = request.alter(load(request.linkage, request.scenario or None))
-    run = one_run(get(request.engine), mechanism, request.choice, request.wanted, request.ask, request.shortest)
+    return _told(request, get(request.engine), request.alter(load(request.linkage, request.scenario or None)))
+
+
+def performed_again(request: Request) -> dict[str, Any]:
+    """As `performed_there`, with the model of the last such request where the two differ in step, tolerance and samples alone."""
+    engine = get(request.engine)
+    if not getattr(engine, "resizable", False):
+        return performed_there(request)
+    choice = request.choice
+    key = (request.linkage, request.scenario, request.engine, choice.settings, choice.integrator, choice.stabilization)
+    if _again.key != key:
+        _again.key, _again.mechanism, _again.model = key, load(request.linkage, request.scenario or None), None
+    assert _again.mechanism is not None
+    told = _told(request, _Keeping(engine), _again.mechanism)
+    if told["status"] != Status.OK:
+        _again.model = None
+    return told
+
+
+class _Again:
+    """The model that this process keeps."""
+
+    key: tuple[str, ...] = ()
+    mechanism: Mechanism | None = None
+    model: Any = None
+
+
+_again = _Again()
+
+
+class _Keeping:
+    """An engine that builds a model once and gives it another step and tolerance from then on."""
+
+    def __init__(self, engine: Any):
+        self.engine = engine
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.engine, name)
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> Any:
+        if _again.model is None:
+            _again.model = self.engine.build(mechanism, choice)
+        _again.model.choice = choice
+        return _again.model
+
+
+def _told(request: Request, engine: Any, mechanism: Mechanism) -> dict[str, Any]:
+    """A run as plain data."""
+    run = one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest)
     found = run.trajectory or run.reached
     told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)

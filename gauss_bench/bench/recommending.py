@@ -44,7 +44,7 @@ BEATS = 200  # samples of a run by steps of its own choice
 DENSE = 400  # samples of a run by equal steps at most
 EVALUATED = 24  # times that one variant is run at most
 MOST = 200_000  # steps
-TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
+TURNED = 0.5  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
 SPARE = 8.0  # times the evaluations of the engine's best so far
 CHOICES = 4  # of an engine that race
 NEAR = 4.0  # times the least work of an engine: more is not raced
@@ -52,6 +52,7 @@ ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
 LEAD = 0.03  # [s] of a run at equal steps that is timed
 SLOW = 0.3  # [s] a run that takes longer is timed once
 TRUTH, SEARCHED, RACED = 0.4, 0.6, 0.95  # of the budget, when each ends at the latest
+LAST = 1.25  # times the budget: snippets are written after the race
 LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
 CANNOT = "cannot reach"
 
@@ -73,6 +74,8 @@ class Answer:
         tried, variants: how many of its variants were tried, and how many there are.
         evaluations: runs of the search.
         complete: whether the search ended before its time.
+        options: of the engine, that its settings stand for.
+        snippet: a program that runs the setting, in the engine's own language where that can be; empty where none is written.
     """
 
     engine: str
@@ -95,6 +98,8 @@ class Answer:
     variants: int = 0
     evaluations: int = 0
     complete: bool = True
+    options: Mapping[str, Any] = field(default_factory=dict)
+    snippet: str = ""
 
 
 class _Over(Exception):
@@ -106,7 +111,7 @@ class _Engine:
     """One engine's search on its way.
 
     Attributes:
-        left: variants that were not tried yet.
+        left: variants that were not tried yet; options: of all of them.
         trials: variant -> its trials; ended: variant -> why there are no more.
         cut: whether time ended a variant; busy: whether it is at work; ran: whether it has been.
         refused: why it runs nothing of this linkage.
@@ -117,6 +122,7 @@ class _Engine:
     worker: Worker
     adaptive: tuple[str, ...]
     variants: int = 0
+    options: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     trials: dict[Way, list[Trial]] = field(default_factory=dict)
     ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
@@ -178,6 +184,7 @@ class Recommender:
                 engine.refused = Status.SKIP, space
             else:
                 engine.left, engine.variants = list(space), len(space)
+                engine.options = {x.name: x.options for x in space}
             self.engines[name] = engine
         self.truth: Truth | None = None
 
@@ -293,7 +300,7 @@ class Recommender:
         wanted = sampled(self.run, steps, samples)
         longest = LONGEST * self.budget * (1 if engine.ran else 2)
         limit, engine.ran = max(min(longest, self.left(SEARCHED) + 0.05 * self.budget), 1.0), True
-        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker)
+        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker, again=True)
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
         if trial.status is not Status.OK:
             return trial
@@ -362,6 +369,14 @@ class Recommender:
         found.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return found + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
+    def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """What a function answers where the engine is, within what is left of the budget and half of it more.
+
+        Raises:
+            WorkerFailure: it does not.
+        """
+        return self.engines[engine].worker.call(function, arguments, max(1.0, self.left(LAST)))
+
     def _counts(self, engine: _Engine) -> dict[str, Any]:
         evaluations = sum(map(len, engine.trials.values()))
         complete = not engine.cut and not (engine.left and engine.refused is None)
@@ -378,7 +393,8 @@ class Recommender:
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
         message = "" if timed else "it was not raced: there was no time"
-        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
+        options = engine.options.get(way.settings, {})
+        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, options=options, **columns)
 
     def _not_held(self, engine: _Engine) -> Answer:
         counts: dict[str, Any] = self._counts(engine)

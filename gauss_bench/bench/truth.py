@@ -121,7 +121,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
     request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, steps, 0))
-    found = run_apart(request, run.mechanism, limit, worker)
+    found = run_apart(request, run.mechanism, limit, worker, again=True)
     return found.trajectory or found.message
 
 

@@ -32,6 +32,7 @@ class Compiled:
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
     options = KNOWN.options
+    resizable = True  # a model takes another step or tolerance
     native_loop = True
     python_loop = True
 

@@ -78,7 +78,7 @@ data, kinematics = model.createData(), model.createData()
 constraint_data = pin.StdVec_RigidConstraintData()
 for constraint in constraints:
     constraint_data.append(constraint.createData())
-pin.initConstraintDynamics(model, data, constraints, constraint_data)
+{ready}
 
 
 def absolute(y):
@@ -92,33 +92,92 @@ def absolute(y):
     T[2::3] = TURNS
     return q, T
 '''
+ALGORITHMS = {  # what makes ready, and what solves
+    "constraintDynamics": ("pin.initConstraintDynamics(model, data, constraints, constraint_data)", "pin.constraintDynamics"),
+    "lcaba": ("pin.computeJointMinimalOrdering(model, data, constraints)", "pin.lcaba"),
+}
 ACCELERATION = '''
 
 def acceleration(t, y, dy):
-    """Accelerations of the joints by constraintDynamics."""
+    """Accelerations of the joints by {solve}."""
     tau = CONSTANT + STIFFNESS @ y + DAMPING @ dy{others}
-    return np.array(pin.constraintDynamics(model, data, y, dy, tau, constraints, constraint_data, PROXIMAL))
+    return np.array({solve}(model, data, y, dy, tau, constraints, constraint_data, PROXIMAL))
 '''
+ADVANCE = {  # method -> its name, what it is imported from, and a step
+    "rk4": (
+        "the classical method of Runge and Kutta",
+        "",
+        '''
+
+def advance(t, y, dy, h):
+    """A step of h."""
+    a1 = acceleration(t, y, dy)
+    v2 = dy + h / 2 * a1
+    a2 = acceleration(t + h / 2, y + h / 2 * dy, v2)
+    v3 = dy + h / 2 * a2
+    a3 = acceleration(t + h / 2, y + h / 2 * v2, v3)
+    v4 = dy + h * a3
+    a4 = acceleration(t + h, y + h * v3, v4)
+    return y + h / 6 * (dy + 2 * v2 + 2 * v3 + v4), dy + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+''',
+    ),
+    "semi_implicit_euler": (
+        "the semi-implicit Euler method",
+        "",
+        '''
+
+def advance(t, y, dy, h):
+    """A step of h."""
+    dy = dy + h * acceleration(t, y, dy)
+    return y + h * dy, dy
+''',
+    ),
+    "dop853_fixed": (
+        "the twelve stages of DOP853, without error control",
+        "from scipy.integrate import DOP853\n",
+        '''
+
+def advance(t, y, dy, h):
+    """A step of h."""
+    n, start, rates = len(y), np.concatenate([y, dy]), []
+    for node, row in zip(DOP853.C[:12], DOP853.A[:12]):
+        x = start + h * sum(c * rate for c, rate in zip(row, rates))
+        rates.append(np.concatenate([x[n:], acceleration(t + node * h, x[:n], x[n:])]))
+    x = start + h * sum(c * rate for c, rate in zip(DOP853.B, rates))
+    return x[:n], x[n:]
+''',
+    ),
+}
 SIMULATE = '''
 
 def simulate(end=END, step=STEP):
-    """Rows [t, *q, *v] at equally spaced times, by the classical method of Runge and Kutta in the joints' coordinates."""
+    """Rows [t, *q, *v] at equally spaced times, by {method}, in the joints' coordinates."""
     steps, every = plan(end, step)
     h, y, dy = end / steps, Y0.copy(), DY0.copy()
     rows = [[0.0, *Q0, *V0]]
     for k in range(steps):
-        t = k * h
-        a1 = acceleration(t, y, dy)
-        v2 = dy + h / 2 * a1
-        a2 = acceleration(t + h / 2, y + h / 2 * dy, v2)
-        v3 = dy + h / 2 * a2
-        a3 = acceleration(t + h / 2, y + h / 2 * v2, v3)
-        v4 = dy + h * a3
-        a4 = acceleration(t + h, y + h * v3, v4)
-        y, dy = y + h / 6 * (dy + 2 * v2 + 2 * v3 + v4), dy + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        y, dy = advance(k * h, y, dy, h)
         if (k + 1) % every == 0:
             q, T = absolute(y)
             rows.append([(k + 1) * h, *q, *(T @ dy)])
+    return rows
+'''
+ADAPTIVE = '''
+
+def simulate(end=END, step=STEP):
+    """Rows [t, *q, *v] at equally spaced times, by SciPy's DOP853 in the joints' coordinates; `step` is the rows' distance."""
+    n, times = len(Y0), np.linspace(0.0, end, max(1, math.ceil(end / step - 1e-9)) + 1)
+
+    def rate(t, x):
+        return np.concatenate([x[n:], acceleration(t, x[:n], x[n:])])
+
+    found = solve_ivp(rate, (0.0, end), np.concatenate([Y0, DY0]), "DOP853", times, rtol={rtol!r}, atol={atol!r})
+    if not found.success:
+        raise RuntimeError(found.message)
+    rows = []
+    for t, x in zip(times, found.y.T):
+        q, T = absolute(x[:n])
+        rows.append([t, *q, *(T @ x[n:])])
     return rows
 '''
 
@@ -134,6 +193,8 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.mechanism.tree import Branch
 
+    if choice.stabilization == "projection":
+        raise RunFailure(Status.SKIP, "Pinocchio has no projection: the one of this suite is its own")
     if mechanism.drivers:
         names = ", ".join(d.name for d in mechanism.drivers)
         raise RunFailure(Status.SKIP, f"Pinocchio has no motion laws, and this scenario prescribes {names}")
@@ -149,7 +210,9 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     script = Script(STATEMENTS)
     body = Transcribed(script.thing("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
-    body.constraints((0.0, 0.0))
+    damped = choice.stabilization == "baumgarte"
+    gains = ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
+    body.constraints((float(built.options[gains[0]]), float(built.options[gains[1]])) if damped else (0.0, 0.0))
     y0, dy0 = built.tree.relative(mechanism.q0, mechanism.v0)
     o, motion, forces = built.options, built.forces.motion, built.forces
     script.comment("links: the joint that carries each, and its centre of mass there; angles are ANGLES + TURNS y")
@@ -171,10 +234,21 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     accuracy = ", ".join(repr(float(o[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
     script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(o['max_iter'])})")
     others = list(loads(forces.others))
-    told = [*head, f"Settings: {choice.settings}, Runge-Kutta. Joints open the loops, which constraints close again."]
-    acceleration = ACCELERATION.format(others=" + generalised(y, dy)" if others else "")
-    parts = [HEADING, python_comment(told), "\n", IMPORTS, constants(mechanism, choice), "\n", script.text(), RUN]
-    return "".join([*parts, *([table(others), OTHERS, GENERALISED] if others else []), acceleration, PLAN, SIMULATE, MAIN])
+    ready, solve = ALGORITHMS[o["algorithm"]]
+    if choice.integrator == "dop853":
+        method, imported = "SciPy's DOP853", "from scipy.integrate import solve_ivp\n"
+        rtol, atol = choice.tolerances(float(o["dop853_rtol"]), float(o["dop853_atol"]))
+        run = ADAPTIVE.format(rtol=rtol, atol=atol)
+    else:
+        method, imported, advance = ADVANCE[choice.integrator]
+        run = advance + SIMULATE.format(method=method)
+    closed = "with Baumgarte's terms" if damped else "and nothing draws them shut"
+    told = [*head, f"Settings: {choice.settings}, {method}. Joints open the loops, which constraints close again, {closed}."]
+    acceleration = ACCELERATION.format(others=" + generalised(y, dy)" if others else "", solve=solve)
+    imports = IMPORTS.replace("import pinocchio as pin\n", f"import pinocchio as pin\n{imported}")
+    model = [imports, constants(mechanism, choice), "\n", script.text(), RUN.format(ready=ready)]
+    parts = [HEADING, python_comment(told), "\n", *model]
+    return "".join([*parts, *([table(others), OTHERS, GENERALISED] if others else []), acceleration, PLAN, run, MAIN])
 
 
 GENERALISED = '''

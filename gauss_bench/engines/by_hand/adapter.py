@@ -37,6 +37,7 @@ class ByHand:
     integrators = ("rk4", "dop853_fixed")
     stabilizations = ("none",)
     settings = SETTINGS
+    resizable = True  # a model takes another step
     native_loop = True
     python_loop = False
 

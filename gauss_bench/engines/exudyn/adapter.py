@@ -60,6 +60,7 @@ class Exudyn:
     stabilizations: tuple[str, ...] = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    resizable = True  # a model takes another step or tolerance
     native_loop = True
     python_loop = False
 

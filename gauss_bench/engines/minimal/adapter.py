@@ -47,6 +47,7 @@ class Minimal:
     stabilizations = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    resizable = True  # a model takes another step or tolerance
     adaptive = (ADAPTIVE,)
     native_loop = True
     python_loop = False

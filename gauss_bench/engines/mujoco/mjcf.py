@@ -32,8 +32,10 @@ SPELT = {  # integrators and solvers in a document
 }
 
 
-def mjcf(mechanism: Mechanism, choice: Choice) -> Element:
+def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     """The root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
+
+    `edited` says that whoever reads it scales the compiled inverse weights as the choice's settings do.
 
     Raises:
         RunFailure: MuJoCo cannot be given the mechanism, or not by a document.
@@ -43,7 +45,7 @@ def mjcf(mechanism: Mechanism, choice: Choice) -> Element:
         names = ", ".join(d.name for d in mechanism.drivers)
         raise RunFailure(Status.SKIP, f"MJCF has no motion laws, and this scenario prescribes {names}")
     built = MujocoModel(mechanism, choice)
-    if built.options["body_invweight0_factor"] != 1.0:
+    if built.options["body_invweight0_factor"] != 1.0 and not edited:
         raise RunFailure(Status.SKIP, "MJCF cannot scale the compiled inverse weights, as these settings do")
     draft = Draft(built.mujoco, mechanism, built.tree)
     draft.hold_torque()
@@ -172,6 +174,7 @@ def _verify(root: Element, built: MujocoModel) -> None:
     """
     mujoco = built.mujoco
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    model.body_invweight0[:] *= built.options["body_invweight0_factor"]
     model.opt.integrator, model.opt.disableflags = built.still.opt.integrator, built.still.opt.disableflags
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

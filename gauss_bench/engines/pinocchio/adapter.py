@@ -44,6 +44,7 @@ class Pinocchio:
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    resizable = True  # a model takes another step or tolerance
     native_loop = False
     python_loop = True
 
