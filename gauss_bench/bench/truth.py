@@ -47,12 +47,15 @@ class Truth:
     Attributes:
         reference: its samples, equally spaced.
         bars: kind of error -> how far the truth itself may be off [m], [rad], [N]; no force where redundant rows leave it open.
+        halving: kind -> what halving the steps changed; steps: before that.
         certified: whether a certificate vouches for it.
         told: one line on how it was made.
     """
 
     reference: Reference
     bars: Mapping[str, float]
+    halving: Mapping[str, float]
+    steps: int
     certified: bool
     told: str
 
@@ -139,9 +142,10 @@ def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, 
     found = Reference(t, q, v, true, none, none, none, none, none, none, how)
     errors, gaps = state_errors(run.mechanism, coarse, found), _gaps(judge, fine)
     bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
-    bars = {kind: x + _between_bar(found, kind) + gaps for kind, x in bars.items()}
     force = float(joint_force_errors(judge, coarse, found).max())
-    return Truth(found, bars | ({} if math.isnan(force) else {"force": force}), False, how)
+    halving = bars | ({} if math.isnan(force) else {"force": force})
+    bars = {kind: x + _between_bar(found, kind) + gaps for kind, x in bars.items()}
+    return Truth(found, halving | bars, halving, steps, False, how)
 
 
 def _gaps(judge: Evaluator, fine: Trajectory) -> float:
@@ -176,4 +180,4 @@ def _certified(run: Run, judge: Evaluator, found: Truth) -> Truth:
     if max(off.values()) > 1e3 * max(found.bars["position"], found.bars["angle"], own):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
     bars = {**found.bars, **{kind: max(x, found.bars[kind] / 256) + own for kind, x in off.items()}}
-    return Truth(found.reference, bars, True, f"certified to {own:.0e}, and so says what was run here: {found.told}")
+    return replace(found, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {found.told}")
