@@ -14,6 +14,7 @@ from gauss_bench.terms import Array
 FEWEST, MOST = 2, 8  # links
 CLEAR = 0.5  # of a sine that is zero where a dyad is singular
 PLACES = ("A", "B", "C")
+TRIES = 1000  # for a dyad between two points: none fits between points in one place, as of two links at their pin
 
 
 class _Draft:
@@ -73,8 +74,10 @@ class _Draft:
         self.free(name)
 
     def two_bars(self) -> None:
-        (first, a), (second, b) = self._ends()
+        tries, ((first, a), (second, b)) = 0, self._ends()
         while True:
+            if (tries := tries + 1) > TRIES:
+                tries, ((first, a), (second, b)) = 0, self._ends()
             middle = self.near((a + b) / 2, 0.1, 0.6)
             u, w = middle - a, middle - b
             lengths = np.hypot(*u), np.hypot(*w)

@@ -50,7 +50,7 @@ def test_native_steps_are_as_exact_as_interpreted_ones(seed: int, stabilization:
 
 
 def test_linkages_drawn_by_lot_are_sound_and_of_all_sizes() -> None:
-    for seed in range(12):
+    for seed in (*range(12), 68, 141):  # the first hung on ends in one place, the second starts a turn from its sketch
         m = mechanism(seed)
         rows = Evaluator(m).constraints(0.0, m.q0, m.v0)
         singular = np.linalg.svd(rows.J, compute_uv=False)
