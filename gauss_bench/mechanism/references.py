@@ -12,7 +12,7 @@ from gauss_bench.mechanism.cylinders import BARREL, ROD, written_out
 from gauss_bench.mechanism.errors import Fault
 
 Document = dict[str, Any]
-RADIAN_PAIRS = ("angle", "block_angle", "rest", "start", "travel", "crank")
+RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
@@ -109,6 +109,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
     yield "measure", table(document, "measure")
+    yield from ((f"forces.{key}.over_time", table(entry, "over_time")) for key, entry in items(document, "forces"))
     for group in ("joints", "welds", "constraints", "forces"):
         yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
     for key, entry in items(document, "scenarios"):
@@ -277,6 +278,9 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
         names.fault(f"{path}.reaction", "link and reaction are the same")
     if isinstance(link := force.get("link"), str) and isinstance(other := force.get("reaction", "ground"), str) and link != other:
         names.different_links(f"{path}.reaction", [link, other])
+    times = [row[0] for row in sequence(table(force, "over_time"), "rows") if isinstance(row, list) and len(row) == 2]
+    if all(isinstance(x, (int, float, Decimal)) for x in times) and any(b <= a for a, b in pairwise(times)):
+        names.fault(f"{path}.over_time.rows", "times must increase")
     kind = force.get("type")
     if kind in ("force", "axis_spring_damper"):
         names.point(f"{path}.point", force.get("point"), ground=kind != "force")
