@@ -187,7 +187,7 @@ FAMILIES = {
         ),
         Family("redundancy", "redundancy", "redundant constraint rows", "", (0.0, 1.0, 2.0, 3.0), redundancy),
         Family("mass", "mass ratio", "coupler against crank and rocker", "", ladder(1.0, 1e6), mass),
-        Family("stiffness", "stiffness", "spring on a coupler of half a kilogram", "N/m", ladder(1e2, 1e7), stiffness),
+        Family("stiffness", "stiffness", "spring squeezed at the coupler, at a step of 1 ms", "N/m", ladder(1e2, 1e7), stiffness),
         Family("speed", "speed", "of the crank, at a step of 1 ms", "rad/s", ladder(3.0, 1e3), four_bar),
         Family(
             "step",

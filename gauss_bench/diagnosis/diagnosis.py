@@ -421,7 +421,7 @@ class Case:
     def _beside(self) -> str:
         """What there is besides, where the step hides it."""
         last, limit = self.local[-1], split.size(self.steps.limit)
-        if last is not None and last.relative_told > OFF_TOLD:
+        if last is not None and last.relative_told > SOUND:
             found = self._explained(last.told, self.sound[-1])
             if found and found[0].share >= EXPLAINS:
                 return f"; beside it, {found[0].sentence}"
