@@ -377,3 +377,11 @@ def said_of(force: dict[str, Any]) -> str:
     with pytest.raises(LinkageError) as caught:
         rotor({"value": 1.0} | force)
     return str(caught.value)
+
+
+@pytest.mark.parametrize("value", [3, "x", [], {"a": 1}, {"lift": {"between": 3, "barrel": [], "rod": {}}}])
+def test_tables_that_are_none_are_faults_and_nothing_else(value: Any) -> None:
+    for key in ("cylinders", "welds"):
+        content = document(ARM) | {key: value}
+        with pytest.raises(LinkageError):
+            load_document(content)

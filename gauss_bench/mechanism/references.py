@@ -74,8 +74,10 @@ class Names:
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
+    if "cylinders" in document and not _are_tables(document):
+        return []  # which the schema has refused; whatever else is named may be theirs
     if spoilt := _cylinder_faults(document):
-        return spoilt  # whatever else is named may be theirs
+        return spoilt
     document = written_out(document)
     names = Names(document)
     name = document.get("name")
@@ -129,6 +131,14 @@ def _body(document: Document, name: str) -> str:
     while isinstance(at := welds.get(seen[-1]), str) and at not in seen:
         seen.append(at)
     return seen[-1]
+
+
+def _are_tables(document: Document) -> bool:
+    """Whether links, joints and cylinders are tables of tables, with parts that are."""
+    groups = [document.get(key, {}) for key in ("links", "joints", "cylinders")]
+    if not all(isinstance(x, dict) and all(isinstance(y, dict) for y in x.values()) for x in groups):
+        return False
+    return all(isinstance(x.get(part, {}), dict) for x in groups[2].values() for part in (BARREL, ROD))
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
