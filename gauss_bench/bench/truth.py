@@ -29,8 +29,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 METHOD = "dop853_fixed"
-COARSEST = {"gauss-native": 1600, "gauss": 200}  # steps of the coarser run at first
-COMPILED = 0.6  # of the budget at most, for a kernel that compiles again on its way: numpy serves where it comes to no end
+COARSEST = {"gauss-native": 1600, "gauss": 100}  # steps of the coarser run at first
+COMPILED = 0.5  # of the budget at most, for a kernel that compiles again on its way: numpy serves where it comes to no end
 MOST = 400_000  # steps of a run
 SAMPLES = 3200  # of the truth at most
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
