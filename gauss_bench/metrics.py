@@ -62,7 +62,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
         Jammed: the friction does not settle.
     """
     rows = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
-    free = evaluator.applied.generalised(trajectory.q, trajectory.v) - trajectory.a * evaluator.mass
+    free = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t) - trajectory.a * evaluator.mass
     if evaluator.friction and len(trajectory.t):
         return _reactions_with_friction(evaluator, trajectory, rows.J, free)
     inverse = np.linalg.pinv(np.swapaxes(rows.J, -1, -2), rcond=1e-10)
@@ -108,7 +108,7 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     told, multipliers = spread(mechanism, trajectory), reactions(evaluator, trajectory)
     apart = Evaluator(mechanism.whole)
     J = apart.constraints(told.t, told.q, told.v).J
-    acting = apart.applied.generalised(told.q, told.v)
+    acting = apart.applied.generalised(told.q, told.v, told.t)
     if apart.friction:
         acting = acting + apart.friction.generalised(told.q, told.v, multipliers)
     lacking = told.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
@@ -147,7 +147,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
-    power = evaluator.applied.power(trajectory.q, trajectory.v)
+    power = evaluator.applied.power(trajectory.q, trajectory.v, trajectory.t)
     if evaluator.mechanism.drivers:
         rates = np.stack([np.broadcast_to(driver.law(t)[1], t.shape) for driver in evaluator.mechanism.drivers], axis=-1)
         power = power + (driving_forces(evaluator, trajectory) * rates).sum(-1)

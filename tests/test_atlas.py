@@ -15,7 +15,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from gauss_bench.atlas import survey as surveying
-from gauss_bench.atlas.chart import BAR, alone, chart, number, part
+from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
 from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
 from gauss_bench.atlas.table import csv_of, page, row
@@ -72,7 +72,7 @@ def test_families_differ_in_what_they_say_and_in_nothing_else() -> None:
 
 
 def test_many_windows_move_as_one_pendulum() -> None:
-    mechanism, t = of("size", 4.0), np.linspace(0.0, 0.2, 5)
+    mechanism, t = of("size", 4.0), np.linspace(0.0, 0.1, 5)
     q, v, a = pendulum(4.0, t, 1e-12)
     np.testing.assert_allclose(q[0], mechanism.q0, atol=1e-12)
     rows = Evaluator(mechanism).constraints(t, q, v)
@@ -85,9 +85,9 @@ def test_many_windows_move_as_one_pendulum() -> None:
 @pytest.fixture(scope="module")
 def known() -> tuple[Mechanism, Run, Reference]:
     """A pendulum of windows with its motion as the run: without any error."""
-    mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.2)
+    mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.1)
     states = pendulum(1.0, wanted.times, 1e-12)
-    run = Run(Status.OK, "", Trajectory(wanted.times, *states, 20), None, wanted)
+    run = Run(Status.OK, "", Trajectory(wanted.times, *states, 10), None, wanted)
     none = np.zeros(len(wanted.times))
     return mechanism, run, Reference(wanted.times, *states, none, none, none, none, none, none, "closed form")
 
@@ -137,6 +137,24 @@ def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypat
     assert found.reason == ("" if passing == 7 else f"at {family.values[passing]:g}")
     assert found.runs <= 7
     assert row(found)["breaks_at"] == (None if passing == 7 else family.values[passing])
+
+
+def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
+    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: Found(said.get(value, Verdict.OPEN), 0.0, "no time"))
+    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
+    assert row(found)["breaks_at"] is None
+    assert FAILED not in alone(family, [found])
+    assert "≥ 1" in alone(family, [found])
+
+
+def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    family, said = FAMILIES["redundancy"], {0.0: Verdict.PASS}
+    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: Found(said.get(value, Verdict.CANNOT), 0.0, "rows"))
+    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    assert (found.passes_to, found.last) == (0.0, Verdict.CANNOT)
+    assert sentence(found) == "passes to 0; then cannot: rows"
 
 
 def test_times_that_are_compared_lie_on_whole_steps() -> None:
@@ -200,7 +218,7 @@ def test_tables_tell_all_and_escape_what_others_said() -> None:
     assert '<"out">' not in written
     assert "&lt;" in written
     assert "http" not in written.replace("http://www.w3.org/2000/svg", "")
-    assert sentence(some()[0]) == "cannot: cannot hold it"
+    assert sentence(next(x for x in some() if x.last is Verdict.CANNOT)) == "cannot: cannot hold it"
 
 
 def test_ways_are_every_setting_with_and_without_projection() -> None:

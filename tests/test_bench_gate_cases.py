@@ -42,6 +42,12 @@ MEMBERS |= {
     "axis in a link",
 }
 MEMBERS |= {"torque against the ground", "torque against a link"}
+MEMBERS |= {"welds", "cylinders", "point_masses", "against"}
+MEMBERS |= {
+    f"over time {law}"
+    for kind in (schema.TableOverTime, schema.RampOverTime, schema.StepOverTime, schema.SineOverTime)
+    for law in get_args(kind.model_fields["law"].annotation)
+}
 
 
 def used(document: dict[str, Any], scenario: str) -> Iterator[str]:
@@ -52,9 +58,13 @@ def used(document: dict[str, Any], scenario: str) -> Iterator[str]:
             yield "guide on the ground" if joint["guide"].startswith("ground.") else "guide on a link"
     for constraint in document.get("constraints", {}).values():
         yield f"constraint {constraint['type']}"
+    yield from (key for key in ("welds", "cylinders") if key in document)
+    yield from (key for link in document["links"].values() for key in ("point_masses",) if key in link)
     chosen = document["scenarios"][scenario]
     for force in (document["forces"][name] for name in chosen.get("forces", [])):
         yield f"force {force['type']}"
+        yield from (f"over time {law}" for key, law in force.get("over_time", {}).items() if key == "law")
+        yield from (key for key in ("against",) if key in force)
         match force["type"]:
             case "force":
                 yield "force in the world" if force.get("frame", "ground") == "ground" else "force in a link"

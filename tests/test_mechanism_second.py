@@ -8,18 +8,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.api.kinematics import kinematics
+import gauss_bench
+from gauss_bench.api.kinematics import driven, kinematics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.cli import main
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import compile_kernel
+from gauss_bench.engines import get as engine
+from gauss_bench.engines import names
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS, exported
+from gauss_bench.formulations import FORMULATIONS
+from gauss_bench.formulations.gauss import gauss
+from gauss_bench.integrate.adaptive import dop853
 from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load, load_document, merge
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import build_reference
+from gauss_bench.reference.certify import Uncertified, certify
 from gauss_bench.terms import Array
 from tests.conftest import DATA
 
+VARYING = Path(gauss_bench.__file__).parent / "suites" / "linkages" / "varying.toml"
+OWN = {*FORMULATIONS}
 ARM, LEG, GRIPPER = (DATA / f"{name}.toml" for name in ("excavator_arm", "leg", "gripper"))
 
 
@@ -233,8 +248,9 @@ def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
     np.testing.assert_allclose(turned, turned[0], rtol=1e-12)
     assert fixed.links["payload"]["theta"][0] == pytest.approx(-np.pi / 2, abs=1e-12)
     np.testing.assert_allclose(free.links["shank"]["x"], fixed.links["shank"]["x"], atol=1e-11)
-    arms = [kinematics(str(ARM), scenario, intervals=4, hold=hold) for scenario, hold in (("held", None), ("lift", ["T", "E"]))]
-    np.testing.assert_array_equal(arms[0].points["tooth.tip"]["x"], arms[1].points["tooth.tip"]["x"])
+    arms = [driven(str(ARM), scenario, None, hold) for scenario, hold in (("held", None), ("lift", ["T", "E"]))]
+    assert [arm.dof for arm in arms] == [1, 1]  # stick and bucket are welded on
+    np.testing.assert_array_equal(arms[0].q0, arms[1].q0)
 
 
 @pytest.mark.parametrize(("hold", "text"), [("nix", "no such link or joint; there"), ("payload=low", "is not a number of")])
@@ -280,3 +296,92 @@ scenarios = { run = { duration = 0.01, forces = ["cord"], start = { slides = { r
         assert ("warning: forces.cord: the linkage can bring ground.S and block.C together" in capsys.readouterr().err) == warned
         assert main(["show", str(path)]) == 0
         assert ("warning: forces.cord" in capsys.readouterr().out) == warned
+
+
+def rotor(force: dict[str, Any], speed: float = 0.0) -> Mechanism:
+    """A link of 0.5 kg m^2 on a pin, without gravity, under one torque."""
+    content = {
+        "format": "planar-linkage/2",
+        "name": "rotor",
+        "gravity": [0.0, 0.0],
+        "ground": {"points": {"O": [0.0, 0.0]}},
+        "links": {"a": {"points": {"O": [0.0, 0.0]}, "mass": 1.0, "inertia": 0.5}},
+        "joints": {"O": {"type": "revolute", "at": ["ground.O", "a.O"]}},
+        "forces": {"push": {"type": "torque", "link": "a"} | force},
+        "assembly": {"angles": {"a": 0.0}},
+        "scenarios": {"run": {"duration": 1.0, "forces": ["push"], "start": {"angles": {"a": 0.0}, "speeds": {"a": speed}}}},
+    }
+    return load_document(content)
+
+
+# the law, and the integral of its factor from 0 to 1 s
+OVER_TIME = {
+    "table": ({"law": "table", "rows": [[0.1, 0.0], [0.3, 1.0], [0.5, 0.2]]}, 0.1 + 0.12 + 0.1),
+    "ramp": ({"law": "ramp", "start": 0.2, "time": 0.4}, 0.2 + 0.4),
+    "step": ({"law": "step", "start": 0.25}, 0.75),
+    "sine": ({"law": "sine", "frequency": 1.25, "phase_deg": 90.0}, 1 / (2.5 * np.pi)),
+}
+
+
+@pytest.mark.parametrize("law", OVER_TIME)
+def test_a_torque_over_time_gives_the_impulse_of_its_law(law: str) -> None:
+    """omega = integral of the torque over the inertia, to rounding: both integrators start anew at kinks and jumps."""
+    table, integral = OVER_TIME[law]
+    found = build_reference(rotor({"value": 2.0, "over_time": table}), 1.0)
+    assert found.v[-1, 2] == pytest.approx(2.0 * integral / 0.5, abs=1e-12)
+    assert found.error_v[-1] < 1e-11
+    q, v = np.zeros((2, 2, 3))  # (q and v) at two times
+    dop853(rate_of(rotor({"value": 2.0, "over_time": table})), np.array([0.0, 1.0]), q, v, 1e-10, 1e-12, kinks_of(table))
+    assert v[-1, 2] == pytest.approx(2.0 * integral / 0.5, abs=1e-8)
+
+
+def rate_of(mechanism: Mechanism) -> Any:
+    evaluator = Evaluator(mechanism)
+    return lambda t, q, v: gauss(evaluator.terms(t, q, v)).a
+
+
+def kinks_of(table: dict[str, Any]) -> tuple[float, ...]:
+    kinks = rotor({"value": 1.0, "over_time": table}).kinks
+    assert (len(kinks) > 0) == (table["law"] != "sine")
+    return kinks
+
+
+def test_a_torque_against_its_direction_has_a_share_of_its_value() -> None:
+    """Braked at three times the value, then turned round at the value: -1 N m on 0.5 kg m^2 from 1 rad/s."""
+    found = build_reference(rotor({"value": -1.0, "against": {"share": 3.0, "speed": 1e-4}}, speed=1.0), 1.0)
+    omega = found.v[:, 2]
+    np.testing.assert_allclose(omega[:16], 1.0 - 6.0 * found.t[:16], atol=1e-9)
+    np.testing.assert_allclose(omega[20:], -2.0 * (found.t[20:] - 1 / 6), atol=1e-3)
+
+
+def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
+    path = str(VARYING)
+    mechanism = load(path)
+    for name in names():
+        said = engine(name).skip(mechanism, Choice())
+        assert name in OWN or "force profile, soft_start, shaker, switch, ratchet varies with time or direction" in str(said), name
+    with pytest.raises(KernelError, match="force profile varies"):
+        compile_kernel(mechanism)
+    with pytest.raises(Uncertified, match="force profile varies with time or direction"):
+        certify(path)
+    for kind in KINDS:
+        with pytest.raises(ExchangeError, match="varies with time"):
+            exported(mechanism, kind, 1e-3)
+    wrong = {"over_time": {"law": "table", "rows": [[0.2, 1.0], [0.1, 2.0]]}}
+    assert "forces.push.over_time.rows: times must increase" in said_of(wrong)
+    assert "forces.push.over_time: type 'saw' is not one of" in said_of({"over_time": {"law": "saw"}})
+    assert "forces.push.against.speed: must be positive" in said_of({"against": {"share": 1.0, "speed": 0.0}})
+
+
+def said_of(force: dict[str, Any]) -> str:
+    with pytest.raises(LinkageError) as caught:
+        rotor({"value": 1.0} | force)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("value", [3, "x", [], {"a": 1}, {"lift": {"between": 3, "barrel": [], "rod": {}}}])
+def test_tables_that_are_none_are_faults_and_nothing_else(value: Any) -> None:
+    for key in ("cylinders", "welds"):
+        content = document(ARM) | {key: value}
+        with pytest.raises(LinkageError):
+            load_document(content)

@@ -33,8 +33,8 @@ def panel(family: Family, found: Sequence[Reach]) -> tuple[list[str], float]:
         y = HEAD + ROW * i
         shapes.append(_text(NAMES - 8, y + 12, x.way.name, INK, 11, anchor="end"))
         shapes += _bar(family, x, y + 2)
-        colour, said = (MUTED, "cannot") if x.last is Verdict.CANNOT else (INK, _said(family, x))
-        shapes.append(_text(NAMES + BAR + 8, y + 12, said, colour, 11, "bold" if x.passes_to is not None else ""))
+        known = x.passes_to is not None
+        shapes.append(_text(NAMES + BAR + 8, y + 12, _said(family, x), INK if known else MUTED, 11, "bold" if known else ""))
     return shapes, HEAD + ROW * len(found) + FOOT
 
 
@@ -57,8 +57,10 @@ def part(family: Family, value: float | None) -> float:
 
 def _said(family: Family, x: Reach) -> str:
     if x.passes_to is None:
-        return "?" if x.last is Verdict.OPEN else "nothing"
-    return "all" if x.passes_to == family.values[-1] else number(x.passes_to)
+        return {Verdict.OPEN: "?", Verdict.CANNOT: "cannot"}.get(x.last, "nothing")
+    if x.passes_to == family.values[-1]:
+        return "all"
+    return ("≥ " if x.last is Verdict.OPEN else "") + number(x.passes_to)
 
 
 def number(value: float) -> str:

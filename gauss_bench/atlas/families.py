@@ -139,7 +139,7 @@ def size(count: float) -> dict[str, Any]:
     """The N-four-bar, hanging at an angle."""
     document = n_four_bar(round(count))
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
-    document["scenarios"] = {SCENARIO: {"duration": 0.2, "start": {"crank_deg": RELEASE, "speed": 0.0}}}
+    document["scenarios"] = {SCENARIO: {"duration": 0.1, "start": {"crank_deg": RELEASE, "speed": 0.0}}}
     return document
 
 
@@ -187,7 +187,7 @@ FAMILIES = {
         ),
         Family("redundancy", "redundancy", "redundant constraint rows", "", (0.0, 1.0, 2.0, 3.0), redundancy),
         Family("mass", "mass ratio", "coupler against crank and rocker", "", ladder(1.0, 1e6), mass),
-        Family("stiffness", "stiffness", "spring on a coupler of half a kilogram", "N/m", ladder(1e2, 1e7), stiffness),
+        Family("stiffness", "stiffness", "spring squeezed at the coupler, at a step of 1 ms", "N/m", ladder(1e2, 1e7), stiffness),
         Family("speed", "speed", "of the crank, at a step of 1 ms", "rad/s", ladder(3.0, 1e3), four_bar),
         Family(
             "step",
@@ -201,7 +201,7 @@ FAMILIES = {
         Family(
             "size",
             "size",
-            "windows of the N-four-bar, 20 steps",
+            "windows of the N-four-bar, 10 steps",
             "",
             (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0),
             size,

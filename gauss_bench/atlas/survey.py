@@ -22,6 +22,7 @@ from gauss_bench.bench.apart import Request, outcome_of, performed_there
 from gauss_bench.bench.offers import ChoiceError, Offer, offers
 from gauss_bench.bench.one_run import Run, received, sampling, sampling_at
 from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.toml import toml
 from gauss_bench.mechanism.load import load
@@ -62,7 +63,7 @@ class Reach:
         way, axis: which.
         passes_to: the hardest value that passes, None where not even the easiest does.
         ends_at: the hardest value to which it is degraded at worst, None where not even the easiest is.
-        last: the verdict on the hardest value that is known.
+        last: the verdict on the hardest value that was run; OPEN where a value that decides could not be told.
         reason: why the first value beyond `passes_to` does not pass; why the engine cannot; or what was not reached.
         error: at the hardest value that passes, of the size or [rad].
         runs: that were needed.
@@ -86,7 +87,7 @@ def ways(wanted: Sequence[str] | None = None) -> list[Way]:
         ChoiceError: an engine that was asked for cannot be used.
     """
     found = []
-    for offer in offers(list(wanted) if wanted else None):
+    for offer in offers(list(wanted or names())):
         if not offer.usable:
             if wanted:
                 raise ChoiceError(f"{offer.name} cannot be used: {offer.reason}")
@@ -199,14 +200,19 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, until: float
 
     passing = count((Verdict.PASS,))
     ending = max(passing, count((Verdict.PASS, Verdict.DEGRADED)))
-    beyond = found.get(passing)
-    known = [x for _, x in sorted(found.items()) if x.verdict is not Verdict.OPEN]
+    unknown = next((x for _, x in sorted(found.items()) if x.verdict is Verdict.OPEN), None)
+    if unknown is not None:  # nothing but what was run is told
+        ran = [(i, x.verdict) for i, x in found.items()]
+        passing = max((i + 1 for i, x in ran if x is Verdict.PASS), default=0)
+        ending = max((i + 1 for i, x in ran if x in (Verdict.PASS, Verdict.DEGRADED)), default=0)
+    beyond = unknown or found.get(passing)
+    last = Verdict.OPEN if unknown is not None else found[max(found)].verdict
     return Reach(
         way,
         family.name,
         family.values[passing - 1] if passing else None,
         family.values[ending - 1] if ending else None,
-        known[-1].verdict if known else Verdict.OPEN,
+        last,
         beyond.reason if beyond else "",
         found[passing - 1].error if passing else float("nan"),
         len(found),
@@ -262,11 +268,10 @@ def sentence(found: Reach) -> str:
     """How far one way goes, in words."""
     family = FAMILIES[found.axis]
     unit = f" {family.unit}" if family.unit else ""
-    if found.last is Verdict.CANNOT:
-        return f"cannot: {found.reason}"
     if found.passes_to is None:
         return f"{found.last}: {found.reason}"
     if found.passes_to == family.values[-1]:
         return f"passes all, to {found.passes_to:g}{unit}"
     ends = f", degraded to {found.ends_at:g}{unit}" if found.ends_at != found.passes_to else ""
-    return f"passes to {found.passes_to:g}{unit}{ends}; then {found.reason}"
+    then = "cannot: " if found.last is Verdict.CANNOT else "open: " if found.last is Verdict.OPEN else ""
+    return f"passes to {found.passes_to:g}{unit}{ends}; then {then}{found.reason}"

@@ -44,14 +44,15 @@ BEATS = 200  # samples of a run by steps of its own choice
 DENSE = 400  # samples of a run by equal steps at most
 EVALUATED = 24  # times that one variant is run at most
 MOST = 200_000  # steps
-TURNED = 0.5  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
+TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
+ORDER = 8.0  # of the truth's method: what it would need is where others begin, coarser only where that holds
 SPARE = 8.0  # times the evaluations of the engine's best so far
 CHOICES = 4  # of an engine that race
 NEAR = 4.0  # times the least work of an engine: more is not raced
 ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
 LEAD = 0.03  # [s] of a run at equal steps that is timed
 SLOW = 0.3  # [s] a run that takes longer is timed once
-TRUTH, SEARCHED, RACED = 0.4, 0.6, 0.95  # of the budget, when each ends at the latest
+TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # of the budget, when each ends at the latest
 LAST = 1.25  # times the budget: snippets are written after the race
 LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
 CANNOT = "cannot reach"
@@ -218,6 +219,8 @@ class Recommender:
                 raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {found.told}")
         self.truth = found
         self.longest = TURNED / max(float(np.abs(found.reference.v[:, 2::3]).max()), 1e-9)
+        share = max(found.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in found.halving)
+        self.first = self.run.until / (found.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
         self._failures = failures
@@ -265,20 +268,33 @@ class Recommender:
         if not adaptive:
             most = self._most(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
+        seen: dict[float, Trial] = {}
+        until = time.monotonic() + self._slice(engine)
 
         def evaluate(size: float) -> Trial:
-            if self.left(SEARCHED) <= 0:
-                raise _Over
-            trials.append(self._evaluated(engine, way._replace(size=size), adaptive))
-            return trials[-1]
+            if size not in seen:
+                if time.monotonic() >= until:
+                    raise _Over
+                seen[size] = self._evaluated(engine, way._replace(size=size), adaptive)
+                trials.append(seen[size])
+            return seen[size]
 
         try:
-            _, engine.ended[way] = explore(evaluate, scale, [HALF], EVALUATED, most)
+            start = scale if adaptive else no_coarser(scale, self.first)
+            while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
+                start = no_coarser(scale, 2 * start.sizes[0])
+            _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
-            engine.cut, engine.ended[way] = True, "the time for searching ended"
+            engine.cut, engine.ended[way] = True, "its time for searching ended"
         if trials and all(t.status is Status.SKIP for t in trials) and not before and len(engine.trials) == 1:
             self._refuse(engine, trials[-1])
         self._tell(engine, before)
+
+    def _slice(self, engine: _Engine) -> float:
+        """Seconds that a variant may take: the first of an engine twice its share of what is left, so that all have a turn."""
+        left = self.left(SEARCHED)
+        waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
+        return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
         """An engine that refuses the linkage in its first variant is asked in one more with another way, and no further."""

@@ -29,7 +29,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 METHOD = "dop853_fixed"
-COARSEST = {"gauss-native": 1600, "gauss": 200}  # steps of the coarser run at first
+COARSEST = {"gauss-native": 1600, "gauss": 100}  # steps of the coarser run at first
+COMPILED = 0.5  # of the budget at most, for a kernel that compiles again on its way: numpy serves where it comes to no end
 MOST = 400_000  # steps of a run
 SAMPLES = 3200  # of the truth at most
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
@@ -47,12 +48,15 @@ class Truth:
     Attributes:
         reference: its samples, equally spaced.
         bars: kind of error -> how far the truth itself may be off [m], [rad], [N]; no force where redundant rows leave it open.
+        halving: kind -> what halving the steps changed; steps: before that.
         certified: whether a certificate vouches for it.
         told: one line on how it was made.
     """
 
     reference: Reference
     bars: Mapping[str, float]
+    halving: Mapping[str, float]
+    steps: int
     certified: bool
     told: str
 
@@ -84,7 +88,19 @@ def truth(run: Run, wanted: Mapping[str, float], budget: float, worker: Worker, 
     Raises:
         NoTruth: no run came to an end, its accelerations are not the linkage's, or it is not where its certificate says.
     """
-    engine = "gauss-native" if find_spec("llvmlite") and not run.mechanism.has_friction else "gauss"
+    started = time.monotonic()
+    if find_spec("llvmlite") and not run.mechanism.has_friction:
+        try:
+            return _followed(run, wanted, COMPILED * budget, worker, told, "gauss-native")
+        except NoTruth as reason:
+            told(f"truth: compiled: {reason}; in numpy instead")
+    return _followed(run, wanted, budget - (time.monotonic() - started), worker, told, "gauss")
+
+
+def _followed(
+    run: Run, wanted: Mapping[str, float], budget: float, worker: Worker, told: Callable[[str], object], engine: str
+) -> Truth:
+    """`truth` by one engine."""
     started, steps, fine, reasons = time.monotonic(), COARSEST[engine], None, ""
     best: Truth | None = None
     judge = Evaluator(run.mechanism)
@@ -94,7 +110,8 @@ def truth(run: Run, wanted: Mapping[str, float], budget: float, worker: Worker, 
             reasons = reasons or f"not within {budget:g} s"
             break
         coarse = fine if fine is not None else _run(run, engine, steps, max(left * 0.7, 1.0), worker)
-        finer = _run(run, engine, 2 * steps, max(left, 1.0), worker)
+        left = budget - (time.monotonic() - started)
+        finer = _run(run, engine, 2 * steps, left, worker) if left > 0 else f"no answer within {budget:.3g} s"
         if isinstance(coarse, Trajectory) and isinstance(finer, Trajectory):
             found = _compared(run, judge, coarse, finer, steps, engine)
             told(
@@ -139,9 +156,10 @@ def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, 
     found = Reference(t, q, v, true, none, none, none, none, none, none, how)
     errors, gaps = state_errors(run.mechanism, coarse, found), _gaps(judge, fine)
     bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
-    bars = {kind: x + _between_bar(found, kind) + gaps for kind, x in bars.items()}
     force = float(joint_force_errors(judge, coarse, found).max())
-    return Truth(found, bars | ({} if math.isnan(force) else {"force": force}), False, how)
+    halving = bars | ({} if math.isnan(force) else {"force": force})
+    bars = {kind: x + _between_bar(found, kind) + gaps for kind, x in bars.items()}
+    return Truth(found, halving | bars, halving, steps, False, how)
 
 
 def _gaps(judge: Evaluator, fine: Trajectory) -> float:
@@ -176,4 +194,4 @@ def _certified(run: Run, judge: Evaluator, found: Truth) -> Truth:
     if max(off.values()) > 1e3 * max(found.bars["position"], found.bars["angle"], own):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
     bars = {**found.bars, **{kind: max(x, found.bars[kind] / 256) + own for kind, x in off.items()}}
-    return Truth(found.reference, bars, True, f"certified to {own:.0e}, and so says what was run here: {found.told}")
+    return replace(found, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {found.told}")

@@ -250,23 +250,20 @@ class Case:
         """A start that is another, or samples of other times: both with steps that are sound."""
         h = self.first.step
         for stretch in (False, True):
-            self.map = found = samples.time_map(self.truth, self.first.at, stretch)
-            if found is None:
+            found = samples.time_map(self.truth, self.first.at, stretch)
+            if found is None or not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
                 continue
             left = f"so read, {found.left:.1%} of the error is left"
-            if not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
-                continue
             if not stretch and abs(found.shift) > 1e-3 * h:
-                late = "later" if found.shift > 0 else "earlier"
-                said = f"the samples are those of {abs(found.shift):.3g} s {late} ({abs(found.shift) / h:.3g} steps)"
+                self.map, when = found, "later" if found.shift > 0 else "earlier"
+                said = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
                 return Cause.SHIFT, f"{said}; {left}"
             if stretch and abs(found.rate - 1) > 1e-6:
+                self.map = found
                 return Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}"
-        if late := self._late_from_the_first_step():
-            said = (
-                f"the first step leads {abs(late):.3g} s too {'far' if late > 0 else 'short'} and no other does: later samples are"
-            )
-            return Cause.SHIFT, f"{said} those of {abs(late) / h:.3g} steps {'later' if late > 0 else 'earlier'}"
+        if by := self._late_from_the_first_step():
+            said = f"the first step leads {abs(by):.3g} s too {'far' if by > 0 else 'short'} and no other does"
+            return Cause.SHIFT, f"{said}: later samples are those of {abs(by) / h:.3g} steps {'later' if by > 0 else 'earlier'}"
         start = self.first.start
         off = max(_largest(start.q - self.own.mechanism.q0), _largest((start.v - self.own.mechanism.v0) * self.first.at.t[-1]))
         if off > MOST * self.error / 10 and off > SMALL:
@@ -410,18 +407,21 @@ class Case:
         said = f"the integrator: {share:.0%} of the error {falls}"
         return Cause.INTEGRATOR, f"{said}{self._beside()}", []
 
+    def _lost_order(self) -> bool:
+        """Whether the motion converges at a lower order than the integrator's name says."""
+        return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
+
     def _yields(self) -> bool:
         """Whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
         first, last = self.local[0], self.local[-1]
-        nominal = ORDERS.get(self.choices[0].integrator, np.nan)
-        if first is None or last is None or not self.steps.order < nominal - 1:
+        if first is None or last is None or not self._lost_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
     def _beside(self) -> str:
         """What there is besides, where the step hides it."""
         last, limit = self.local[-1], split.size(self.steps.limit)
-        if last is not None and last.relative_told > OFF_TOLD:
+        if last is not None and last.relative_told > SOUND:
             found = self._explained(last.told, self.sound[-1])
             if found and found[0].share >= EXPLAINS:
                 return f"; beside it, {found[0].sentence}"
@@ -452,13 +452,13 @@ class Case:
         for y, moving in ((last.told, False), (last.moved, True)):
             if not (last.relative_moved if moving else last.relative_told) > SEEN:
                 continue
-            euler = last.euler if moving else 0 * y
-            alone = _left(y, [euler], root)
+            euler = [last.euler] if moving and not self._lost_order() else []
+            alone = _left(y, euler, root)
             for one in of_constraints(self.own, b.at, b.before, start):
                 if one.cause is not Cause.STALE or one.once:
                     continue
                 column = one.effect(1.0)
-                amounts, both = _fit(y, [euler, column] if moving else [column], root)
+                amounts, both = _fit(y, [*euler, column], root)
                 amount = float(amounts[-1])
                 if both * BETTER < alone and OLD < amount < 5 and both < (1 - EXPLAINS) * float(np.sum((y * root) ** 2)):
                     share = 1 - both / float(np.sum((y * root) ** 2))
@@ -530,7 +530,10 @@ def _largest(x: Array) -> float:
 
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[Array, float]:
     """Amounts of columns (k, n) in y (k, n), and the squares that are left."""
-    A, b = np.array([(c * root).ravel() for c in columns]).T, (y * root).ravel()
+    b = (y * root).ravel()
+    if not columns:
+        return np.zeros(0), float(b @ b)
+    A = np.array([(c * root).ravel() for c in columns]).T
     amounts = np.linalg.lstsq(A, b, rcond=None)[0]
     left = b - A @ amounts
     return amounts, float(left @ left)

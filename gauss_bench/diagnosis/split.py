@@ -102,7 +102,7 @@ class Closure:
         return self.late > 3.0 * self.early
 
 
-STAYS = 0.7  # of a gap that is left at a quarter of the step; even order 1 takes off three quarters
+STAYS = 0.75  # of a gap that is left at half the step, between the two smallest: even order 1 takes off a half
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
@@ -121,7 +121,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     held, compliance = _held(own, bursts[-1], phi, worst)
     joints, drivers = own.mechanism.joints, own.mechanism.drivers
     name = joints[worst // 2].name if worst < 2 * len(joints) else drivers[worst - 2 * len(joints)].name if drivers else ""
-    stays = len(opened) > 1 and opened[-1] >= STAYS * opened[0]
+    stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     return Closure(opened, float(sizes[:third].max()), float(sizes[-third:].max()), stays, min(share, 1.0), held, compliance, name)
 
 

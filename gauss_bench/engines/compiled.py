@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
 from gauss_bench.engines.own_options import Known
-from gauss_bench.engines.shared import finite
+from gauss_bench.engines.shared import finite, unsteady
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
@@ -48,7 +48,9 @@ class Compiled:
         return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
+        if mechanism.has_friction:
+            return "dry friction has no kernel: its loads are found by iteration"
+        return unsteady(mechanism, "a kernel")
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
         self.version()

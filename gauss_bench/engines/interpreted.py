@@ -129,7 +129,7 @@ class InterpretedModel:
         if self.times[-1] == self.times[0]:
             return
         try:
-            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, *tolerances)
+            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, *tolerances, kinks=self.mechanism.kinks)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 

@@ -46,12 +46,20 @@ class LibraryCall:
     count: int = 1
 
 
+def unsteady(mechanism: Mechanism, library: str) -> str | None:
+    """Why a library that is given steady forces alone cannot have the mechanism, or None."""
+    names = ", ".join(f.name for f in mechanism.varying)
+    return f"force {names} varies with time or direction, which {library} is not given here" if names else None
+
+
 def refused(mechanism: Mechanism, library: str) -> str | None:
     """Why no adapter takes the mechanism, or None.
 
     Raises:
         TypeError: a force of a kind that does not say what it comes to.
     """
+    if reason := unsteady(mechanism, library):
+        return reason
     loads(mechanism.forces)
     if mechanism.has_friction:
         return f"dry friction in proportion to the load of a joint is not modelled in {library} here"

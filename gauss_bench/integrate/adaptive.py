@@ -3,6 +3,7 @@
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.5 (order 8, error control).
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +24,12 @@ class StepFailure(ArithmeticError):
     """The error control could not continue."""
 
 
-def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float) -> tuple[int, int]:
+def dop853(
+    acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float, kinks: Sequence[float] = ()
+) -> tuple[int, int]:
     """Fill the states q, v (k, n) at the times from their first rows on; number of steps, number of evaluations.
 
+    At `kinks` [s], where an acceleration has a kink or jumps, the integration starts anew.
     What is not reached, because an acceleration fails or the error control does, stays as it is.
 
     Raises:
@@ -33,22 +37,26 @@ def dop853(acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: f
     """
     from scipy.integrate import DOP853  # its import takes longer than most runs
 
-    n, done, steps = q.shape[1], 1, 0
+    n, done, steps, evaluations = q.shape[1], 1, 0, 0
+    begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
+    for end in (*(t for t in kinks if begin < t < finish), finish):
+        last = np.inf if end == finish else np.nextafter(end, begin)  # what jumps at a kink jumps after it
 
-    def rate(t: float, y: Array) -> Array:
-        return np.concatenate([y[n:], acceleration(t, y[:n], y[n:])])
+        def rate(t: float, y: Array, last: float = last) -> Array:
+            return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
 
-    solver = DOP853(rate, float(times[0]), np.concatenate([q[0], v[0]]), float(times[-1]), rtol=rtol, atol=atol)
-    while done < len(times):
-        message = solver.step()
-        if solver.status == "failed":
-            raise StepFailure(message)
-        steps += 1
-        if steps > MOST:
-            raise StepFailure(f"more than {MOST} steps before t = {solver.t:.6g} s")
-        for state in _within(solver, times[done:]):
-            q[done], v[done], done = state[:n], state[n:], done + 1
-    return steps, int(solver.nfev)
+        solver = DOP853(rate, begin, y, end, rtol=rtol, atol=atol)
+        while done < len(times) and solver.t < end:
+            message = solver.step()
+            if solver.status == "failed":
+                raise StepFailure(message)
+            steps += 1
+            if steps > MOST:
+                raise StepFailure(f"more than {MOST} steps before t = {solver.t:.6g} s")
+            for state in _within(solver, times[done:]):
+                q[done], v[done], done = state[:n], state[n:], done + 1
+        begin, y, evaluations = end, solver.y, evaluations + int(solver.nfev)
+    return steps, evaluations
 
 
 def _within(solver: "DOP853", times: Array) -> list[Array]:

@@ -25,7 +25,6 @@ from gauss_bench.mechanism.model import (
     Mechanism,
     Point,
     Prismatic,
-    loads,
 )
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.mechanism.sketch import sketch
@@ -129,7 +128,7 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 def check_springs(mechanism: Mechanism) -> None:
     for f in mechanism.forces:
-        directed = [x.coordinate for x in loads([f]) if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)]
+        directed = [x.coordinate for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)]
         for distance in (x for x in directed if isinstance(x, Distance)):
             if value(distance, mechanism.q0) < CLOSED:
                 raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
@@ -141,7 +140,7 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
         return  # the motion does not follow from forces
     close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
     for f in mechanism.forces:
-        for law in (x for x in loads([f]) if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
+        for law in (x for x in f.lowered() if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
             if not isinstance(ends := law.coordinate, Distance):
                 continue
             axes = [[Along(world, p, 0.0, across) for p in (ends.a, ends.b)] for across in (False, True)]

@@ -30,7 +30,7 @@ class Evaluator:
     def terms(self, t: float, q: Array, v: Array) -> Terms:
         """M, J, Q, gamma and the residuals at one state q, v (n,); Q without friction, which needs the multipliers."""
         rows = self.constraints(t, q, v)
-        Q = self.applied.generalised(q, v)
+        Q = self.applied.generalised(q, v, t)
         return Terms(self.M, rows.J, Q, rows.gamma, rows.phi, rows.J @ v + rows.phi_t)
 
     def check_loads(self) -> None:

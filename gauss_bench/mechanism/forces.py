@@ -14,12 +14,13 @@ W is known from the state, N from lambda, and lambda from a: a fixed point, foun
 contracts unless mu is so large that friction feeds the loads that cause it.
 """
 
+from dataclasses import replace
 from typing import NamedTuple, assert_never
 
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import Real, Stack, Stacked, energy, gradient, groups, loss, push
-from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, PointForce, Prismatic, loads
+from gauss_bench.mechanism.model import GROUND, Angle, Force, Law, Mechanism, PointForce, Prismatic, Torque, factor_of, loads
 from gauss_bench.terms import Array
 
 
@@ -51,7 +52,8 @@ class AppliedForces:
             self.gravity[3 * i : 3 * i + 2] = link.mass * mechanism.gravity
         laws: list[Law] = []
         self.pushes: list[PointForce] = []
-        for load in loads(mechanism.forces):
+        self.varying = [_Varying(mechanism, f) for f in mechanism.varying]
+        for load in loads(f for f in mechanism.forces if not factor_of(f)):
             match load:
                 case Law():
                     laws.append(load)
@@ -62,13 +64,13 @@ class AppliedForces:
         self.stack = Stack(len(mechanism.links))
         kinds = groups(self.stack, [law.coordinate for law in laws])
         self.groups = [(group, _numbers([laws[i] for i in group.which])) for group in kinds]
-        self.varying = [(group, law) for group, law in self.groups if not group.constant]
+        self.moving = [(group, law) for group, law in self.groups if not group.constant]
         self.points = self.stack.points([f.point for f in self.pushes])
         self.vectors = self.stack.vectors([f.frame for f in self.pushes], [f.value for f in self.pushes])
         self.stack.close()
         self.in_world = np.array([f.frame == GROUND for f in self.pushes], dtype=bool)
         self._turning([law for law in laws if isinstance(law.coordinate, Angle)])
-        columns = [column for group, _ in self.varying for column in group.columns]
+        columns = [column for group, _ in self.moving for column in group.columns]
         pushed = 3 * self.stack.links[self.points]
         self.columns = np.concatenate([np.zeros(0, dtype=int), *columns, pushed, pushed + 1, pushed + 2])
         self.scatter = np.zeros((len(self.columns), self.n + 3))
@@ -84,8 +86,18 @@ class AppliedForces:
         self.stiffness, self.damping = (part.T * k) @ part, (part.T * c) @ part
         self.stiff, self.damped = bool(self.stiffness.any()), bool(self.damping.any())
 
-    def generalised(self, q: Array, v: Array) -> Array:
-        """Q (..., n) [N, N m]."""
+    def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
+        """Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s], which only forces that vary need.
+
+        Raises:
+            TypeError: a force varies with time, and none is given.
+        """
+        Q = self._steady(q, v)
+        for force in self.varying:
+            Q = Q + force(q, v, t)
+        return Q
+
+    def _steady(self, q: Array, v: Array) -> Array:
         Q = np.empty_like(q)
         Q[...] = self.steady
         if self.stiff:
@@ -95,7 +107,7 @@ class AppliedForces:
         if not len(self.columns):
             return Q
         x = self.stack.at(q, v)
-        values = [entry for group, law in self.varying for entry in push(group.at(x), law)]
+        values = [entry for group, law in self.moving for entry in push(group.at(x), law)]
         if self.pushes:
             values += self._push(x)
         Q += (np.concatenate(values, axis=-1) @ self.scatter)[..., : self.n]
@@ -113,12 +125,34 @@ class AppliedForces:
         held = -(x.directions(self.vectors).conj() * (at.z + at.r)).real[..., self.in_world].sum(-1)
         return np.asarray(-q @ self.gravity + held + sum(_sum(energy(group.at(x), law)) for group, law in self.groups))
 
-    def power(self, q: Array, v: Array) -> Array:
+    def power(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
         """Power (...) [W] of everything that has no potential."""
         x = self.stack.at(q, v)
         at = x.ends(self.points)
         moved = (x.directions(self.vectors).conj() * (at.u + 1j * at.omega * at.r)).real[..., ~self.in_world].sum(-1)
-        return np.asarray(moved - sum(_sum(loss(group.at(x), law)) for group, law in self.groups))
+        gained = sum((force(q, v, t) * v).sum(-1) for force in self.varying)
+        return np.asarray(moved + gained - sum(_sum(loss(group.at(x), law)) for group, law in self.groups))
+
+
+class _Varying:
+    """A force that varies: a factor times the steady force that it is of."""
+
+    def __init__(self, mechanism: Mechanism, force: Force):
+        factor = factor_of(force)
+        assert factor is not None
+        assert isinstance(force, (Torque, PointForce))
+        self.name, self.factor = force.name, factor
+        self.size = float(np.linalg.norm(np.atleast_1d(force.value).astype(float))) or 1.0
+        steady = replace(force, factor=None)
+        self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))
+
+    def __call__(self, q: Array, v: Array, t: float | Array | None) -> Array:
+        """Its share of Q (..., n)."""
+        if t is None:
+            raise TypeError(f"force {self.name} varies with time, and no time is given")
+        Q = self.steady.generalised(q, v)
+        along = (Q * v).sum(-1) / self.size
+        return np.asarray(Q * self.factor(t, along)[..., None])
 
 
 def _sum(x: Real) -> Real:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
+from gauss_bench.mechanism.factors import Factor, read_factor
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import turned
 from gauss_bench.terms import Array
@@ -208,19 +209,20 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class PointForce:
-    """Constant force `value` (2,) [N] at a point; the vector is fixed in the frame of link `frame` (GROUND: world)."""
+    """Force `value` (2,) [N] at a point, times its factor; the vector is fixed in the frame of link `frame` (GROUND: world)."""
 
     name: str
     point: Point
     value: Array
     frame: int
+    factor: Factor | None = None
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
         point, frame = names.point(table["point"]), table.get("frame", "ground")
         frame = table["point"].partition(".")[0] if frame == "body" else frame
         value, turn = names.pair(table["value"]), names.turn(frame)
-        return cls(name, point, turned(value, turn) if turn else value, names.link(frame))
+        return cls(name, point, turned(value, turn) if turn else value, names.link(frame), read_factor(table))
 
     def lowered(self) -> tuple["Load", ...]:
         return (self,)
@@ -260,17 +262,18 @@ class Names(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """Constant torque `value` [N m] on `link`, the opposite one on `reaction` (link indices)."""
+    """Torque `value` [N m] on `link`, times its factor, the opposite one on `reaction` (link indices)."""
 
     name: str
     link: int
     reaction: int
     value: float
+    factor: Factor | None = None
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Torque":
         reaction = names.link(table.get("reaction", "ground"))
-        return cls(name, names.link(table["link"]), reaction, names.number(table, "value"))
+        return cls(name, names.link(table["link"]), reaction, names.number(table, "value"), read_factor(table))
 
     def lowered(self) -> tuple[Load, ...]:
         return (Law(Angle(self.reaction, self.link), bias=self.value),)
@@ -390,15 +393,23 @@ FORCES: Mapping[str, Callable[[str, Mapping[str, Any], Names], Force | CoulombFr
 }  # by the `type` of a force's table
 
 
+def factor_of(force: Force) -> Factor | None:
+    """What a force is multiplied by, or None where it is steady."""
+    return force.factor if isinstance(force, (Torque, PointForce)) else None
+
+
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """What the forces come to.
+    """What steady forces come to.
 
     Raises:
-        TypeError: naming a force of a kind that does not say what it comes to.
+        TypeError: naming a force of a kind that does not say what it comes to, or one that varies.
     """
+    forces = tuple(forces)
     for force in forces:
         if not hasattr(force, "lowered"):
             raise TypeError(f"force {force.name}: nothing is known of the kind {type(force).__name__}")
+        if factor_of(force):
+            raise TypeError(f"force {force.name} varies with time or direction, which is not known here")
     return tuple(load for force in forces for load in force.lowered())
 
 
@@ -507,7 +518,7 @@ class Mechanism:
             if isinstance(given := getattr(self, name), np.ndarray):  # or numbers of another kind, in a list
                 object.__setattr__(self, name, fixed := given.view())
                 fixed.flags.writeable = False
-        loads(self.forces)
+        loads(f for f in self.forces if not factor_of(f))
         parts: tuple[tuple[str, tuple[Any, ...], Any], ...] = (
             ("joint", self.joints, Joint),
             ("driver", self.drivers, Driver),
@@ -531,6 +542,16 @@ class Mechanism:
     def has_friction(self) -> bool:
         """Whether dry friction acts in a joint; an engine without it must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
+
+    @property
+    def varying(self) -> tuple[Force, ...]:
+        """The forces that vary with time or direction; an engine that does not know of them must not run this mechanism."""
+        return tuple(f for f in self.forces if factor_of(f))
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Times [s] at which a force has a kink or jumps: where an integrator should start anew."""
+        return tuple(sorted({t for f in self.varying if (factor := factor_of(f)) for t in factor.kinks if 0 < t < self.duration}))
 
     @property
     def n(self) -> int:

@@ -12,7 +12,7 @@ from gauss_bench.mechanism.cylinders import BARREL, ROD, written_out
 from gauss_bench.mechanism.errors import Fault
 
 Document = dict[str, Any]
-RADIAN_PAIRS = ("angle", "block_angle", "rest", "start", "travel", "crank")
+RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
@@ -74,8 +74,10 @@ class Names:
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
+    if "cylinders" in document and not _are_tables(document):
+        return []  # which the schema has refused; whatever else is named may be theirs
     if spoilt := _cylinder_faults(document):
-        return spoilt  # whatever else is named may be theirs
+        return spoilt
     document = written_out(document)
     names = Names(document)
     name = document.get("name")
@@ -109,6 +111,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
     yield "measure", table(document, "measure")
+    yield from ((f"forces.{key}.over_time", table(entry, "over_time")) for key, entry in items(document, "forces"))
     for group in ("joints", "welds", "constraints", "forces"):
         yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
     for key, entry in items(document, "scenarios"):
@@ -128,6 +131,14 @@ def _body(document: Document, name: str) -> str:
     while isinstance(at := welds.get(seen[-1]), str) and at not in seen:
         seen.append(at)
     return seen[-1]
+
+
+def _are_tables(document: Document) -> bool:
+    """Whether links, joints and cylinders are tables of tables, with parts that are."""
+    groups = [document.get(key, {}) for key in ("links", "joints", "cylinders")]
+    if not all(isinstance(x, dict) and all(isinstance(y, dict) for y in x.values()) for x in groups):
+        return False
+    return all(isinstance(x.get(part, {}), dict) for x in groups[2].values() for part in (BARREL, ROD))
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
@@ -277,6 +288,9 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
         names.fault(f"{path}.reaction", "link and reaction are the same")
     if isinstance(link := force.get("link"), str) and isinstance(other := force.get("reaction", "ground"), str) and link != other:
         names.different_links(f"{path}.reaction", [link, other])
+    times = [row[0] for row in sequence(table(force, "over_time"), "rows") if isinstance(row, list) and len(row) == 2]
+    if all(isinstance(x, (int, float, Decimal)) for x in times) and any(b <= a for a, b in pairwise(times)):
+        names.fault(f"{path}.over_time.rows", "times must increase")
     kind = force.get("type")
     if kind in ("force", "axis_spring_damper"):
         names.point(f"{path}.point", force.get("point"), ground=kind != "force")

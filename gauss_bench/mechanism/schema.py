@@ -137,14 +137,56 @@ class KnifeEdgeTable(Table, physics="type point angle_deg angle"):
     angle: Number | None = None
 
 
-class TorqueTable(Table, physics="type link reaction value"):
+class TableOverTime(Table, physics="law rows"):
+    law: Literal["table"]
+    rows: Annotated[list[Pair], Field(min_length=2)]
+
+
+class RampOverTime(Table, physics="law start time"):
+    law: Literal["ramp"]
+    start: Number = 0.0
+    time: Positive
+
+
+class StepOverTime(Table, physics="law start"):
+    law: Literal["step"]
+    start: Number
+
+
+class SineOverTime(Table, physics="law frequency phase_deg phase"):
+    law: Literal["sine"]
+    frequency: Positive
+    phase_deg: Number | None = None
+    phase: Number | None = None
+
+
+class AgainstTable(Table, physics="share speed"):
+    share: Number
+    speed: Positive
+
+
+OverTime = Annotated[
+    Annotated[TableOverTime, Tag("<table law>")]
+    | Annotated[RampOverTime, Tag("<ramp>")]
+    | Annotated[StepOverTime, Tag("<step>")]
+    | Annotated[SineOverTime, Tag("<sine>")],
+    Discriminator(lambda v: {"table": "<table law>"}.get(str(v.get("law")), f"<{v.get('law')}>") if isinstance(v, dict) else "<>"),
+]
+
+
+class VaryingTable(Table, physics="over_time against", second="over_time against"):
+    over_time: OverTime | None = None
+    against: AgainstTable | None = None
+
+
+class TorqueTable(VaryingTable, physics="type link reaction value"):
     type: Literal["torque"]
     link: Text
     reaction: Text = "ground"
     value: Number
 
 
-class ForceTable(Table, physics="type point value frame"):
+class ForceTable(VaryingTable, physics="type point value frame"):
     type: Literal["force"]
     point: Text
     value: Pair

@@ -29,7 +29,7 @@ class AbsoluteCoordinates:
     def acceleration(self, t: Array, q: Array, v: Array) -> Array:
         """a (k, n) at times (k,) and states (k, n)."""
         rows = self.evaluator.constraints(t, q, v)
-        Q = self.evaluator.applied.generalised(q, v)
+        Q = self.evaluator.applied.generalised(q, v, t)
         U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)
         keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
         V = np.swapaxes(Vt, -1, -2)

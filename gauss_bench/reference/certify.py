@@ -67,6 +67,9 @@ def certify(
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
+    for force in mechanism.varying:
+        text = "varies with time or direction, which has no independent derivation yet"
+        raise Uncertified(f"{mechanism.name}: force {force.name} {text}")
     for force in mechanism.forces:
         if not isinstance(force, KNOWN):
             kind = type(force).__name__

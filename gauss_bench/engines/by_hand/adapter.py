@@ -15,7 +15,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.by_hand.loops import Loop, Underived, loop_of
 from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, compiler
-from gauss_bench.engines.shared import finite, finite_acceleration, require_agreement, size
+from gauss_bench.engines.shared import finite, finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -45,6 +45,8 @@ class ByHand:
         return f"C by {compiler()}" if compiler() else NO_COMPILER
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if reason := unsteady(mechanism, "the derivation by hand"):
+            return reason
         try:
             loop_of(mechanism)
         except Underived as reason:

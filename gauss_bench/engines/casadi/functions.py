@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.shared import unsteady
 from gauss_bench.mechanism.model import Mechanism, loads
 
 
@@ -87,6 +88,8 @@ def unfit(mechanism: Mechanism) -> str | None:
     Raises:
         TypeError: a force of a kind that does not say what it comes to.
     """
+    if reason := unsteady(mechanism, "CasADi"):
+        return reason
     loads(mechanism.forces)
     if mechanism.has_friction:
         return "dry friction follows from the multipliers, and these equations do not hold it"

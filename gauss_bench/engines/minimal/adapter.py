@@ -17,7 +17,7 @@ from gauss_bench.engines.minimal.absolute import Stretch, absolute
 from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compiled
 from gauss_bench.engines.minimal.structure import NoWay, ways
-from gauss_bench.engines.shared import finite_acceleration, require_agreement, size
+from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
@@ -61,6 +61,8 @@ class Minimal:
         return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if reason := unsteady(mechanism, "the equation in one coordinate"):
+            return reason
         try:
             ways(mechanism)
         except NoWay as reason:
