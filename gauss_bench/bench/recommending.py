@@ -422,6 +422,8 @@ class Recommender:
             if not last:
                 return Answer(engine.name, CANNOT, "it was not tried: there was no time", **counts)
             status, message = last[0].status, last[0].message
+            if status is Status.TIMEOUT:
+                return Answer(engine.name, CANNOT, f"no run of it ended within its share of the budget: {message}", **counts)
             if status is Status.OK:
                 status, message = Status.SKIP, "errors of joint forces are not determined: redundant rows leave them open"
             return Answer(engine.name, str(status), message, **counts)
