@@ -49,6 +49,12 @@ WORKING = {
     "kinematics": ["kinematics", "four_bar", "--steps", "12", "--plot", "plot.svg", "--animate", "animation.svg"],
     "export": ["export", "four_bar", "--engine", "c", "--out", "four_bar.c"],
     "import": ["import", str(URDF), "--out", "brought_in.toml", "--close", "coupler.coupler_end=rocker.rocker_end"],
+    "recommend": ["recommend", "pendulum", "--engine", "gauss", "--position", "1e-3", "--until", "0.05", "--budget", "60"],
+    "diagnose": ["diagnose", "pendulum", "--engine", "gauss", "--until", "0.02"],
+    "atlas": ["atlas", "--engine", "gauss", "--axis", "redundancy", "--budget", "5"],
+    "selftest": ["selftest", "--only", "clocks"],
+    "doctor": ["doctor"],
+    "conformance": ["conformance", "gauss"],
     "verify": ["verify", str(CERTIFICATE), "--linkage", "pendulum", "--jobs", "1"],
 }
 

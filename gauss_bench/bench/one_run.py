@@ -166,7 +166,15 @@ def one_run(
 def performed(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Outcome:
-    """The part of `one_run` that happens where the engine is: nothing that it says is believed yet."""
+    """The part of `one_run` that happens where the engine is: nothing that it says is believed yet.
+
+    A motion that runs away is told by what is judged, not by numpy on stderr.
+    """
+    with np.errstate(all="ignore"):
+        return _performed(engine, mechanism, choice, wanted, ask, shortest)
+
+
+def _performed(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float) -> Outcome:
     built = seconds = float("nan")
     answer: object = None
     running: Model | None = None

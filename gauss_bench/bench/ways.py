@@ -141,10 +141,13 @@ def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Bl
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model, share = built(run, way), 1.0
-    if not is_adaptive(way) and seconds > lead:
-        share = max(1, round(lead / seconds * steps)) / steps
+    model, share = built(run, way), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
     return _repeated(way, model, np.array([0.0, share * run.until]), share)
+
+
+def share_of(seconds: float, lead: float, steps: int) -> float:
+    """The part of a run at equal steps, in whole steps, that takes `lead` [s]; 1 where all of it takes no longer."""
+    return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
 
 def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Block:
@@ -161,7 +164,7 @@ def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Bloc
     first = min(steps, FIRST)
     model.prepare(np.array([0.0, first / steps * run.until]))
     seconds = max(processor_time(model.run), 1e-9) * steps / first
-    share = max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
+    share = share_of(seconds, lead, steps)
     return _repeated(way, model, np.array([0.0, share * run.until]), share)
 
 
