@@ -136,7 +136,7 @@ def _draw(axes: Axes, panel: Panel, t: Array, kept: Array, until: float, trusted
     axes.set_xlim(float(t[0]), until)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
-    axes.yaxis.get_offset_text().set(fontsize=7.5, color=MUTED, horizontalalignment="right")
+    axes.yaxis.get_offset_text().set(fontsize=7.5, color=MUTED, horizontalalignment="right", x=-0.012)  # beside the title
     axes.set_title(panel.title, fontsize=9, fontweight="bold", loc="left", color=INK, y=1.0, pad=4)
     if trusted is not None:
         axes.axvspan(trusted, until, facecolor=CRANK, alpha=0.45, linewidth=0, zorder=1)
