@@ -72,23 +72,11 @@ class Degrees(Sound):
         return replace(x, q=q)
 
 
-class Permuted(Sound):
-    """Links in another order."""
-
-    def told(self, x: Trajectory) -> Trajectory:
-        return replace(x, q=np.roll(x.q, 3, axis=1), v=np.roll(x.v, 3, axis=1), a=np.roll(x.a, 3, axis=1))
-
-
 class Late(Sound):
     """Velocities are those of the step before."""
 
     def told(self, x: Trajectory) -> Trajectory:
         return replace(x, v=np.vstack([x.v[:1], x.v[:-1]]))
-
-
-class Uncounted(Sound):
-    def told(self, x: Trajectory) -> Trajectory:
-        return replace(x, steps=2 * x.steps)
 
 
 class Short(Sound):

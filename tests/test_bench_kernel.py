@@ -46,7 +46,7 @@ PROMISED = {
 def small() -> Suite:
     """The kernel suite on the four-bar alone, with less of everything."""
     suite = restricted(SUITE, {"four_bar": "torque"})
-    engines = ("gauss", "lagrange", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
+    engines = ("gauss", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
     less: dict[str, dict[str, Any]] = {
         "cost": {"rounds": 2, "integrators": 1, "engines": engines},
         "claim": {"processes": 2, "rounds": 2},

@@ -47,7 +47,7 @@ LIBRARY = {"mujoco": "mujoco", "pinocchio": "pinocchio", "exudyn": "exudyn", "ca
 QUICK = [("crank_slider", kind) for kind in KINDS]
 QUICK += [("five_bar/spring", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
 QUICK += [("four_bar/cycloid", kind) for kind in ("exudyn", "casadi", "c")]
-SLOW = [(name, kind) for name in ("six_bar", "eight_bar", "jansen/walk", "squeezer", "shaper/torque") for kind in KINDS]
+SLOW = [(name, kind) for name in ("eight_bar", "jansen/walk", "shaper/torque") for kind in KINDS]
 SLOW += [("parallelogram", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
 SLOW += [("excavator", "c"), ("excavator", "casadi"), ("sleigh", "c"), ("pendulums_13", "c"), ("n_four_bar_7", "mujoco")]
 SLOW += [
@@ -204,7 +204,6 @@ REFUSED = [
     ("four_bar/cycloid", "pinocchio", "crank"),
     ("excavator", "exudyn", "ground.P-boom.A"),
     ("parallelogram", "casadi", "redundant"),
-    pytest.param("parallelogram", "c", "independent coordinates", marks=pytest.mark.slow),
     (str(DATA / "friction.toml"), "c", "friction"),
     (str(DATA / "friction.toml"), "mujoco", "friction"),
 ]

@@ -120,8 +120,8 @@ def read_variants(room: Path) -> Variants:
                 raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
             space[variant.name] = variant
     first = tuple(map(str, document.get("first", ())))
-    if strange := [name for name in first if name not in space]:
-        raise VariantError(f"{path}: first: there is no variant {strange[0]!r}")
+    if absent := [name for name in first if name not in space]:
+        raise VariantError(f"{path}: first: there is no variant {absent[0]!r}")
     return Variants(knobs, settings, space, first)
 
 
