@@ -22,7 +22,6 @@ class Cause(StrEnum):
     MASS = "mass"
     GRAVITY = "gravity"
     FORCE = "force"
-    DIMENSION = "dimension"
     SEVERAL = "several parameters"
     ACCELERATIONS = "accelerations"  # wrong in a way that no parameter explains
     SECOND_RATE = "second time derivative of a driver"
