@@ -162,15 +162,15 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return finished(alt.layer(lines, marks, names), height)
 
 
-def labelled(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True) -> tuple[dict[str, Any], ...]:
-    """Rows of lines, the last of each marked as its end with a height for its name at which no two names meet."""
-    values = [float(r["y"]) for line in lines for r in line if known(r["y"])]
+def labelled(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES) -> tuple[dict[str, Any], ...]:
+    """Rows of lines, the last of each marked as its end with a height for its name at which no two of the first names meet."""
+    values = [float(r["y"]) for line in lines[:most] for r in line if known(r["y"])]
     if not values:
         return ()
     height = (lambda v: math.log10(max(v, FLOOR))) if logarithmic else (lambda v: v)
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
-    places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines))
-    at: dict[int, float] = {}
+    places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines[:most]))
+    at = {i: height(float(line[-1]["y"])) for i, line in enumerate(lines)}
     below = -math.inf
     for h, i in places:
         at[i] = below = max(h, below + APART * span)
@@ -181,11 +181,13 @@ def labelled(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = T
     return tuple(rows)
 
 
-def bars(rows: Sequence[Row], x: str, logarithmic: bool = False, height: int = 0, rule: float | None = None) -> dict[str, Any]:
+def bars(
+    rows: Sequence[Row], x: str, logarithmic: bool = False, height: int = 0, rule: float | None = None, written: str = ""
+) -> dict[str, Any]:
     """A bar for each name with its value; where rows have low and high, a dot with its range in the place of the bar."""
     ranged = any(known(r.get("low")) for r in rows)
     scale = alt.Scale(type="log") if logarithmic else alt.Undefined
-    axis = alt.Axis(title=x, tickCount=5, format="~e" if logarithmic else "~g")
+    axis = alt.Axis(title=x, tickCount=5, format=written or ("~e" if logarithmic else "~g"))
     order = [str(r["name"]) for r in rows]
     names = alt.Y("name:N", sort=order, axis=alt.Axis(title=None, ticks=False, domain=False))
     fill = "var(--accent)"

@@ -1,6 +1,7 @@
 """The first screen: which setting of each engine holds what is required, what was found, and four questions with their answers."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,7 +14,6 @@ from gauss_bench.report.rows import Run, number
 from gauss_bench.report.site.page import Page, chart, file_name, finding, joined, link, paragraph, rich
 from gauss_bench.report.site.settings import FORCES, POSITIONS, USUAL, all_settings, answers, linkages, scenario_of
 
-SHOWN = 4  # findings on the first screen
 LEAD = (
     "Which engine, with which settings, simulates a closed-loop linkage well enough, and at what cost. Every answer below was "
     "measured against a motion known to far more digits."
@@ -55,6 +55,12 @@ def card(one: Card) -> Markup:
     )
 
 
+def headlines(findings: list[Finding]) -> list[Finding]:
+    """What findings say in bold: where this suite's own is slower, short of its aim, or cannot."""
+    told = [(x, re.findall(r"\*\*(.+?)\*\*(?=\W)", x.text)) for x in findings]
+    return [Finding(x.title, " ".join(y.rstrip(".") + "." for y in parts), x.tone) for x, parts in told if parts and x.tone in ("bad", "warn")]
+
+
 def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
     names = linkages(run)
     settings = all_settings(run)
@@ -63,11 +69,10 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
     body = [chooser(run, known_names)] if known_names else []
     if cards:
         body.append(Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(joined(map(card, cards))))
-    worst = sorted(findings, key=lambda x: ("bad", "warn", "", "good").index(x.tone) if x.tone in ("bad", "warn", "", "good") else 2)
-    if worst:
-        said = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, worst[:SHOWN])))
-        more = link("findings.html", f"All {len(worst)} findings")
-        body.append(Markup('<section><h2 id="worst">Where we lose, and what to know first</h2>{}<p>{}</p></section>').format(said, more))
+    if lost := headlines(findings):
+        said = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, lost)))
+        more = link("findings.html", f"All {len(findings)} findings")
+        body.append(Markup('<section><h2 id="worst">Where we lose</h2>{}<p>{}</p></section>').format(said, more))
     body.append(paragraph(AUTHORS, "note"))
     data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
     if known_names:
