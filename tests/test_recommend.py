@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.advice.recommending import Recommender, work
+from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, variants
 from gauss_bench.bench.apart import run_apart
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.recommending import Recommender, work
 from gauss_bench.bench.search import Scale, Trial, no_coarser
-from gauss_bench.bench.truth import NoTruth, Truth, between, truth
 from gauss_bench.bench.ways import Run, Way, request_of, sampled
 from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
@@ -91,6 +91,19 @@ def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) ->
     assert off.max() <= bar
     assert bar < 1e-8
     np.testing.assert_allclose(own.a, certified.a, rtol=0, atol=1e-5 * np.abs(certified.a).max())
+
+
+@pytest.mark.slow
+def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
+    """The gripper's kernel changes its partition three times on its way, and compiles each time; numpy is there long before."""
+    needs("llvmlite")
+    grip = Path(__file__).parent / "data" / "gripper.toml"
+    run, rested = Run(str(grip), load(str(grip)), 0.1), []
+    with Worker() as worker:
+        known = truth(run, {"position": 1e-5}, 300.0, worker, quiet, lambda: rested.append(True))
+        assert not rested
+    assert known.told == "step-halved (200 steps of order eight by gauss, and 100)"
+    assert known.bars["position"] < 1e-9
 
 
 @pytest.mark.slow
