@@ -19,7 +19,7 @@ from gauss_bench.report.content import AUTHORS, Block, Finding, Findings, Pictur
 from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import Run, ok, order
-from gauss_bench.tables import FORMAT, TABLES, TableError, format_of, read_table, write_text
+from gauss_bench.tables import FORMAT, TABLES, TableError, files_of, format_of, read_table, write_text
 
 ENVIRONMENT = "environment.json"
 MANIFEST = "manifest.json"
@@ -51,7 +51,7 @@ def read_run(folder: Path) -> Run:
         NoRun: there is none.
         TableError: a file is damaged, or of a later format than is known here.
     """
-    written = [name for name in TABLES if name != "baseline" and any((folder / f"{name}.{x}").exists() for x in ("csv", "parquet"))]
+    written = [name for name in TABLES if name != "baseline" and files_of(name, folder)]
     if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
