@@ -73,7 +73,18 @@ HUES = {  # engine -> (light, dark); told apart in pairs by whoever sees red, gr
     "lagrange": ("#3e98de", "#2f70b1"),
 }
 PAPERS = ("#ffffff", "#15181d")  # behind them
-SHAPES = ("circle", "square", "triangle-up", "diamond", "cross", "triangle-down", "triangle-right", "triangle-left", "stroke", "arrow")
+SHAPES = (
+    "circle",
+    "square",
+    "triangle-up",
+    "diamond",
+    "cross",
+    "triangle-down",
+    "triangle-right",
+    "triangle-left",
+    "stroke",
+    "arrow",
+)
 
 
 def slots(engines: Iterable[str]) -> dict[str, str]:

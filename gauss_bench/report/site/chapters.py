@@ -2,11 +2,23 @@
 
 from types import ModuleType
 
+from markupsafe import Markup
+
 from gauss_bench.report.content import AUTHORS, Finding, Section
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections import claim, environment, failures, kernel, kinematics, limitations, papers, references, reproduction, search
+from gauss_bench.report.sections import (
+    claim,
+    environment,
+    failures,
+    kernel,
+    kinematics,
+    limitations,
+    papers,
+    references,
+    reproduction,
+    search,
+)
 from gauss_bench.report.site.page import Page, charts_in, finding, joined, paragraph, section
-from markupsafe import Markup
 
 PAPERS = (claim, papers, reproduction)
 METHOD = (limitations, references, kinematics, search, failures, environment)
@@ -36,7 +48,12 @@ def kernel_page(run: Run, modules: list[ModuleType]) -> Page | None:
     contents = parts(run, tuple(modules))
     if not contents or not any(run.table(name) for name in kernel.MEASURED if name != "kernel_claim"):
         return None
-    return chapter("kernel", "Kernel", "The compiled formulations: what a step costs, how exact it is, and how near it comes to what the processor allows.", contents)
+    return chapter(
+        "kernel",
+        "Kernel",
+        "The compiled formulations: what a step costs, how exact it is, and how near it comes to what the processor allows.",
+        contents,
+    )
 
 
 def method_page(run: Run) -> Page:
@@ -49,6 +66,6 @@ def findings_page(findings: list[Finding]) -> Page:
     order = ("bad", "warn", "", "good")
     ordered = sorted(findings, key=lambda x: order.index(x.tone) if x.tone in order else 2)
     body = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, ordered)))
-    return Page("findings", "Findings", "Every sentence is computed from stored rows; where we lose comes first.", body, group="Findings")
-
-
+    return Page(
+        "findings", "Findings", "Every sentence is computed from stored rows; where we lose comes first.", body, group="Findings"
+    )

@@ -6,12 +6,10 @@ travel beside its specification under the name `rows`; the page draws both.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import altair as alt
 
-from gauss_bench.report.content import NOTHING, Cell, Table
 from gauss_bench.report.palette import SHAPES, slots
 from gauss_bench.report.rows import Row, known, number
 
@@ -52,53 +50,6 @@ CONFIG: Mapping[str, Any] = {
     "text": {"fontSize": 12, "color": INK},
     "rule": {"color": MUTED},
 }
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A figure: what it is called, what it shows in a sentence, how it is drawn and of which rows.
-
-    Attributes:
-        head: column of `rows` -> heading of the table of its numbers.
-        toggles: values of the column `engine` that a reader may take away and bring back; none where that has no sense.
-        shown: those of them that are there at first.
-    """
-
-    name: str
-    title: str
-    description: str
-    spec: Mapping[str, Any]
-    rows: tuple[Mapping[str, Any], ...]
-    head: Mapping[str, str]
-    toggles: tuple[str, ...] = ()
-    shown: tuple[str, ...] = ()
-    small: bool = False
-    kind: str = field(default="chart")
-
-    def table(self) -> Table:
-        """The numbers that are drawn."""
-        rows = tuple(tuple(_cell(row.get(column)) for column in self.head) for row in self.rows)
-        numeric = {i for i, c in enumerate(self.head) if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
-        return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
-
-    def data(self) -> dict[str, Any]:
-        """What the page draws."""
-        return {"spec": self.spec, "rows": [{k: plain(v) for k, v in row.items()} for row in self.rows], "shown": list(self.shown)}
-
-
-def plain(x: Any) -> Any:
-    """A value as JSON has it: no NaN, and digits that can be seen."""
-    if isinstance(x, bool) or not isinstance(x, float):
-        return x
-    return float(f"{x:.6g}") if math.isfinite(x) else None
-
-
-def _cell(x: Any) -> Cell:
-    if isinstance(x, bool):
-        return Cell("yes" if x else "no")
-    if isinstance(x, (int, float)):
-        return Cell(f"{x:.4g}", float(x)) if known(x) else Cell(NOTHING)
-    return Cell(str(x) if x not in ("", None) else NOTHING, str(x or ""))
 
 
 def finished(chart: Any, height: int) -> dict[str, Any]:
@@ -158,11 +109,15 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     marks = ends.mark_point(filled=True, size=55).encode(
         x=time, y=level, color=colour(engines, legend=False), shape=shape(engines, legend=False)
     )
-    names = ends.mark_text(align="left", dx=8, fontSize=12).encode(x=time, y=where, text="name:N", color=colour(engines, legend=False))
+    names = ends.mark_text(align="left", dx=8, fontSize=12).encode(
+        x=time, y=where, text="name:N", color=colour(engines, legend=False)
+    )
     return finished(alt.layer(lines, marks, names), height)
 
 
-def labelled(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES) -> tuple[dict[str, Any], ...]:
+def labelled(
+    lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
+) -> tuple[dict[str, Any], ...]:
     """Rows of lines, the last of each marked as its end with a height for its name at which no two of the first names meet."""
     values = [float(r["y"]) for line in lines[:most] for r in line if known(r["y"])]
     if not values:
@@ -194,7 +149,9 @@ def bars(
     base = alt.Chart(DATA)
     layers = []
     if rule is not None:
-        layers.append(alt.Chart(alt.Data(values=[{"rule": rule}])).mark_rule(strokeDash=[4, 3]).encode(x=alt.X("rule:Q", scale=scale)))
+        layers.append(
+            alt.Chart(alt.Data(values=[{"rule": rule}])).mark_rule(strokeDash=[4, 3]).encode(x=alt.X("rule:Q", scale=scale))
+        )
     if ranged:
         layers.append(base.mark_rule(strokeWidth=5, opacity=0.35, color=fill).encode(y=names, x=alt.X("low:Q"), x2="high:Q"))
     if ranged or logarithmic:

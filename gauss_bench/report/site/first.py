@@ -7,10 +7,10 @@ from typing import Any
 
 from markupsafe import Markup
 
-from gauss_bench.report.site.cards import CARDS, Card
 from gauss_bench.report.content import AUTHORS, Finding
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, number
+from gauss_bench.report.site.cards import CARDS, Card
 from gauss_bench.report.site.page import Page, chart, file_name, finding, joined, link, paragraph, rich
 from gauss_bench.report.site.settings import FORCES, POSITIONS, USUAL, all_settings, answers, linkages, scenario_of
 
@@ -39,7 +39,9 @@ def chooser(run: Run, names: tuple[str, ...]) -> Markup:
     fields = (
         selector("linkage", "Linkage", joined(option(x, x.replace("_", " "), x == preferred) for x in names)),
         selector("position", "Position within", joined(option(i, millimetres(x), x == USUAL) for i, x in enumerate(POSITIONS))),
-        selector("force", "Joint forces within", joined(option(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES))),
+        selector(
+            "force", "Joint forces within", joined(option(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES))
+        ),
         selector("horizon", "Over the first", Markup("")),
     )
     return Markup(
@@ -58,7 +60,11 @@ def card(one: Card) -> Markup:
 def headlines(findings: list[Finding]) -> list[Finding]:
     """What findings say in bold: where this suite's own is slower, short of its aim, or cannot."""
     told = [(x, re.findall(r"\*\*(.+?)\*\*(?=\W)", x.text)) for x in findings]
-    return [Finding(x.title, " ".join(y.rstrip(".") + "." for y in parts), x.tone) for x, parts in told if parts and x.tone in ("bad", "warn")]
+    return [
+        Finding(x.title, " ".join(y.rstrip(".") + "." for y in parts), x.tone)
+        for x, parts in told
+        if parts and x.tone in ("bad", "warn")
+    ]
 
 
 def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
@@ -68,7 +74,11 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
     cards = [made for make in CARDS if (made := make(run)) is not None]
     body = [chooser(run, known_names)] if known_names else []
     if cards:
-        body.append(Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(joined(map(card, cards))))
+        body.append(
+            Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(
+                joined(map(card, cards))
+            )
+        )
     if lost := headlines(findings):
         said = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, lost)))
         more = link("findings.html", f"All {len(findings)} findings")
@@ -101,7 +111,26 @@ def chooser_data(run: Run, names: tuple[str, ...], settings: tuple[Any, ...], pr
 def call_of(name: str, setting: Any) -> str:
     """A call of this package that runs a setting, where no program in the engine's own language was written."""
     step = f"{setting.step:.10g}" if not math.isnan(setting.step) else "0.001"
-    named = {"engine": setting.engine, "scenario": setting.scenario, "settings": setting.settings, "integrator": setting.integrator, "stabilization": setting.stabilization}
-    lines = [f"    {k}={ascii(v)}," for k, v in named.items() if v]
+    named = {
+        "engine": setting.engine,
+        "scenario": setting.scenario,
+        "settings": setting.settings,
+        "integrator": setting.integrator,
+        "stabilization": setting.stabilization,
+    }
+    lines = [f"    {k}={v!a}," for k, v in named.items() if v]
     until = f"{setting.until:g}" if number({"x": setting.until}, "x") > 0 else "1"
-    return "\n".join(["import gauss_bench", "", "run = gauss_bench.simulate(", f"    {ascii(name)},", *lines, f"    step={step},", f"    at=[0.0, {until}],", ")", "print(run.to_json())", ""])
+    return "\n".join(
+        [
+            "import gauss_bench",
+            "",
+            "run = gauss_bench.simulate(",
+            f"    {name!a},",
+            *lines,
+            f"    step={step},",
+            f"    at=[0.0, {until}],",
+            ")",
+            "print(run.to_json())",
+            "",
+        ]
+    )

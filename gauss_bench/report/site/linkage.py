@@ -9,13 +9,13 @@ from markupsafe import Markup
 
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.report.content import Table, count
+from gauss_bench.report.content import Chart, Table, count
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked, run_time
+from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
 from gauss_bench.report.sections.linkage.trajectories import best, whole
-from gauss_bench.report.site.charts import FLOOR, MOST_LINES, Chart, labelled, over_time, points
+from gauss_bench.report.site.charts import FLOOR, MOST_LINES, labelled, over_time, points
 from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import side_by_side, turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
@@ -72,7 +72,12 @@ def rows_page(run: Run, name: str) -> Page | None:
         return None
     tables = [table(whole(f"{name}, {scenario}", list(rows)), most=10_000) for scenario, rows in scenarios.items()]
     back = Markup("<p>{}</p>").format(link(f"linkage-{file_name(name)}.html", f"Back to {name}"))
-    return Page(rows_file(name).removesuffix(".html"), f"{name.replace('_', ' ')}: all cases", "Every case that was run, as it ended.", joined([back, *tables]))
+    return Page(
+        rows_file(name).removesuffix(".html"),
+        f"{name.replace('_', ' ')}: all cases",
+        "Every case that was run, as it ended.",
+        joined([back, *tables]),
+    )
 
 
 def told(name: str, scenario: str) -> str:
@@ -85,7 +90,8 @@ def told(name: str, scenario: str) -> str:
         return f"Scenario {scenario}."
     loops = len(mechanism.joints) - len(mechanism.links)
     return (
-        f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, {count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
+        f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, "
+        f"{count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
         f"{count(mechanism.dof, 'degree')} of freedom. Scenario {scenario}."
     )
 
@@ -111,7 +117,9 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     said = ", ".join(f"`{x.engine}` {x.seconds / found[0].seconds:.3g} x" for x in found[1:5])
     rest = f"; then {said}" if said else ""
     return Markup("<p>{} {}</p>").format(
-        paragraph(f"Cheapest within {millimetres(1e-4)} over the whole run: `{found[0].engine}` ({found[0].words}){rest}.").striptags(),
+        paragraph(
+            f"Cheapest within {millimetres(1e-4)} over the whole run: `{found[0].engine}` ({found[0].words}){rest}."
+        ).striptags(),
         link(f"index.html#linkage={name}", "Choose another tolerance"),
     )
 
@@ -121,11 +129,22 @@ def accuracy(settings: Sequence[Setting]) -> Chart | None:
     rows = []
     for engine, some in grouped(settings, lambda x: x.engine).items():
         for one in front(some):
-            rows.append({"engine": engine, "line": engine, "name": f"{engine} {one.words}", "x": one.seconds, "y": 1e3 * max(one.position, FLOOR)})
+            rows.append(
+                {
+                    "engine": engine,
+                    "line": engine,
+                    "name": f"{engine} {one.words}",
+                    "x": one.seconds,
+                    "y": 1e3 * max(one.position, FLOOR),
+                }
+            )
     if not rows:
         return None
     spec = points(rows, "processor time of the whole run [s]", "largest position error [mm]")
-    words = "Largest error of any link's centre of mass over the run, against its time; of each engine the settings that none of its others beats in both, projection and other stabilisation included."
+    words = (
+        "Largest error of any link's centre of mass over the run, against its time; of each engine the settings "
+        "that none of its others beats in both, projection and other stabilisation included."
+    )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
     return Chart("accuracy", "Error against cost", words, spec, tuple(rows), head, *toggled(rows))
 
@@ -153,17 +172,31 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
         row = cases.get(key)
         if row is None or not any(known(r.get(column)) for r in rows):
             continue
-        order = (abs(math.log10(number(row, "step") / STEP)), row["stabilization"] not in ("none", ""), row["settings"] != "default", str(row["integrator"]) != "rk4")
+        order = (
+            abs(math.log10(number(row, "step") / STEP)),
+            row["stabilization"] not in ("none", ""),
+            row["settings"] != "default",
+            str(row["integrator"]) != "rk4",
+        )
         engine = str(row["engine"])
         if engine not in chosen or order < chosen[engine][0]:
             chosen[engine] = (order, rows)
     lines = []
-    for engine, (_, rows) in sorted(chosen.items(), key=lambda x: (x[0] not in FIRST, FIRST.index(x[0]) if x[0] in FIRST else 0, x[0])):
+    for engine, (_, rows) in sorted(
+        chosen.items(), key=lambda x: (x[0] not in FIRST, FIRST.index(x[0]) if x[0] in FIRST else 0, x[0])
+    ):
         some = sorted((r for r in rows if known(r.get(column))), key=lambda r: number(r, "t"))
         kept = [some[i] for i in sorted({round(float(x)) for x in np.linspace(0, len(some) - 1, PLAYED)})]
         first = cases[_case(rows[0])]
-        said = " ".join(str(first[k]) for k in ("settings", "integrator", "stabilization") if first[k] not in ("", "default", "none"))
-        lines.append([{"engine": engine, "line": engine, "name": engine, "said": said, "x": number(r, "t"), "y": number(r, column)} for r in kept])
+        said = " ".join(
+            str(first[k]) for k in ("settings", "integrator", "stabilization") if first[k] not in ("", "default", "none")
+        )
+        lines.append(
+            [
+                {"engine": engine, "line": engine, "name": engine, "said": said, "x": number(r, "t"), "y": number(r, column)}
+                for r in kept
+            ]
+        )
     return lines
 
 
@@ -194,22 +227,41 @@ def drift(run: Run, name: str) -> Chart | None:
 
 
 def energy(run: Run, name: str) -> Chart | None:
-    return history(run, name, "energy_error", "energy", "Error of the energy balance", "Energy, work and losses against what they should sum to.", "energy error [J]")
+    return history(
+        run,
+        name,
+        "energy_error",
+        "energy",
+        "Error of the energy balance",
+        "Energy, work and losses against what they should sum to.",
+        "energy error [J]",
+    )
 
 
 def forces(run: Run, name: str) -> Chart | None:
     """Error of joint forces against the step, of each engine's best variant there."""
     rows = []
-    ladder = [r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and known(r.get("force_error")) and number(r, "steps") > 0]
+    ladder = [
+        r
+        for r in run.table("search_ladder")
+        if r["mechanism"] == name and r["status"] == "ok" and known(r.get("force_error")) and number(r, "steps") > 0
+    ]
     for engine, some in grouped(ladder, lambda r: str(r["engine"])).items():
         least: list[tuple[float, float, Row]] = []
         for row in sorted(some, key=lambda r: (number(r, "steps"), number(r, "force_error"))):
             if not least or number(row, "force_error") < 0.98 * least[-1][1]:
                 least.append((number(row, "steps"), number(row, "force_error"), row))
         for steps, error, row in least:
-            rows.append({"engine": engine, "line": engine, "name": f"{engine} {row['settings']}", "x": steps, "y": max(error, FLOOR)})
+            rows.append(
+                {"engine": engine, "line": engine, "name": f"{engine} {row['settings']}", "x": steps, "y": max(error, FLOOR)}
+            )
     if not rows:
         return None
     spec = points(rows, "steps of the run", "largest error of a joint force [N]")
-    words = "Of each engine the variants that no other of it beats with as few steps; forces are those that its motion needs, computed by one code for all."
-    return Chart("forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggled(rows))
+    words = (
+        "Of each engine the variants that no other of it beats with as few steps; forces are those that its "
+        "motion needs, computed by one code for all."
+    )
+    return Chart(
+        "forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggled(rows)
+    )

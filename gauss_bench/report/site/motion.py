@@ -19,7 +19,18 @@ from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.reference.certificate import CertificateError, certificate_path, check_holds, read_certificate
 from gauss_bench.report.drawings.animation import bars, slide_parts
-from gauss_bench.report.drawings.drawing import Canvas, dot_shape, fit, guide_line, guide_shape, paths, pin_shape, pivots, rail, slides
+from gauss_bench.report.drawings.drawing import (
+    Canvas,
+    dot_shape,
+    fit,
+    guide_line,
+    guide_shape,
+    paths,
+    pin_shape,
+    pivots,
+    rail,
+    slides,
+)
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
@@ -40,7 +51,7 @@ class Film:
 
 
 def turned(name: str) -> tuple[Mechanism, Array] | None:
-    """A built-in linkage and the states of a turn of its crank; None where its file is not here or its crank does not come round."""
+    """A built-in linkage and the states of a turn of its crank; None without a file, or where it does not come round."""
     if name not in built_in():
         return None
     try:
@@ -92,7 +103,9 @@ def svg_of(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     for point in mechanism.observed_points:
         shapes += carried(mechanism, point.link, point.local, states, canvas, [dot_shape(0, 0, False)])
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">{"".join(shapes)}</svg>'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">{"".join(shapes)}</svg>'
+    )
 
 
 def carried(mechanism: Mechanism, link: int, local: Array, states: Array, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
@@ -113,19 +126,22 @@ def turning(name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
     text = Markup(
         '<section class="player" id="turn" aria-label="Turn the crank"><div class="stage"><div class="pair">{}</div></div>'
         '<div class="controls"><button type="button" data-play>Play</button>'
-        '<input type="range" min="0" max="360" step="1" value="60" aria-label="Crank angle of {} in degrees"><output>60°</output></div></section>'
+        '<input type="range" min="0" max="360" step="1" value="60" aria-label="Crank angle of {} in degrees">'
+        "<output>60°</output></div></section>"
     ).format(svg, title)
     return text, data
 
 
 def played_runs(run: Run, name: str) -> list[tuple[str, list[Row]]]:
-    """Label and series of one case of each engine and settings, at STEP where there are several, those without stabilisation first."""
+    """Label and series of cases at STEP, the plainest of each engine first."""
     cases = {_case(r): r for r in run.of(name) if ok(r) and not r["control"]}
     found = []
     for key, rows in grouped((r for r in run.table("series") if r["mechanism"] == name), _case).items():
         row = cases.get(key)
         if row is not None and abs(number(row, "step") - STEP) < 1e-9 and all(known(r["measured_error"]) for r in rows):
-            said = " ".join(str(row[k]) for k in ("settings", "integrator", "stabilization") if row[k] not in ("", "default", "none"))
+            said = " ".join(
+                str(row[k]) for k in ("settings", "integrator", "stabilization") if row[k] not in ("", "default", "none")
+            )
             found.append((f"{row['engine']} {said}".strip(), str(row["engine"]), sorted(rows, key=lambda r: number(r, "t"))))
     found.sort(key=lambda x: (len(x[0].split()), x[0]))
     first = {engine: (label, rows) for label, engine, rows in reversed(found)}
@@ -156,7 +172,7 @@ def truth_of(name: str, scenario: str, times: Array) -> Array | None:
 def side_by_side(run: Run, name: str, scenario: str, svg: Markup) -> tuple[Markup, dict[str, Any]] | None:
     """The player of two runs, whose errors are magnified."""
     runs = played_runs(run, name)
-    if len(runs) < 2 or not str(runs[0][1][0].get("scenario", "")) == scenario:
+    if len(runs) < 2 or str(runs[0][1][0].get("scenario", "")) != scenario:
         return None
     times = np.array([number(r, "t") for r in runs[0][1]])
     truth = truth_of(name, scenario, times)
@@ -168,17 +184,26 @@ def side_by_side(run: Run, name: str, scenario: str, svg: Markup) -> tuple[Marku
 
     def choice(which: str, chosen: int) -> Markup:
         options = Markup("").join(
-            Markup('<option value="{}"{}>{}</option>').format(i, Markup(" selected") if i == chosen else "", x) for i, x in enumerate(labels)
+            Markup('<option value="{}"{}>{}</option>').format(i, Markup(" selected") if i == chosen else "", x)
+            for i, x in enumerate(labels)
         )
-        return Markup('<label>{} <select data-run="{}">{}</select></label>').format("Left" if which == "a" else "Right", which, options)
+        return Markup('<label>{} <select data-run="{}">{}</select></label>').format(
+            "Left" if which == "a" else "Right", which, options
+        )
 
     factors = Markup("").join(
-        Markup('<option value="{}"{}>{} ×</option>').format(x, Markup(" selected") if x == 10 else "", f"{x:,}") for x in MAGNIFIED
+        Markup('<option value="{}"{}>{} times</option>').format(x, Markup(" selected") if x == 10 else "", f"{x:,}")
+        for x in MAGNIFIED
     )
-    twice = [Markup('<div class="pair" data-side="{}">{}<p></p></div>').format(x, Markup(str(svg).replace('id="', f'id="{x}-'))) for x in "ab"]
+    twice = [
+        Markup('<div class="pair" data-side="{}">{}<p></p></div>').format(x, Markup(str(svg).replace('id="', f'id="{x}-')))
+        for x in "ab"
+    ]
     text = Markup(
-        '<section class="player" id="pair" aria-label="Two engines side by side"><div class="stage">{}{}</div><div class="controls">{}{}'
-        '<label>Difference <select data-factor>{}</select></label></div><div class="controls"><button type="button" data-play>Play</button>'
+        '<section class="player" id="pair" aria-label="Two engines side by side">'
+        '<div class="stage">{}{}</div><div class="controls">{}{}'
+        "<label>Difference <select data-factor>{}</select></label></div>"
+        '<div class="controls"><button type="button" data-play>Play</button>'
         '<input type="range" min="0" max="{}" step="1" value="{}" aria-label="Time"><output></output></div></section>'
     ).format(*twice, choice("a", a), choice("b", b), factors, len(times) - 1, len(times) - 1)
     data = {

@@ -11,8 +11,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import Bullets, Cell, Finding, Findings, Section, Table, Text
-from gauss_bench.report.site.charts import Chart
+from gauss_bench.report.content import Bullets, Cell, Chart, Finding, Findings, Section, Table, Text
 
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 SHORT = 10  # rows of a table that are seen at once
@@ -96,16 +95,19 @@ def table(content: Table, caption: bool = True, most: int = SHORT) -> Markup:
         Markup('<th scope="col"{}><button type="button">{}</button></th>').format(_class(i, content, lead), rich(x))
         for i, x in enumerate(content.head)
     )
-    rows = [Markup("<tr{}>{}</tr>").format(Markup(" hidden") if k >= most else "", _row(r, content, lead)) for k, r in enumerate(content.rows)]
+    rows = [
+        Markup("<tr{}>{}</tr>").format(Markup(" hidden") if k >= most else "", _row(r, content, lead))
+        for k, r in enumerate(content.rows)
+    ]
     more = (
         Markup('<button type="button" class="more">Show all {} rows</button>').format(len(rows)) if len(rows) > most else Markup("")
     )
     title = Markup("<caption>{}</caption>").format(rich(content.title)) if caption else Markup("")
     note = paragraph(content.note, "note") if content.note else Markup("")
     name = Markup(' tabindex="0" role="region" aria-label="{}"').format(content.title)
-    return Markup('<div class="table"><div class="scroll"{}><table>{}<thead><tr>{}</tr></thead><tbody>\n{}\n</tbody></table></div>{}{}</div>').format(
-        name, title, head, joined(rows), more, note
-    )
+    return Markup(
+        '<div class="table"><div class="scroll"{}><table>{}<thead><tr>{}</tr></thead><tbody>\n{}\n</tbody></table></div>{}{}</div>'
+    ).format(name, title, head, joined(rows), more, note)
 
 
 def _class(i: int, content: Table, lead: int) -> Markup:
@@ -116,7 +118,9 @@ def _class(i: int, content: Table, lead: int) -> Markup:
 def _row(cells: Sequence[Cell], content: Table, lead: int) -> Markup:
     return Markup("").join(
         Markup("<td{}{}>{}</td>").format(
-            _class(i, content, lead), Markup(' data-sort="{}"').format(cell.sort) if isinstance(cell.sort, float) else "", _toned(cell)
+            _class(i, content, lead),
+            Markup(' data-sort="{}"').format(cell.sort) if isinstance(cell.sort, float) else "",
+            _toned(cell),
         )
         for i, cell in enumerate(cells)
     )
@@ -134,7 +138,9 @@ def folded(title: str, inside: Markup) -> Markup:
 def chart(one: Chart) -> Markup:
     """A figure with its title, description, drawing, toggles and numbers."""
     toggles = Markup("").join(
-        Markup('<label><input type="checkbox" data-engine="{}"{}> {}</label>').format(x, Markup(" checked") if x in one.shown else "", x)
+        Markup('<label><input type="checkbox" data-engine="{}"{}> {}</label>').format(
+            x, Markup(" checked") if x in one.shown else "", x
+        )
         for x in one.toggles
     )
     choice = (
@@ -160,7 +166,7 @@ def chart(one: Chart) -> Markup:
 def finding(one: Finding) -> Markup:
     tag = WORDS.get(one.tone, "")
     mark = Markup('<span class="tag t-{}">{}</span> ').format(one.tone, tag) if tag else Markup("")
-    return Markup('<li><h3>{}{}</h3><p>{}</p></li>').format(mark, rich(one.title), rich(one.text))
+    return Markup("<li><h3>{}{}</h3><p>{}</p></li>").format(mark, rich(one.title), rich(one.text))
 
 
 def block(content: Any, level: int = 3) -> Markup:
@@ -176,8 +182,6 @@ def block(content: Any, level: int = 3) -> Markup:
             return Markup('<ul class="findings">{}</ul>').format(joined(map(finding, items)))
         case Chart():
             return chart(content)
-    if getattr(content, "kind", "") == "picture":
-        return Markup("")
     raise TypeError(f"no way to show a {type(content).__name__}")
 
 
@@ -185,7 +189,9 @@ def section(content: Section, level: int = 2) -> Markup:
     """A section and those below it."""
     inside = [block(x) for x in content.blocks]
     below = [section(part, min(level + 1, 4)) for part in content.parts]
-    return Markup("<section>{}\n{}\n{}</section>").format(heading(content.title, content.anchor, level), joined(inside), joined(below))
+    return Markup("<section>{}\n{}\n{}</section>").format(
+        heading(content.title, content.anchor, level), joined(inside), joined(below)
+    )
 
 
 def charts_in(content: Section) -> list[Chart]:
@@ -206,15 +212,23 @@ def document(page: Page, pages: Sequence[Page], facts: Sequence[str]) -> str:
     scripts += Markup('<script src="charts.js"></script>') if drawn else Markup("")
     return str(
         Markup(SHELL).format(
-            title=page.title, home=page.name == "index", contents=contents, lead=rich(page.lead), heading=rich(page.title),
-            body=page.body, scripts=scripts, facts=" · ".join(facts),
+            title=page.title,
+            home=page.name == "index",
+            contents=contents,
+            lead=rich(page.lead),
+            heading=rich(page.title),
+            body=page.body,
+            scripts=scripts,
+            facts=" · ".join(facts),
         )
     )
 
 
 def _group(name: str, pages: Sequence[Page], here: Page) -> Markup:
     items = Markup("").join(
-        Markup('<li><a href="{}"{}>{}</a></li>').format(x.file, Markup(' aria-current="page"') if x.name == here.name else "", x.title)
+        Markup('<li><a href="{}"{}>{}</a></li>').format(
+            x.file, Markup(' aria-current="page"') if x.name == here.name else "", x.title
+        )
         for x in pages
     )
     if len(pages) == 1:

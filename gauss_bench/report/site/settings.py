@@ -52,7 +52,17 @@ class Setting:
     @property
     def choice(self) -> tuple[Any, ...]:
         """Everything that a program of it depends on."""
-        return (self.mechanism, self.scenario, self.engine, self.settings, self.integrator, self.stabilization, self.step, self.tolerance, self.until)
+        return (
+            self.mechanism,
+            self.scenario,
+            self.engine,
+            self.settings,
+            self.integrator,
+            self.stabilization,
+            self.step,
+            self.tolerance,
+            self.until,
+        )
 
     @property
     def words(self) -> str:
@@ -89,7 +99,9 @@ def _searched(run: Run) -> Iterable[Setting]:
         if same is not None:
             seconds, low, high = (number(same, f"seconds{end}") for end in ("", "_low", "_high"))
         else:
-            near = min(times, key=lambda t: abs(math.log(max(steps_of.get((_method(t), _size(t)), 1.0), 1.0) / number(row, "steps"))))
+            near = min(
+                times, key=lambda t: abs(math.log(max(steps_of.get((_method(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
+            )
             each = number(near, "seconds") / max(steps_of.get((_method(near), _size(near)), math.nan), 1.0)
             seconds, low, high = each * number(row, "steps"), math.nan, math.nan
         if not known(seconds):
@@ -126,7 +138,15 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
     for row in run.table("search_winners"):
         exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
         if row["mechanism"] == mechanism and exact and row["status"] == "ok" and known(row.get("seconds")):
-            like = next((x for x in settings if _method(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization) and _size(row) == _size({"step": x.step, "tolerance": x.tolerance})), None)
+            like = next(
+                (
+                    x
+                    for x in settings
+                    if _method(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization)
+                    and _size(row) == _size({"step": x.step, "tolerance": x.tolerance})
+                ),
+                None,
+            )
             numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"))
             times = (number(row, "seconds"), number(row, "seconds_low"), number(row, "seconds_high"))
             errors = (number(row, "error"), like.force if like else math.nan, like.until if like else math.nan)
@@ -138,7 +158,7 @@ OURS = ("gauss-native", "lagrange-native", "gauss", "lagrange", "gauss_pinv", "s
 
 
 def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
-    """What the first screen needs of a linkage: its settings, and for each requirement the index of each engine's pick, or why none."""
+    """What the first screen needs of a linkage: settings, each engine's pick for each requirement, or why there is none."""
     own = [x for x in settings if x.mechanism == mechanism]
     listed: list[Setting] = []
     picks: dict[str, list[Any]] = {}
@@ -155,27 +175,47 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
     told = [_told(x) for x in listed]
     until = max((x.until for x in own if known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if known(until) else [])
-    return {"settings": told, "picks": picks, "none": cannot(run, mechanism, own), "until": until, "horizons": horizons, "chosen": listed}
+    return {
+        "settings": told,
+        "picks": picks,
+        "none": cannot(run, mechanism, own),
+        "until": until,
+        "horizons": horizons,
+        "chosen": listed,
+    }
 
 
 def _told(x: Setting) -> dict[str, Any]:
     numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")}
-    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {k: v if known(v) else None for k, v in numbers.items()}
+    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {
+        k: v if known(v) else None for k, v in numbers.items()
+    }
 
 
 def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, dict[str, Any]]:
     """Engine -> how near it came at best [m, N], with which budget, or why it does not run there."""
     found: dict[str, dict[str, Any]] = {}
-    for engine, rows in grouped((r for r in run.table("search_ladder") if r["mechanism"] == mechanism), lambda r: str(r["engine"])).items():
+    for engine, rows in grouped(
+        (r for r in run.table("search_ladder") if r["mechanism"] == mechanism), lambda r: str(r["engine"])
+    ).items():
         fine = [r for r in rows if r["status"] == "ok" and known(r.get("position_error"))]
         steps = max((number(r, "steps") for r in fine), default=math.nan)
-        least = {k: min((number(r, f"{k}_error") for r in fine if known(r.get(f"{k}_error"))), default=math.nan) for k in ("position", "force")}
+        least = {
+            k: min((number(r, f"{k}_error") for r in fine if known(r.get(f"{k}_error"))), default=math.nan)
+            for k in ("position", "force")
+        }
         skipped = next((str(r["message"]) for r in rows if r["status"] == "skip"), "") if not fine else ""
         tried = {"tried": len(rows), "most": steps if known(steps) else None, "skipped": skipped}
         found[engine] = tried | {k: v if known(v) else None for k, v in least.items()}
     for engine in sorted({x.engine for x in settings} - found.keys()):
         some = [x for x in settings if x.engine == engine]
-        found[engine] = {"tried": len(some), "most": max(x.steps for x in some), "skipped": "", "force": None, "position": min(x.position for x in some)}
+        found[engine] = {
+            "tried": len(some),
+            "most": max(x.steps for x in some),
+            "skipped": "",
+            "force": None,
+            "position": min(x.position for x in some),
+        }
     return found
 
 

@@ -20,10 +20,10 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
     written = []
     for name, rows in tables.items():
         if rows:
-            text = csv_text(TABLES[name], rows).encode()
+            text = csv_text(TABLES[name].columns, rows).encode()
             path = folder / csv_file(name, rows)
             write_bytes(path, gzip.compress(text, 9, mtime=0) if path.suffix == ".gz" else text)
-            write_parquet(name, rows, folder / f"{name}.parquet")
+            write_parquet(name, TABLES[name].columns, rows, folder / f"{name}.parquet")
             written += [path, folder / f"{name}.parquet"]
     return written
 
@@ -38,11 +38,19 @@ def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
     for name, rows in sorted(tables.items()):
         if not rows:
             continue
-        lines = tuple((Cell(f"`{c.name}`", c.name), text_cell(c.kind), text_cell(c.unit), text_cell(c.meaning)) for c in TABLES[name].columns)
+        lines = tuple(
+            (Cell(f"`{c.name}`", c.name), text_cell(c.kind), text_cell(c.unit), text_cell(c.meaning)) for c in TABLES[name].columns
+        )
         columns = table(Table(f"Columns of {name}", ("column", "kind", "unit", "meaning"), lines), caption=False, most=999)
-        files = Markup("{} · {}").format(link(f"{FOLDER}/{csv_file(name, rows)}", "CSV"), link(f"{FOLDER}/{name}.parquet", "Parquet"))
+        files = Markup("{} · {}").format(
+            link(f"{FOLDER}/{csv_file(name, rows)}", "CSV"), link(f"{FOLDER}/{name}.parquet", "Parquet")
+        )
         said = rich(f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}.")
-        parts.append(Markup("<section>{}<p>{} {}</p>{}</section>").format(heading(name, name, 2), said, files, folded(f"Columns of {name}", columns)))
+        parts.append(
+            Markup("<section>{}<p>{} {}</p>{}</section>").format(
+                heading(name, name, 2), said, files, folded(f"Columns of {name}", columns)
+            )
+        )
     lead = "Every table this site was built from, with what each column means."
     return Page("data", "Data", lead, joined(parts), group="Data")
 
@@ -57,15 +65,28 @@ def cite_page(run: Run) -> Page:
             "  title   = {gauss\\_bench: validation and benchmarking of closed-loop linkage dynamics},",
             *([f"  version = {{{version}}},"] if version else []),
             *([f"  date    = {{{date}}},"] if date else []),
-            *([f"  note    = {{Results of commit {commit}{' with uncommitted changes' if e.get('dirty') else ''}, {e.get('cpu', '')}}},"] if commit else []),
+            *(
+                [
+                    "  note    = "
+                    f"{{Results of commit {commit}{' with uncommitted changes' if e.get('dirty') else ''}, {e.get('cpu', '')}}},"
+                ]
+                if commit
+                else []
+            ),
             "}",
         ]
     )
     body = joined(
         [
-            paragraph("A number from this site belongs with the commit, the date and the processor it was measured on: costs hold for that machine alone."),
+            paragraph(
+                "A number from this site belongs with the commit, the date and the processor it was measured "
+                "on: costs hold for that machine alone."
+            ),
             Markup('<pre tabindex="0"><code>{}</code></pre>').format(entry),
-            paragraph("`CITATION.cff` of the project has the same in a form that tools read. The scripts that draw the figures are Vega, Vega-Lite and Vega-Embed; their licences stand in `THIRD_PARTY.md` of this folder."),
+            paragraph(
+                "`CITATION.cff` of the project has the same in a form that tools read. The scripts that draw "
+                "the figures are Vega, Vega-Lite and Vega-Embed; their licences stand in `THIRD_PARTY.md` of this folder."
+            ),
         ]
     )
     return Page("cite", "Cite", "How to name these results, so that another can find the same rows.", body, group="Cite")

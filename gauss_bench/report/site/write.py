@@ -5,14 +5,15 @@ as from any address, and asks nobody for anything.
 """
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from gauss_bench.report.content import Finding
+from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
-from gauss_bench.report.rows import Row, Run
+from gauss_bench.report.rows import Run
 from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page
 from gauss_bench.report.site.charts import CONFIG
 from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
@@ -33,7 +34,6 @@ def write_site(
     run: Run,
     findings: Sequence[Finding] = (),
     kernel: Sequence[Any] = (),
-    tables: Mapping[str, tuple[Row, ...]] | None = None,
     programs: Programs | None = None,
 ) -> list[Path]:
     """Write the site of a run under `out`/site, in the place of an earlier one; returns what was written.
@@ -41,14 +41,12 @@ def write_site(
     Args:
         findings: what the sections found.
         kernel: modules of the sections on the kernel.
-        tables: every table of the run, for the page of the data; those of `run` where not given.
         programs: choices -> programs that run them; without it the first screen has calls of this package.
     """
     folder = out / SITE
     if (folder / "site.css").is_file():  # ours: nothing else of the reader's is taken away
         shutil.rmtree(folder)
-    tables = run.tables if tables is None else tables
-    pages = all_pages(run, list(findings), list(kernel), tables, programs)
+    pages = all_pages(run, list(findings), list(kernel), programs)
     written: list[Path] = []
     for page in pages:
         written.append(folder / page.file)
@@ -62,15 +60,17 @@ def write_site(
         written.append(folder / name)
         write_text(written[-1], (assets / name).read_text(encoding="utf-8"))
     style = (assets / "site.css").read_text(encoding="utf-8").replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
-    for name, text in (("vega.js", drawing_script()), ("THIRD_PARTY.md", (assets / "THIRD_PARTY.md").read_text(encoding="utf-8")), ("site.css", style)):
+    for name, text in (
+        ("vega.js", drawing_script()),
+        ("THIRD_PARTY.md", (assets / "THIRD_PARTY.md").read_text(encoding="utf-8")),
+        ("site.css", style),
+    ):
         written.append(folder / name)
         write_text(written[-1], text)
-    return [*written, *write_data(folder / FOLDER, tables)]
+    return [*written, *write_data(folder / FOLDER, run.tables)]
 
 
-def all_pages(
-    run: Run, findings: list[Finding], kernel: list[Any], tables: Mapping[str, tuple[Row, ...]], programs: Programs | None
-) -> list[Page]:
+def all_pages(run: Run, findings: list[Finding], kernel: list[Any], programs: Programs | None) -> list[Page]:
     """Every page, in the order of the contents."""
     settings, names = all_settings(run), linkages(run)
     found: list[Page | None] = [first_page(run, findings, programs)]
@@ -78,13 +78,12 @@ def all_pages(
     found += [rows_page(run, name) for name in names]
     found += [engines_page(run, settings)]
     found += [engine_page(run, name, settings) for name in engine_names(run)]
-    found += [papers_page(run), kernel_page(run, kernel), method_page(run), findings_page(findings), data_page(tables), cite_page(run)]
+    found += [
+        papers_page(run),
+        kernel_page(run, kernel),
+        method_page(run),
+        findings_page(findings),
+        data_page(run.tables),
+        cite_page(run),
+    ]
     return [page for page in found if page is not None]
-
-
-def facts(run: Run) -> list[str]:
-    """Where the numbers come from, in a few words."""
-    e = run.environment
-    commit = str(e.get("commit") or "")[:10]
-    words = [f"suite {e['suite']}" if "suite" in e else "", str(e.get("date", "")), f"commit {commit}{' with changes' if e.get('dirty') else ''}" if commit else "", str(e.get("cpu", ""))]
-    return [x for x in words if x]
