@@ -381,10 +381,11 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(text.format_run(tables, options.out))
     if options.report:
+        from gauss_bench.api.programs import programs
         from gauss_bench.report.build import build_report
 
-        for path in build_report(options.out):
-            if path.suffix in (".md", ".html"):
+        for path in build_report(options.out, programs):
+            if path.name in ("README.md", "index.html"):
                 print(path, file=sys.stderr)
     if options.against:
         print(text.format_differences(differences(options.out, options.against), options.against), file=sys.stderr)
@@ -392,10 +393,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
+    from gauss_bench.api.programs import programs
     from gauss_bench.report.build import build_report
 
-    for path in build_report(options.out):
-        print(path)
+    for path in build_report(options.out, programs):
+        if path.name in ("README.md", "index.html"):
+            print(path)
     return 0
 
 

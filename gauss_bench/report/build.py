@@ -1,15 +1,14 @@
 """Builds the report of a run: README.md, a summary beside the rows for the forge, and the site for the browser.
 
 What both say is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names
-the tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has something
-to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte for byte.
+the tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has
+something to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte
+for byte.
 """
 
 import json
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
@@ -17,20 +16,14 @@ from gauss_bench.report import sections as room
 from gauss_bench.report.content import AUTHORS, Finding, Findings, Section, Text, count, listed
 from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import markdown_page
+from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, ok, order
-from gauss_bench.report.sections import kernel
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import write_site
 from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, TableError, files_of, format_of, read_table, write_text
 
 ENVIRONMENT = "environment.json"
-
-
-def parts_of(package: ModuleType) -> list[ModuleType]:
-    """The sections and chapters of a room, in order."""
-    names = (module.name for module in iter_modules(package.__path__))
-    return sorted((import_module(f"{package.__name__}.{name}") for name in names), key=lambda m: (m.PLACE, m.__name__))
 
 
 def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
@@ -126,4 +119,4 @@ def build_report(folder: Path, programs: Programs | None = None) -> list[Path]:
     found = list(all_findings(run))
     page = folder / "README.md"
     write_text(page, markdown_page(run, summary(run, found)))
-    return [page, *write_site(folder, run, found, parts_of(kernel), programs)]
+    return [page, *write_site(folder, run, found, programs)]

@@ -4,24 +4,14 @@ from types import ModuleType
 
 from markupsafe import Markup
 
+from gauss_bench.report import sections as room
 from gauss_bench.report.content import AUTHORS, Finding, Section
+from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections import (
-    claim,
-    environment,
-    failures,
-    kernel,
-    kinematics,
-    limitations,
-    papers,
-    references,
-    reproduction,
-    search,
-)
+from gauss_bench.report.sections import claim, kernel, limitations, linkage, papers, reproduction
 from gauss_bench.report.site.page import Page, charts_in, finding, joined, paragraph, section
 
 PAPERS = (claim, papers, reproduction)
-METHOD = (limitations, references, kinematics, search, failures, environment)
 
 
 def parts(run: Run, modules: tuple[ModuleType, ...]) -> list[Section]:
@@ -43,9 +33,9 @@ def papers_page(run: Run) -> Page | None:
     return chapter("papers", "Papers", lead, parts(run, PAPERS))
 
 
-def kernel_page(run: Run, modules: list[ModuleType]) -> Page | None:
+def kernel_page(run: Run) -> Page | None:
     """How fast, exact and near the machine's limit the compiled formulations are; nothing where a run measured none."""
-    contents = parts(run, tuple(modules))
+    contents = parts(run, tuple(parts_of(kernel)))
     if not contents or not any(run.table(name) for name in kernel.MEASURED if name != "kernel_claim"):
         return None
     return chapter(
@@ -57,9 +47,11 @@ def kernel_page(run: Run, modules: list[ModuleType]) -> Page | None:
 
 
 def method_page(run: Run) -> Page:
-    """Limits first."""
+    """Limits first, then every section that has no page of its own."""
     lead = "What the figures cannot tell, how they were taken, and who took them."
-    return chapter("method", "Method", lead, parts(run, METHOD), (AUTHORS,))
+    elsewhere = (*PAPERS, kernel, linkage)
+    modules = sorted((x for x in parts_of(room) if x not in elsewhere), key=lambda x: x is not limitations)
+    return chapter("method", "Method", lead, parts(run, tuple(modules)), (AUTHORS,))
 
 
 def findings_page(findings: list[Finding]) -> Page:

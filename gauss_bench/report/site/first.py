@@ -1,7 +1,6 @@
 """The first screen: which setting of each engine holds what is required, what was found, and four questions with their answers."""
 
 import math
-import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -59,12 +58,8 @@ def card(one: Card) -> Markup:
 
 def headlines(findings: list[Finding]) -> list[Finding]:
     """What findings say in bold: where this suite's own is slower, short of its aim, or cannot."""
-    told = [(x, re.findall(r"\*\*(.+?)\*\*(?=\W)", x.text)) for x in findings]
-    return [
-        Finding(x.title, " ".join(y.rstrip(".") + "." for y in parts), x.tone)
-        for x, parts in told
-        if parts and x.tone in ("bad", "warn")
-    ]
+    lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
+    return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
 
 
 def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
@@ -85,27 +80,40 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
         body.append(Markup('<section><h2 id="worst">Where we lose</h2>{}<p>{}</p></section>').format(said, more))
     body.append(paragraph(AUTHORS, "note"))
     data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
+    later: dict[str, Any] = {}
     if known_names:
-        data |= chooser_data(run, known_names, settings, programs)
+        looked_up, later = chooser_data(run, known_names, settings, programs)
+        data |= looked_up
     scripts = ("chooser.js",) if known_names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, joined(body), data, scripts=scripts)
+    return Page("index", "Choose an engine for your linkage", LEAD, joined(body), data, scripts=scripts, later=later)
 
 
-def chooser_data(run: Run, names: tuple[str, ...], settings: tuple[Any, ...], programs: Programs | None) -> dict[str, Any]:
-    """Everything the form looks up."""
+def chooser_data(
+    run: Run, names: tuple[str, ...], settings: tuple[Any, ...], programs: Programs | None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Everything the form looks up, and the programs of each linkage, which are looked up when they are asked for."""
     found = {name: answers(run, name, settings) for name in names}
     wanted = [x.choice for one in found.values() for x in one["chosen"]]
     texts = programs(wanted) if programs else {}
+    later = {}
     for name, one in found.items():
-        for setting, told in zip(one.pop("chosen"), one["settings"], strict=True):
-            told["program"] = texts.get(setting.choice) or call_of(name, setting)
+        one["programs"] = f"programs-{file_name(name)}"
+        later[one["programs"]] = {
+            f"programs of {name}": packed([texts.get(x.choice) or call_of(name, x) for x in one.pop("chosen")])
+        }
         one["page"] = f"linkage-{file_name(name)}.html"
         one["scenario"] = scenario_of(run, name)
     engines = sorted({x.engine for x in settings} | {e for one in found.values() for e in one["none"]})
     names_of = {e: f"engine-{file_name(e)}.html" for e in engines}
     colours = {e: f"var(--{slot})" for e, slot in slots(engines).items()}
     levels = {"positions": list(POSITIONS), "forces": [None if math.isinf(x) else x for x in FORCES]}
-    return {"choices": found, "engines": names_of, "dots": colours} | levels
+    return {"choices": found, "engines": names_of, "dots": colours} | levels, later
+
+
+def packed(texts: list[str]) -> dict[str, Any]:
+    """Texts by their lines, each of which is kept once: programs of one engine differ in few."""
+    lines = {x: i for i, x in enumerate(dict.fromkeys(line for text in texts for line in text.split("\n")))}
+    return {"lines": list(lines), "texts": [[lines[x] for x in text.split("\n")] for text in texts]}
 
 
 def call_of(name: str, setting: Any) -> str:

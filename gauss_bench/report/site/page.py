@@ -28,6 +28,8 @@ class Page:
         lead: the sentence below it.
         body: what it shows.
         data: what its scripts read: charts by name, and what else.
+        scripts: of the site that it needs besides.
+        later: name -> what a script fetches only when a reader asks for it.
         group: of the contents, empty for pages that others lead to.
     """
 
@@ -38,6 +40,7 @@ class Page:
     data: Mapping[str, Any] = field(default_factory=dict)
     group: str = ""
     scripts: tuple[str, ...] = ()
+    later: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def file(self) -> str:

@@ -1,6 +1,6 @@
 """The data: every table of the run as files, with what its columns mean; and how to cite it."""
 
-import gzip
+import lzma
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -22,14 +22,14 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
         if rows:
             text = csv_text(TABLES[name].columns, rows).encode()
             path = folder / csv_file(name, rows)
-            write_bytes(path, gzip.compress(text, 9, mtime=0) if path.suffix == ".gz" else text)
+            write_bytes(path, lzma.compress(text, preset=9) if path.suffix == ".xz" else text)
             write_parquet(name, TABLES[name].columns, rows, folder / f"{name}.parquet")
             written += [path, folder / f"{name}.parquet"]
     return written
 
 
 def csv_file(name: str, rows: tuple[Row, ...]) -> str:
-    return f"{name}.csv.gz" if len(rows) > LONG else f"{name}.csv"
+    return f"{name}.csv.xz" if len(rows) > LONG else f"{name}.csv"
 
 
 def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:

@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import facts
@@ -33,20 +32,18 @@ def write_site(
     out: Path,
     run: Run,
     findings: Sequence[Finding] = (),
-    kernel: Sequence[Any] = (),
     programs: Programs | None = None,
 ) -> list[Path]:
     """Write the site of a run under `out`/site, in the place of an earlier one; returns what was written.
 
     Args:
         findings: what the sections found.
-        kernel: modules of the sections on the kernel.
         programs: choices -> programs that run them; without it the first screen has calls of this package.
     """
     folder = out / SITE
     if (folder / "site.css").is_file():  # ours: nothing else of the reader's is taken away
         shutil.rmtree(folder)
-    pages = all_pages(run, list(findings), list(kernel), programs)
+    pages = all_pages(run, list(findings), programs)
     written: list[Path] = []
     for page in pages:
         written.append(folder / page.file)
@@ -55,6 +52,9 @@ def write_site(
             data = dict(page.data) | ({"config": CONFIG} if page.data.get("charts") else {})
             written.append(folder / "data" / f"{page.name}.js")
             write_text(written[-1], f"site.put({script_text(data)});\n")
+        for name, later in page.later.items():
+            written.append(folder / "data" / f"{name}.js")
+            write_text(written[-1], f"site.put({script_text(later)});\n")
     assets = files("gauss_bench.report.site") / "assets"
     for name in SCRIPTS:
         written.append(folder / name)
@@ -70,7 +70,7 @@ def write_site(
     return [*written, *write_data(folder / FOLDER, run.tables)]
 
 
-def all_pages(run: Run, findings: list[Finding], kernel: list[Any], programs: Programs | None) -> list[Page]:
+def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
     """Every page, in the order of the contents."""
     settings, names = all_settings(run), linkages(run)
     found: list[Page | None] = [first_page(run, findings, programs)]
@@ -80,7 +80,7 @@ def all_pages(run: Run, findings: list[Finding], kernel: list[Any], programs: Pr
     found += [engine_page(run, name, settings) for name in engine_names(run)]
     found += [
         papers_page(run),
-        kernel_page(run, kernel),
+        kernel_page(run),
         method_page(run),
         findings_page(findings),
         data_page(run.tables),

@@ -15,6 +15,22 @@
   const time = (x) => (x >= 1 ? `${digits(x)} s` : x >= 1e-3 ? `${digits(1e3 * x)} ms` : `${digits(1e6 * x)} µs`);
   const times = (x) => (x >= 100 ? x.toFixed(0) : x >= 10 ? x.toFixed(1) : x.toFixed(2));
 
+  // A linkage's programs come with the first that is asked for.
+  const programOf = async (name, index) => {
+    const key = `programs of ${name}`;
+    if (!site.data[key]) {
+      await new Promise((done, failed) => {
+        const script = document.createElement("script");
+        script.src = `data/${choices[name].programs}.js`;
+        script.addEventListener("load", done);
+        script.addEventListener("error", failed);
+        document.head.append(script);
+      });
+    }
+    const { lines, texts } = site.data[key];
+    return texts[index].map((i) => lines[i]).join("\n");
+  };
+
   const fillHorizons = () => {
     const was = horizon.value;
     horizon.replaceChildren(...choices[linkage.value].horizons.map((h) => {
@@ -26,7 +42,7 @@
     horizon.value = there.includes(was) ? was : there.at(-1);
   };
 
-  const passing = (one, ratio, share) => {
+  const passing = (one, index, ratio, share) => {
     const line = element("li");
     const size = one.step !== null ? `step ${digits(1e3 * one.step, 4)} ms` : one.tolerance !== null ? `tolerance ${one.tolerance.toExponential(0)}` : "its own steps";
     const cost = element("span", "ratio", ratio === null ? time(one.seconds * share) : `${one.estimated ? "≈ " : ""}${times(ratio)} ×`);
@@ -40,13 +56,14 @@
     show.type = "button";
     show.setAttribute("aria-expanded", "false");
     show.setAttribute("aria-label", `Code for ${one.engine}`);
-    show.addEventListener("click", () => {
+    show.addEventListener("click", async () => {
       const open = line.querySelector("pre");
       if (open) { open.remove(); line.querySelector(".copy").remove(); show.setAttribute("aria-expanded", "false"); return; }
-      const text = element("pre", "", one.program), copy = element("button", "copy", "Copy");
+      const program = await programOf(linkage.value, index);
+      const text = element("pre", "", program), copy = element("button", "copy", "Copy");
       text.tabIndex = 0;
       copy.type = "button";
-      copy.addEventListener("click", async () => { copy.textContent = (await copyText(one.program)) ? "Copied" : "Select the text and copy it"; });
+      copy.addEventListener("click", async () => { copy.textContent = (await copyText(program)) ? "Copied" : "Select the text and copy it"; });
       line.append(text, copy);
       show.setAttribute("aria-expanded", "true");
     });
@@ -67,7 +84,7 @@
   const show = () => {
     const one = choices[linkage.value], share = Number(horizon.value) / one.until;
     const picks = one.picks[`${position.value},${force.value}`], there = new Set(picks.map(([i]) => one.settings[i].engine));
-    const lines = picks.map(([i, ratio]) => passing(one.settings[i], ratio, share));
+    const lines = picks.map(([i, ratio]) => passing(one.settings[i], i, ratio, share));
     for (const [engine, why] of Object.entries(one.none)) if (!there.has(engine)) lines.push(failing(engine, why));
     answers.replaceChildren(...lines);
     said.replaceChildren();
