@@ -124,10 +124,11 @@ def endings(
     at = 0
     while at < len(lists):
         read, write = os.pipe()
+        parent = os.getpid()
         child = os.fork()
         if child == 0:
             os.close(read)
-            _child(lists, at, folder, write, late, before)
+            _child(lists, at, folder, write, late, before, parent)
         os.close(write)
         with os.fdopen(read, encoding="utf-8") as pipe:
             for line in pipe:
@@ -147,7 +148,7 @@ def endings(
             at += 1
 
 
-def _child(lists: Any, at: int, folder: Path, write: int, late: float, before: Callable[[int], None]) -> None:
+def _child(lists: Any, at: int, folder: Path, write: int, late: float, before: Callable[[int], None], parent: int) -> None:
     try:
         os.setsid()
         os.environ[cli.TRACE] = "1"
@@ -162,6 +163,8 @@ def _child(lists: Any, at: int, folder: Path, write: int, late: float, before: C
         resource.setrlimit(resource.RLIMIT_AS, (held + MEMORY, -1))
         with os.fdopen(write, "w", encoding="utf-8") as pipe:
             for i in range(at, len(lists)):
+                if os.getppid() != parent:
+                    os.killpg(0, signal.SIGKILL)  # nobody reads what follows
                 before(i)
                 size = os.fstat(noise).st_size
                 found = vars(run_one(lists[i][0], late, lists[i][1])).copy()
