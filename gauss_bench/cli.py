@@ -58,10 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return BAD_INPUT
         if TRACE in os.environ:
             raise
-        from gauss_bench.trajectory import in_a_sentence
-
         where = traceback.extract_tb(error.__traceback__)[-1]
-        at = f"{type(error).__name__}: {in_a_sentence(error)} ({Path(where.filename).name}:{where.lineno})"
+        at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
         print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
         return OWN_FAULT
 

@@ -5,7 +5,7 @@ accelerations are those of this linkage, and, where a truth is known, it is wher
 motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -209,14 +209,22 @@ def remark(evidence: Evidence) -> str:
     return f"accelerations keep about {digits} digits: formulations differ by {lost:.1e} at the same states"
 
 
-def trusted_until(evaluator: Evaluator, trajectory: Trajectory) -> float:
-    """The last time [s] up to which nothing is objected to in loops and energy; found by halving, to a sample."""
+def trusted_until(
+    evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, finer: Reference | None = None
+) -> float:
+    """The last time [s] up to which nothing is objected to in loops, energy and motion; found by halving, to a sample.
+
+    `reference` is the truth and `finer` the same run at half the step, where they are known.
+    """
     good, bad = 0, len(trajectory.t)
     while bad - good > 1:
         middle = (good + bad) // 2
         t, q, v, a = (x[: middle + 1] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
         part = Trajectory(t, q, v, a, 0)
-        good, bad = (middle, bad) if judge(examine(evaluator, part)).valid else (good, middle)
+        evidence = examine(evaluator, part, reference)
+        if finer is not None:
+            evidence = replace(evidence, halving=metrics.state_errors(evaluator.mechanism, part, finer))
+        good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
 
 

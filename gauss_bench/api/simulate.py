@@ -23,6 +23,7 @@ from gauss_bench.reference.store import certified_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
+RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # what half the step can tell something of
 LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
 
 
@@ -72,10 +73,11 @@ def simulate(
     fixed = choice.integrator not in offered.adaptive
     with Worker() as worker:
         run = run_of(request, mechanism, limit, worker)
-        truth = certified_until(mechanism, at[-1]) if run.trajectory else None
-        finer = None
-        if run.trajectory and truth is None and fixed:
-            finer = run_of(at_half_the_step(request, run.seconds), mechanism, limit, worker)
+        found, truth, finer = run.trajectory or run.reached, None, None
+        if found is not None and run.status in RAN:
+            truth = certified_until(mechanism, at[-1])
+            if truth is None and fixed and len(found.t) > 1:
+                finer = run_of(at_half_the_step(request, run.seconds, found.t), mechanism, limit, worker)
     return judged(mechanism, engine, choice, run, at, truth, finer)
 
 
@@ -104,6 +106,11 @@ def judged(
         return _judged(mechanism, engine, choice, run, at, truth, finer)
 
 
+def _second(finer: Run | None) -> Reference | None:
+    """What a run at half the step found, in the place of a truth."""
+    return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
+
+
 def evidence_of(
     mechanism: Mechanism, choice: Choice, found: Trajectory, truth: Reference | None, finer: Run | None
 ) -> tuple[Evidence, str]:
@@ -114,11 +121,11 @@ def evidence_of(
         return evidence, ""
     rate = fastest_rate(mechanism, found)
     evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
-    other = finer.trajectory
+    other = _second(finer)
     if other is None:
         return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
     part = "" if len(other.t) == len(found.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
-    return replace(evidence, halving=metrics.state_errors(mechanism, found, as_truth(other))), part
+    return replace(evidence, halving=metrics.state_errors(mechanism, found, other)), part
 
 
 def _judged(
@@ -131,7 +138,7 @@ def _judged(
         evaluator = Evaluator(mechanism)
         evidence, undecided = evidence_of(mechanism, choice, found, truth, finer)
         figures, verdict = measured(evidence, found, run), judge(evidence)
-        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found)
+        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found, truth, _second(finer))
         last, status = float(found.t[-1]), run.status
         chosen = at_times(found, at if run.trajectory else [*(x for x in at if x < last), last])
         if run.trajectory:

@@ -1,8 +1,8 @@
 """What can be found out of a run without knowing the truth: by half the step, by the fastest mode, by a second formulation.
 
 A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine; the own
-linearisation shows whether any step of that length could follow the motion; two formulations of the same accelerations show how many
-digits the linkage leaves them.
+linearisation shows whether any step of that length could follow the motion; two formulations of the same accelerations show how
+many digits the linkage leaves them.
 """
 
 from dataclasses import replace
@@ -26,9 +26,8 @@ MOVED = 1e-6  # of 1 rad and 1 m: large for rounding, small for the curvature of
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
-def at_half_the_step(request: Request, seconds: float) -> Request:
-    """The run asked for again at half the step and the same times; of one that took too many seconds, the first part of it."""
-    times = request.wanted.times
+def at_half_the_step(request: Request, seconds: float, times: Array) -> Request:
+    """The run asked for again at half the step and these times (k,); of one that took too many seconds, the first part of it."""
     if seconds > LONGEST / 2:
         times = times[: max(2, int(len(times) * LONGEST / 2 / seconds))]
     step = request.choice.step / 2
