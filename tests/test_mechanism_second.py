@@ -394,7 +394,8 @@ def test_tables_that_are_none_are_faults_and_nothing_else(value: Any) -> None:
 @pytest.mark.parametrize(("name", "settings"), [("gauss", "default"), ("pinocchio", "default"), ("mujoco", "tuned")])
 def test_equal_steps_keep_their_order_through_kinks_and_jumps(name: str, settings: str) -> None:
     """Tables, a ramp, a switch and a ratchet, at times and by steps that miss all of their kinks; by order four."""
-    needs(name)
+    if name != "gauss":
+        needs(name)
     mechanism, times = load(str(VARYING)), np.linspace(0.0, 0.2, 12)
 
     def moved(by: str, choice: Choice) -> Trajectory:
