@@ -59,12 +59,25 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
     from gauss_bench.suites.read import SuiteError
+    from gauss_bench.sweep.errors import SweepError
     from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(
         error,
-        (LinkageError, ExchangeError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError),
+        (
+            LinkageError,
+            ExchangeError,
+            ChoiceError,
+            CertificateError,
+            MissingExtra,
+            SuiteError,
+            SweepError,
+            TableError,
+            NoRun,
+            Busy,
+            OSError,
+        ),
     )
 
 
@@ -242,6 +255,27 @@ def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
         write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
     if options.animate:
         write_text(options.animate, animate(mechanism, states.t, states.q, points))
+
+
+def sweep(options: argparse.Namespace) -> int:
+    from gauss_bench.sweep.run import How, Where
+    from gauss_bench.sweep.run import sweep as swept
+    from gauss_bench.sweep.summary import text
+
+    engines = [x for names in options.engines or ["gauss-native"] for x in names.split(",")]
+    asked = (
+        options.scenario,
+        options.settings,
+        options.integrator,
+        options.stabilization,
+        options.step,
+        options.until,
+        options.budget,
+    )
+    where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
+    found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
+    print_json(found) if options.json else print(text(found["engines"]))
+    return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
 
 
 def export(options: argparse.Namespace) -> int:
@@ -441,6 +475,7 @@ ACTIONS: dict[str, Verb] = {
     "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
+    "sweep": sweep,
     "export": export,
     "import": bring_in,
     "certify": certify,

@@ -74,6 +74,7 @@ ALLOWED = {
         *LIGHT,
     },
     "cli": {
+        "sweep",
         "advice",
         "mechanism",
         "diagnosis",
