@@ -21,7 +21,7 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, integrate
+from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.model import Mechanism
@@ -261,9 +261,9 @@ class Kernel:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
-        if isinstance(end, Outcome):
+        if isinstance(end, Stop):
             batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._counted(self._driver.resume(batch, end, integrator)).samples[0, -1])
+            return np.asarray(self._counted(self._driver.resume(batch, stopped(end), integrator)).samples[0, -1])
         return end
 
     def _counted(self, outcome: Outcome) -> Outcome:
