@@ -257,6 +257,11 @@ class Kernel:
         self._tallied()
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
+        """Whether the first program does n steps of one state by itself: no other is generated."""
+        done = self._programs.runner(0, integrator).run_one(q0, v0, self._values, float(t0), float(dt), int(n))
+        return not isinstance(done, Outcome)
+
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
