@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gauss_bench.api.options import Verb, parser
+from gauss_bench.api.options import LOCAL, Verb, parser
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
@@ -331,10 +331,13 @@ def bring_in(options: argparse.Namespace) -> int:
 
 
 def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.tables import write_text
 
+    if options.out is not None:
+        usable_folder(options.out)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
     if options.out is not None:
@@ -400,6 +403,7 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
@@ -407,6 +411,7 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
 
+    usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run

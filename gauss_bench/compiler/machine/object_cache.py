@@ -2,17 +2,19 @@
 
 One file for each key, in a folder that belongs to the user and that nobody else may enter. A file holds the hash of its own content
 before it; whatever does not match is as if it were not there. Files are written under another name and then moved, so that two
-processes never see half of one.
+processes never see half of one; what a killed process left under such a name is removed by whoever writes later.
 """
 
 import hashlib
 import os
 import stat
 import tempfile
+import time
 from contextlib import suppress
 from pathlib import Path
 
 DIGEST = hashlib.sha256().digest_size
+PART, LEFT = ".part", 600.0  # ending of unfinished files, and the age [s] from which nobody is writing them any more
 MAGIC = b"gauss-bench kernel 1\n"
 
 
@@ -57,14 +59,26 @@ def store(key: str, code: bytes) -> bool:
     path = trusted()
     if path is None:
         return False
+    _collect(path)
+    name = ""
     try:
-        handle, name = tempfile.mkstemp(dir=path, suffix=".part")
+        handle, name = tempfile.mkstemp(dir=path, suffix=PART)
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + _digest(key, code) + code)
         os.replace(name, path / f"{key}.o")
     except OSError:
+        if name:
+            Path(name).unlink(missing_ok=True)
         return False
     return True
+
+
+def _collect(path: Path) -> None:
+    """Remove what killed processes left."""
+    for left in path.glob(f"*{PART}"):
+        with suppress(OSError):
+            if abs(time.time() - left.stat().st_mtime) > LEFT:  # a clock may have jumped either way
+                left.unlink()
 
 
 def _digest(key: str, code: bytes) -> bytes:
