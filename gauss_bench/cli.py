@@ -157,19 +157,21 @@ def simulate(options: argparse.Namespace) -> int:
 
 def diagnose(options: argparse.Namespace) -> int:
     from gauss_bench.api import diagnose as diagnosed
+    from gauss_bench.api import text
     from gauss_bench.diagnosis.causes import Cause
 
     asked = (options.scenario, options.settings, options.integrator, options.stabilization, options.step, options.until)
     result = diagnosed.diagnose(options.linkage, options.engine, *asked, budget=options.budget, told=tell)
-    print(result.to_json() if options.json else diagnosed.format_diagnosis(result))
+    print(result.to_json() if options.json else text.format_diagnosis(result))
     return 1 if result.cause is Cause.UNKNOWN else 0
 
 
 def selftest(options: argparse.Namespace) -> int:
     from gauss_bench.api import selftest as tested
+    from gauss_bench.api import text
 
     found = tested.selftest(options.only, tell)
-    print_json(tested.as_dict(found)) if options.json else print(tested.format_selftest(found))
+    print_json(tested.as_dict(found)) if options.json else print(text.format_selftest(found))
     return 0 if found.passed else 1
 
 
@@ -254,12 +256,12 @@ def export(options: argparse.Namespace) -> int:
 
 
 def recommend(options: argparse.Namespace) -> int:
-    from gauss_bench.api import recommendation_text as text
+    from gauss_bench.advice.truth import NoTruth
+    from gauss_bench.api import text
     from gauss_bench.api.files import writable
     from gauss_bench.api.recommend import ordered
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.results import plain
-    from gauss_bench.bench.truth import NoTruth
     from gauss_bench.tables import write_text
 
     wanted = (options.position, options.angle, options.force, options.until)

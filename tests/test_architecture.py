@@ -40,6 +40,7 @@ ALLOWED = {
         "tables",
         *LIGHT,
     },
+    "advice": {"mechanism", "engines", "integrate", "reference", "metrics", "bench", *LIGHT},
     "diagnosis": {
         "mechanism",
         "reference",
@@ -56,6 +57,7 @@ ALLOWED = {
     "exchange": {"mechanism", "engines", "compiler", "gauss_bench", *LIGHT},  # files out of the adapters' models, and into linkages
     "atlas": {"mechanism", "engines", "judge", "bench", "exchange", "report", *LIGHT},
     "api": {
+        "advice",
         "mechanism",
         "engines",
         "integrate",
@@ -71,7 +73,20 @@ ALLOWED = {
         "gauss_bench",
         *LIGHT,
     },
-    "cli": {"mechanism", "diagnosis", "engines", "exchange", "atlas", "bench", "reference", "report", "suites", "tables", "api"},
+    "cli": {
+        "advice",
+        "mechanism",
+        "diagnosis",
+        "engines",
+        "exchange",
+        "atlas",
+        "bench",
+        "reference",
+        "report",
+        "suites",
+        "tables",
+        "api",
+    },
     "__init__": set(),
     "__main__": {"cli"},
 }

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.advice.recommending import Recommender, work
+from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, variants
 from gauss_bench.bench.apart import run_apart
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.recommending import Recommender, work
 from gauss_bench.bench.search import Scale, Trial, no_coarser
-from gauss_bench.bench.truth import NoTruth, Truth, between, truth
 from gauss_bench.bench.ways import Run, Way, request_of, sampled
 from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main

@@ -214,7 +214,7 @@ def test_built_twice_is_the_same_byte_for_byte(report: Path, tmp_path: Path) -> 
     rows = invented()
     other = write_run(tmp_path, rows[::-1])
     files = build_report(other)
-    assert len(files) == 16
+    assert len(files) == 17
     for path in files:
         assert path.read_bytes() == (report / path.relative_to(other)).read_bytes(), path.name
     assert not list(other.rglob("*.part"))

@@ -183,23 +183,3 @@ def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, f
         runs=found.runs,
         reference=reference,
     )
-
-
-def format_diagnosis(x: Diagnosis) -> str:
-    """The verdict, and the numbers behind it."""
-    lines = [
-        f"{x.engine} on {x.mechanism} ({x.scenario}), {x.settings}, {x.integrator}, {x.step:g} s, until {x.until:g} s",
-        x.verdict,
-    ]
-    if not x.numbers:
-        return "\n".join(lines)
-    n = x.numbers
-    lines.append(f"largest error {n.error:.2e} (m, rad) at t = {n.at:.4g} s; error bar of the reference {n.bar:.1e}")
-    lines += [f"  {part:20} {amount:.2e}" for part, amount in x.parts.items() if amount > 0]
-    by = [f"{e:.2e} by {f'tolerance {t:g}' if t else f'{h:g} s'}" for e, h, t in zip(n.errors, n.steps, n.tolerances, strict=True)]
-    lines.append(f"errors {', '.join(by)}; order {n.order:.2f}; split up to t = {n.horizon:.3g} s")
-    lines.append(f"loops open by {', '.join(f'{g:.1e}' for g in n.closure)} (m, rad), most at {n.closure_joint}")
-    off = (("told", n.told), ("by which velocities change", n.moved))
-    lines += [f"accelerations {words}: off by {', '.join(f'{e:.1e}' for e in errors)} (relative, median)" for words, errors in off]
-    lines += [f"  explains {e.share:7.2%}: {e.sentence}" for e in x.explanations[:3] if e.share > 0.01]
-    return "\n".join([*lines, f"truth: {x.reference}"])

@@ -6,11 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.recommending import BEATS, LANES, Recommender
 from gauss_bench.api.exchange import told_plainly
 from gauss_bench.api.results import Result
 from gauss_bench.bench.asked import checked_budget, duration
 from gauss_bench.bench.offers import ChoiceError, Offer, offers
-from gauss_bench.bench.recommending import BEATS, LANES, Answer, Recommender, setting_said
 from gauss_bench.bench.search import UNITS
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.bench.worker import WorkerFailure

@@ -28,13 +28,3 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
 def as_dict(found: SelfTest) -> dict[str, Any]:
     """As `--json` prints it."""
     return asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}
-
-
-def format_selftest(found: SelfTest) -> str:
-    """What was planted and not seen, what was seen where nothing was, and how small a fault may be."""
-    lines = [f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in found.findings]
-    lines += [f"FALSE ALARM: {said}" for said in found.false_alarms]
-    lines.append(f"{found.detected} of {found.planted} planted faults detected; {len(found.false_alarms)} false alarms")
-    lines.append(f"{found.silent} checks silent on the sound suite")
-    lines += [f"smallest {x.fault} error seen: {x.size:.1e} {x.unit}" for x in found.smallest]
-    return "\n".join([*lines, f"{found.seconds:.1f} s of processor time"])

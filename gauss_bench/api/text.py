@@ -5,17 +5,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gauss_bench.advice.answer import setting_said
 from gauss_bench.bench.offers import offers
+from gauss_bench.bench.search import UNITS
 from gauss_bench.mechanism.load import built_in, document_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.tables import TABLES
 
 if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name things
+    from gauss_bench.api.diagnose import Diagnosis
     from gauss_bench.bench.conformance import Check
     from gauss_bench.bench.differences import Differences
     from gauss_bench.bench.gate import Verdict
+    from gauss_bench.diagnosis.selftest import SelfTest
 
 SHOWN = 10  # lines of a long list
+SHORT_PROGRAM = 20  # lines of a program that is shown
+SETTING = 56  # columns of a setting
 STATE_KEYS = ("x", "y", "theta", "vx", "vy", "omega")
 POINT_KEYS = ("x", "y", "vx", "vy")
 
@@ -274,3 +280,61 @@ def format_verification(rows: list[dict[str, Any]]) -> str:
             said = f"{row['status']}: {row['message']}"
         lines.append(f"{row['mechanism']:14} {row['scenario']:14} {said}")
     return "\n".join(lines)
+
+
+def format_recommendation(found: dict[str, Any]) -> str:
+    """The object that --json prints, as text."""
+    limits = " and ".join(f"{kind} {x:g} {UNITS[kind]}" for kind, x in found["required"].items())
+    known = ", ".join(f"{found['known'][kind]:.0e} {UNITS[kind]}" for kind in found["required"] if kind in found["known"])
+    lines = [f"{found['mechanism']} / {found['scenario']}, {found['until']:g} s: {limits}, of which settings hold half"]
+    lines.append(f"truth known to {known}; {found['truth']}")
+    heading = "  ".join(f"{kind} error" for kind in found["required"])
+    lines.append(f"  {'engine':16} {'setting':{SETTING}} {heading:>16} {'time of a run':>14} {'ratio (5 % to 95 %)':>22}")
+    lines += [_answer(answer, found["required"]) for answer in found["answers"]]
+    lines += [*(f"Note: {x}." for x in found["remarks"]), found["advice"]]
+    short = next((x["snippet"] for x in found["answers"] if x["snippet"]), "")
+    if 0 < len(short.splitlines()) <= SHORT_PROGRAM:
+        lines += ["", short.rstrip(), ""]
+    return "\n".join([*lines, "Programs that run each of these settings: --out FOLDER."])
+
+
+def _answer(answer: dict[str, Any], required: dict[str, float]) -> str:
+    if answer["status"] != "ok":
+        return f"  {answer['engine']:16} {answer['status']}: {answer['message']}"
+    size = f"tolerance {answer['tolerance']:.2g}" if answer["step"] is None else f"step {answer['step']:.4g} s"
+    setting = f"{setting_said(answer['settings'], answer['integrator'], answer['stabilization'])}, {size}"
+    errors = "  ".join(f"{answer['errors'][kind]:.1e} {UNITS[kind]}" for kind in required)
+    if answer["seconds"] is None:
+        return f"  {answer['engine']:16} {setting:{SETTING}} {errors:>16} {answer['message']}"
+    spread = f"{answer['ratio']:.3g} ({answer['ratio_low']:.3g} to {answer['ratio_high']:.3g})"
+    return f"  {answer['engine']:16} {setting:{SETTING}} {errors:>16} {answer['seconds'] * 1e3:>11.4g} ms {spread:>22}"
+
+
+def format_diagnosis(x: "Diagnosis") -> str:
+    """The verdict, and the numbers behind it."""
+    lines = [
+        f"{x.engine} on {x.mechanism} ({x.scenario}), {x.settings}, {x.integrator}, {x.step:g} s, until {x.until:g} s",
+        x.verdict,
+    ]
+    if not x.numbers:
+        return "\n".join(lines)
+    n = x.numbers
+    lines.append(f"largest error {n.error:.2e} (m, rad) at t = {n.at:.4g} s; error bar of the reference {n.bar:.1e}")
+    lines += [f"  {part:20} {amount:.2e}" for part, amount in x.parts.items() if amount > 0]
+    by = [f"{e:.2e} by {f'tolerance {t:g}' if t else f'{h:g} s'}" for e, h, t in zip(n.errors, n.steps, n.tolerances, strict=True)]
+    lines.append(f"errors {', '.join(by)}; order {n.order:.2f}; split up to t = {n.horizon:.3g} s")
+    lines.append(f"loops open by {', '.join(f'{g:.1e}' for g in n.closure)} (m, rad), most at {n.closure_joint}")
+    off = (("told", n.told), ("by which velocities change", n.moved))
+    lines += [f"accelerations {words}: off by {', '.join(f'{e:.1e}' for e in errors)} (relative, median)" for words, errors in off]
+    lines += [f"  explains {e.share:7.2%}: {e.sentence}" for e in x.explanations[:3] if e.share > 0.01]
+    return "\n".join([*lines, f"truth: {x.reference}"])
+
+
+def format_selftest(found: "SelfTest") -> str:
+    """What was planted and not seen, what was seen where nothing was, and how small a fault may be."""
+    lines = [f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in found.findings]
+    lines += [f"FALSE ALARM: {said}" for said in found.false_alarms]
+    lines.append(f"{found.detected} of {found.planted} planted faults detected; {len(found.false_alarms)} false alarms")
+    lines.append(f"{found.silent} checks silent on the sound suite")
+    lines += [f"smallest {x.fault} error seen: {x.size:.1e} {x.unit}" for x in found.smallest]
+    return "\n".join([*lines, f"{found.seconds:.1f} s of processor time"])

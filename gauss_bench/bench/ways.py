@@ -1,6 +1,6 @@
 """Ways: a variant of an engine at a step or tolerance, run over a linkage's whole motion, judged, and timed.
 
-What `measurements/search.py` and `recommending.py` share: which ways there are, how large the errors of one are (no clock is looked
+What `measurements/search.py` and `../advice` share: which ways there are, how large the errors of one are (no clock is looked
 at), and what of one is raced.
 """
 

@@ -19,6 +19,7 @@ from gauss_bench.report.content import AUTHORS, Block, Finding, Findings, Pictur
 from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import Run, ok, order
+from gauss_bench.report.site.write import write_site
 from gauss_bench.tables import FORMAT, TABLES, TableError, format_of, read_table, write_text
 
 ENVIRONMENT = "environment.json"
@@ -112,7 +113,7 @@ def all_findings(run: Run) -> Iterator[Finding]:
 
 
 def build_report(folder: Path) -> list[Path]:
-    """Write README.md, index.html and figures/*.svg into the folder of a run; returns what was written.
+    """Write README.md, index.html, figures/*.svg and the site into the folder of a run; returns what was written.
 
     Figures that an earlier report wrote there and this one does not are taken away; other files are left alone.
 
@@ -134,7 +135,7 @@ def build_report(folder: Path) -> list[Path]:
         write_text(figures / MANIFEST, json.dumps({"format": FORMAT, "figures": names}, indent=1) + "\n")
     for stale in before - set(names):
         (figures / stale).unlink(missing_ok=True)
-    return list(files)
+    return [*files, *write_site(folder, run)]
 
 
 def manifest(figures: Path) -> set[str]:

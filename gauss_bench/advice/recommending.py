@@ -20,19 +20,19 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.racing import raced_there
+from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.apart import run_apart
-from gauss_bench.bench.clock import Race, common, ratio, spread
+from gauss_bench.bench.clock import common, ratio, spread
 from gauss_bench.bench.offers import offer
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
-from gauss_bench.bench.survived import survived, watching
-from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.truth import NoTruth, Truth, truth
-from gauss_bench.bench.ways import Run, Way, judged, paced_run, request_of, sampled
+from gauss_bench.bench.survived import survived
+from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
 from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
@@ -49,58 +49,12 @@ ORDER = 8.0  # of the truth's method: what it would need is where others begin, 
 SPARE = 8.0  # times the evaluations of the engine's best so far
 CHOICES = 4  # of an engine that race
 NEAR = 4.0  # times the least work of an engine: more is not raced
-ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
-LEAD = 0.03  # [s] of a run at equal steps that is timed
-SLOW = 0.3  # [s] a run that takes longer is timed once
 TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # of the budget, when each ends at the latest
 LAST = 1.25  # times the budget: snippets are written after the race
 LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
 CANNOT = "cannot reach"
 
 Told = Callable[[str], object]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What is recommended of an engine, or why nothing is.
-
-    Attributes:
-        status: "ok", "cannot reach", "skip" or how it failed; message: why.
-        settings, integrator, stabilization: of the engine; empty without a setting.
-        step, tolerance: [s] or relative; one of them.
-        steps: of the run.
-        errors: kind -> largest of the whole run [m], [rad], [N]; of the setting, or of the best that there was.
-        seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
-        ratio, ratio_low, ratio_high: to the fastest engine.
-        tried, variants: how many of its variants were tried, and how many there are.
-        evaluations: runs of the search.
-        complete: whether the search ended before its time.
-        options: of the engine, that its settings stand for.
-        snippet: a program that runs the setting, in the engine's own language where that can be; empty where none is written.
-    """
-
-    engine: str
-    status: str
-    message: str = ""
-    settings: str = ""
-    integrator: str = ""
-    stabilization: str = ""
-    step: float | None = None
-    tolerance: float | None = None
-    steps: int | None = None
-    errors: Mapping[str, float] = field(default_factory=dict)
-    seconds: float | None = None
-    seconds_low: float | None = None
-    seconds_high: float | None = None
-    ratio: float | None = None
-    ratio_low: float | None = None
-    ratio_high: float | None = None
-    tried: int = 0
-    variants: int = 0
-    evaluations: int = 0
-    complete: bool = True
-    options: Mapping[str, Any] = field(default_factory=dict)
-    snippet: str = ""
 
 
 class _Over(Exception):
@@ -353,7 +307,7 @@ class Recommender:
             return {}
         self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
         rows = [[*way, steps] for way, steps in chosen.items()]
-        place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until)
+        place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
         deadline = time.time() + self.left(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
         try:
@@ -440,39 +394,3 @@ def said(way: Way, engine: "_Engine | None" = None, adaptive: bool = False) -> s
     adaptive = adaptive or (engine is not None and way.integrator in engine.adaptive)
     size = f"tolerance {way.size:.2g}" if adaptive else f"step {way.size:.4g} s"
     return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"
-
-
-def setting_said(settings: str, integrator: str, stabilization: str) -> str:
-    """A setting in words, each once: variants are often called by what they choose."""
-    words = [] if settings == "default" else [settings]
-    words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
-    return ", ".join(words)
-
-
-def raced_there(
-    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], deadline: float, engines: Sequence[str], path: str
-) -> Tables:
-    """Ways, each with its steps, raced in the process of a worker until `deadline` (time.time); those that matter come first."""
-    run = Run(linkage, load(linkage, scenario), until)
-    race, round_time = Race(watching(path)), 0.0
-    slow: dict[str, tuple[Way, float]] = {}
-    for row in (r for r in rows if r[0] in engines):
-        way, steps = Way(*row[:5]), row[5]
-        left = deadline - time.time() - ROUNDS[0] * round_time
-        if (race.blocks and left <= 0) or way.engine in slow:
-            continue
-        race.add(way, paced_run, run, way, int(steps), LEAD, BEATS)
-        if not (race.blocks and race.blocks[-1].entry == way):
-            continue
-        begun = time.time()
-        seconds = race.blocks[-1].seconds()
-        taken = time.time() - begun
-        if taken > SLOW:  # far behind all that a race could tell apart: once is enough
-            slow[way.engine] = way, seconds
-            race.blocks.pop()
-        else:
-            round_time += taken
-    rounds = int(min(max((deadline - time.time()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
-    found = race.run(rounds).samples
-    told = [{"way": list(way), "seconds": x.tolist()} for way, x in found.items() if isinstance(way, Way)]
-    return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

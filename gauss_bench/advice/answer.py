@@ -1,0 +1,55 @@
+"""What is recommended of an engine, and settings in words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is recommended of an engine, or why nothing is.
+
+    Attributes:
+        status: "ok", "cannot reach", "skip" or how it failed; message: why.
+        settings, integrator, stabilization: of the engine; empty without a setting.
+        step, tolerance: [s] or relative; one of them.
+        steps: of the run.
+        errors: kind -> largest of the whole run [m], [rad], [N]; of the setting, or of the best that there was.
+        seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
+        ratio, ratio_low, ratio_high: to the fastest engine.
+        tried, variants: how many of its variants were tried, and how many there are.
+        evaluations: runs of the search.
+        complete: whether the search ended before its time.
+        options: of the engine, that its settings stand for.
+        snippet: a program that runs the setting, in the engine's own language where that can be; empty where none is written.
+    """
+
+    engine: str
+    status: str
+    message: str = ""
+    settings: str = ""
+    integrator: str = ""
+    stabilization: str = ""
+    step: float | None = None
+    tolerance: float | None = None
+    steps: int | None = None
+    errors: Mapping[str, float] = field(default_factory=dict)
+    seconds: float | None = None
+    seconds_low: float | None = None
+    seconds_high: float | None = None
+    ratio: float | None = None
+    ratio_low: float | None = None
+    ratio_high: float | None = None
+    tried: int = 0
+    variants: int = 0
+    evaluations: int = 0
+    complete: bool = True
+    options: Mapping[str, Any] = field(default_factory=dict)
+    snippet: str = ""
+
+
+def setting_said(settings: str, integrator: str, stabilization: str) -> str:
+    """A setting in words, each once: variants are often called by what they choose."""
+    words = [] if settings == "default" else [settings]
+    words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
+    return ", ".join(words)

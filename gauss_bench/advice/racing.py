@@ -1,0 +1,55 @@
+"""What holds a requirement, raced in the process of a worker: first choices of every engine first, as long as there is time."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from gauss_bench.bench.clock import Race
+from gauss_bench.bench.survived import watching
+from gauss_bench.bench.tasks import Tables
+from gauss_bench.bench.ways import Run, Way, paced_run
+from gauss_bench.mechanism.load import load
+
+ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
+LEAD = 0.03  # [s] of a run at equal steps that is timed
+SLOW = 0.3  # [s] a run that takes longer is timed once
+
+
+def raced_there(
+    linkage: str,
+    scenario: str,
+    until: float,
+    samples: int,
+    rows: Sequence[Sequence[Any]],
+    deadline: float,
+    engines: Sequence[str],
+    path: str,
+) -> Tables:
+    """Ways, each with its steps, raced in the process of a worker until `deadline` (time.time); those that matter come first.
+
+    Args:
+        samples: of a run by steps of its own choice.
+    """
+    run = Run(linkage, load(linkage, scenario), until)
+    race, round_time = Race(watching(path)), 0.0
+    slow: dict[str, tuple[Way, float]] = {}
+    for row in (r for r in rows if r[0] in engines):
+        way, steps = Way(*row[:5]), row[5]
+        left = deadline - time.time() - ROUNDS[0] * round_time
+        if (race.blocks and left <= 0) or way.engine in slow:
+            continue
+        race.add(way, paced_run, run, way, int(steps), LEAD, samples)
+        if not (race.blocks and race.blocks[-1].entry == way):
+            continue
+        begun = time.time()
+        seconds = race.blocks[-1].seconds()
+        taken = time.time() - begun
+        if taken > SLOW:  # far behind all that a race could tell apart: once is enough
+            slow[way.engine] = way, seconds
+            race.blocks.pop()
+        else:
+            round_time += taken
+    rounds = int(min(max((deadline - time.time()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
+    found = race.run(rounds).samples
+    told = [{"way": list(way), "seconds": x.tolist()} for way, x in found.items() if isinstance(way, Way)]
+    return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}
