@@ -9,7 +9,7 @@ The search for a cheap elimination: partitions and pivot orders are tried, and t
 Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
 operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
 trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
-its length depends on the linkage alone, so that a linkage always gives the same program.
+its length depends on the linkage alone, so that a linkage always gives the same program; its outcome is remembered (remembered.py).
 """
 
 from collections.abc import Iterable
@@ -25,6 +25,7 @@ from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, c
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_off_constraints, error_on_constraints
+from gauss_bench.compiler.elimination.remembered import name_of, recall, remember
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -116,6 +117,18 @@ def cheapest(
     return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
 
 
+def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
+    """What an earlier search found, eliminated again; None where nothing is known, or where it does not serve."""
+    kept = recall(name)
+    if kept is None:
+        return None
+    plan, search = kept
+    try:
+        return attempted(workspace(known, open_parameters, plan), [search])[0]
+    except KernelError:
+        return None
+
+
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
     plans = [Plan("lagrange", (), drop)] if formulation != "gauss" else []
@@ -184,6 +197,7 @@ def generate(
     baumgarte: tuple[float, float] | None = None,
     aim: str = "single",
     drop: int = 0,
+    remembered: bool = False,
 ) -> Program:
     """The program of a mechanism.
 
@@ -194,6 +208,7 @@ def generate(
         baumgarte: alpha, beta [1/s] of the stabilised variant.
         aim: "single" for a short chain of operations, "batch" for few operations.
         drop: which choice of redundant rows is dropped, of `drops`.
+        remembered: whether what an earlier search found is taken from the user's cache, and what this one finds is kept there.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
@@ -204,7 +219,12 @@ def generate(
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(known, cheapest(known, open_parameters, formulation, independent, aim, drop), baumgarte)
+    name = name_of(mechanism, open_parameters, formulation, independent, aim, drop, ATTEMPTS) if remembered else None
+    best = _recalled(known, open_parameters, name)
+    if best is None:
+        best = cheapest(known, open_parameters, formulation, independent, aim, drop)
+        remember(name, best.work.plan, best.search)
+    program = _written(known, best, baumgarte)
     check(program, mechanism)
     return program
 
