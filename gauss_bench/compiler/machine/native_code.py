@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.machine.graph import Routine
 from gauss_bench.compiler.machine.llvm import Listing, listing
-from gauss_bench.compiler.machine.source import in_python
+from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -205,6 +205,11 @@ class Target:
     backend: str
     lanes: int
     cache: bool
+
+
+def in_plain_c(*routines: Routine) -> str:
+    """Routines as one file for any compiler of C, each for one trajectory."""
+    return C_HEADER + "\n".join(map(in_c, routines))
 
 
 class Loaded:
