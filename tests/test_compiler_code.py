@@ -17,6 +17,7 @@ import gauss_bench
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.program import generate
+from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import graph, native_code, trigonometry
@@ -389,6 +390,39 @@ def test_redundant_rows_are_dropped_by_pose(stabilization: str) -> None:
     cranks = q[:, [2, 5, 8]] - m.q0[[2, 5, 8]]
     assert np.abs(cranks[-1]).max() > 2 * np.pi
     assert np.ptp(cranks, axis=1).max() < 1e-8
+
+
+def test_native_code_hands_over_from_row_to_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fifteen times in a second, where nothing projects: an interpreted correction takes as long as a thousand steps."""
+
+    def interpreted(*_: object) -> None:
+        raise AssertionError("the state was taken back by numpy")
+
+    m, code = mechanism("parallelogram"), kernel("parallelogram")
+    expected = np.concatenate(code.rollout(m.q0, m.v0, H, 10_000))
+    monkeypatch.setattr(RankDecision, "project", interpreted)
+    found = np.concatenate(code.rollout(m.q0, m.v0, 1e-3, 1000))
+    assert code.switches > 10
+    assert code.fallbacks == code.lost == 0
+    assert np.abs(found - expected).max() < 1e-6  # steps ten times as long, of order 4
+    assert residuals(m, found[None, : m.n], found[None, m.n :])[0].max() < 1e-8
+
+
+def test_a_state_is_taken_back_to_the_nearest_one() -> None:
+    """Off by 1e-6 in all coordinates: native code and numpy agree in second order; no number has no way back."""
+    m, programs = mechanism("parallelogram"), kernel("parallelogram")._programs
+    q, v = (x[5] for x in motion("parallelogram"))
+    off = 1e-6 * np.random.default_rng(5).normal(size=2 * m.n)
+    state = np.concatenate([q, v]) + off
+    settled = programs.settled(0, 0.0, state, programs.values)
+    assert settled is not None
+    nearest = np.concatenate(RankDecision(m).project(0.0, state[: m.n], state[m.n :]))
+    assert np.abs(settled - nearest).max() < 1e-9
+    phi, phi_dot = residuals(m, settled[None, : m.n], settled[None, m.n :])
+    assert phi.max() < 1e-13
+    assert phi_dot.max() < 1e-12 * (1 + np.abs(v).max())
+    assert programs.settled(0, 0.0, np.full(2 * m.n, np.nan), programs.values) is None
+    assert programs.settled(0, 0.0, state + 1.0, programs.values) is None  # too far for Newton's method
 
 
 def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:

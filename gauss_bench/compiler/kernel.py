@@ -22,7 +22,7 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, integrate
+from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.model import Mechanism
@@ -259,13 +259,18 @@ class Kernel:
         self._tallied()
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
+        """Whether the first program does n steps of one state by itself: no other is generated."""
+        done = self._programs.runner(0, integrator).run_one(q0, v0, self._values, float(t0), float(dt), int(n))
+        return not isinstance(done, Outcome)
+
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         self.switches = self.fallbacks = self.lost = 0
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
-        if isinstance(end, Outcome):
+        if isinstance(end, Stop):
             batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._counted(self._driver.resume(batch, end, integrator)).samples[0, -1])
+            return np.asarray(self._counted(self._driver.resume(batch, stopped(end), integrator)).samples[0, -1])
         return end
 
     def _counted(self, outcome: Outcome) -> Outcome:

@@ -292,6 +292,9 @@ class LoopedPrograms:
         """Infinite where all guards of a program hold at a state, else 0."""
         return np.inf if self.evaluators[k].one(t, state[: self.n], state[self.n :], p) is not None else 0.0
 
+    def settled(self, k: int, t: float, state: Floats, p: Floats) -> None:
+        """None: states are taken back onto the constraints within steps alone."""
+
     def accelerations(self, k: int, t: Floats, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
         return self.evaluators[k].accelerations(t, np.concatenate([q, v], axis=1), p)

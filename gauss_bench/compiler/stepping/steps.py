@@ -241,10 +241,11 @@ class Builder:
             least = g.make("select", g.make("lt", ratio, least), ratio, least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def corrected_velocity(self) -> list[int]:
+    def corrected_velocity(self, q: list[int] | None = None) -> list[int]:
+        """Velocities on the constraints at the positions q, or at the beginning of the step."""
         if not self.code.projected:
             return self.v
-        (dv,) = inline(self.g, self.code.velocity, ([self.t], self.q, self.v, self.p), self.sincos)
+        (dv,) = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
         return [self.g.add(x, d) for x, d in zip(self.v, dv, strict=True)]
 
     def corrected_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
