@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
 BAD_INPUT = 2
+PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
 
 def command() -> int:
@@ -206,43 +207,48 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
 def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api import kinematics as moved
     from gauss_bench.api import text
+    from gauss_bench.api.files import told_files
     from gauss_bench.api.results import plain
+    from gauss_bench.tables import write_text
 
+    kinds, printed = {"plot": (".svg",), "animate": (".svg",), "out": (".csv",)}, options.out == PRINTED
+    asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
+    files = told_files(asked_files, kinds, options.replace)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
     result = moved.kinematics(options.linkage, *asked, hold=options.hold)
-    pictures(options, result)
-    if options.json:
+    contents = pictures(options, result, [*files])
+    table = moved.table(result).to_csv(index=False, lineterminator="\n") if options.out else ""
+    if "out" in files:
+        contents["out"] = table
+    for name, content in contents.items():  # all of them, once all of them could be made
+        write_text(files[name], content)
+    if printed:
+        print(table, end="")
+    elif options.json:
         print(result.to_json())
-    elif options.out:
-        csv = moved.table(result).to_csv(index=False, lineterminator="\n")
-        if options.out == "csv":
-            print(csv, end="")
-        else:
-            from gauss_bench.tables import write_text
-
-            write_text(Path(options.out), csv)
-    else:
+    elif not options.out:
         print(text.format_kinematics(plain(result.as_dict())))
     if result.status != "ok":
         print(result.message, file=sys.stderr)
     return 0 if result.status == "ok" else 1
 
 
-def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
-    """Write the plot and the animation that were asked for."""
+def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str]) -> dict[str, str]:
+    """The plot and the animation, as far as they are wanted."""
     from gauss_bench.api import kinematics as moved
     from gauss_bench.report.drawings.animation import animate
     from gauss_bench.report.drawings.curves import curves
-    from gauss_bench.tables import write_text
 
-    if not (options.plot or options.animate):
-        return
+    if not {"plot", "animate"} & {*wanted}:
+        return {}
     mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
-    if options.plot:
-        write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
-    if options.animate:
-        write_text(options.animate, animate(mechanism, states.t, states.q, points))
+    found = {}
+    if "plot" in wanted:
+        found["plot"] = curves(mechanism, states.t, states.q, states.v, states.a, points)
+    if "animate" in wanted:
+        found["animate"] = animate(mechanism, states.t, states.q, points)
+    return found
 
 
 def export(options: argparse.Namespace) -> int:

@@ -105,9 +105,10 @@ def _kinematics(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--method", choices=("loop", "basic", "native"), default="loop", help="link units, points, or compiled loops")
     verb.add_argument("--plot", type=Path, metavar="SVG", help="paths, velocities and accelerations of the points")
     verb.add_argument("--animate", type=Path, metavar="SVG", help="the linkage moving")
+    verb.add_argument("--replace", action="store_true", help="write over files that are there already")
     form = verb.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true")
-    form.add_argument("--out", metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
+    form.add_argument("--out", type=Path, metavar="CSV", help="a table: to this file, or to stdout where it is 'csv'")
 
 
 def _recommend(verb: argparse.ArgumentParser) -> None:
