@@ -11,6 +11,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -437,10 +438,25 @@ def run(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.bench.differences import clocked, differences
+    from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
+    from gauss_bench.tables import read_environment
 
-    for path in build_report(options.out):
-        print(path)
+    if options.publish:
+        check_publishable(options.out)
+    if options.against:
+        folders = options.out, options.against
+        found, moved = differences(*folders), clocked(*folders)
+        where = read_environment(options.out), read_environment(options.against)
+        if options.json:
+            print_json({"accuracy": asdict(found), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
+        else:
+            print(text.format_changes(found, moved, where))
+        return 0
+    files = build_report(options.out)
+    print_json([str(path) for path in files]) if options.json else print(*files, sep="\n")
     return 0
 
 

@@ -191,7 +191,7 @@ def test_rooms_of_the_compiler_form_a_chain() -> None:
     steps = [place[a] - place[b] for a, b in between if a in place and b in place and a != b]
     assert min(steps) > 0
     assert sum(step > 1 for step in steps) <= 4
-    assert {b for a, b in between if a in place and b not in place} <= {"errors"}
+    assert {b for a, b in between if a in place and b not in place} <= {"errors", "user_cache"}
     for name in CHAIN:
         assert (COMPILER / name / "README.md").is_file()
         assert len(list((COMPILER / name).glob("*.py"))) <= 12

@@ -14,7 +14,7 @@ import pytest
 
 from gauss_bench import cli
 from gauss_bench.bench.journal import Journal, entry_of, line_of
-from gauss_bench.compiler.machine import object_cache
+from gauss_bench.compiler import user_cache
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference import store
 from gauss_bench.reference.store import read_reference, stored_reference
@@ -104,14 +104,14 @@ def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, c
 
 def test_what_killed_processes_left_among_object_code_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert object_cache.store("first", b"code")
-    left = [object_cache.folder() / f"{name}.part" for name in ("old", "ahead", "new")]
+    assert user_cache.store("first", b"code")
+    left = [user_cache.folder() / f"{name}.part" for name in ("old", "ahead", "new")]
     for path, age in zip(left, (-7200.0, 7200.0, 0.0), strict=True):
         path.write_bytes(b"half")
         os.utime(path, (time.time() + age,) * 2)
-    assert object_cache.store("second", b"code")
+    assert user_cache.store("second", b"code")
     assert [path.exists() for path in left] == [False, False, True]  # somebody may be writing the last one
-    assert object_cache.load("first") == object_cache.load("second") == b"code"
+    assert user_cache.load("first") == user_cache.load("second") == b"code"
 
 
 @pytest.mark.parametrize("verb", [["run", "four_bar", "--no-costs"], ["atlas"]])

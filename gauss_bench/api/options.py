@@ -222,6 +222,10 @@ def _run(verb: argparse.ArgumentParser) -> None:
 
 def _report(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--out", type=Path, default=LOCAL, metavar="DIR", help=f"the folder of the run ({LOCAL})")
+    told = "write no pages, but say as Markdown what the run found otherwise than the one there, of this or an earlier format"
+    verb.add_argument("--against", type=Path, metavar="DIR", help=told)
+    verb.add_argument("--publish", action="store_true", help="refuse a run that may not be published: of changed code, or unnamed")
+    verb.add_argument("--json", action="store_true")
 
 
 def _check(verb: argparse.ArgumentParser) -> None:

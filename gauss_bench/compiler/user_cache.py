@@ -1,8 +1,9 @@
-"""Object code on disk: machine code that will be run, and so nothing is loaded that this user has not written.
+"""What generation found out, on disk: object code by `NAME.o`, choices of a search by `NAME.json`.
 
-One file for each key, in a folder that belongs to the user and that nobody else may enter. A file holds the hash of its own content
-before it; whatever does not match is as if it were not there. Files are written under another name and then moved, so that two
-processes never see half of one; what a killed process left under such a name is removed by whoever writes later.
+Machine code will be run, and so nothing is loaded that this user has not written. All is in one folder that belongs to the user and
+that nobody else may enter. A file holds the hash of its own content before it; whatever does not match is as if it were not there.
+Files are written under another name and then moved, so that two processes never see half of one; what a killed process left under
+such a name is removed by whoever writes later.
 """
 
 import hashlib
@@ -15,11 +16,11 @@ from pathlib import Path
 
 DIGEST = hashlib.sha256().digest_size
 PART, LEFT = ".part", 600.0  # ending of unfinished files, and the age [s] from which nobody is writing them any more
-MAGIC = b"gauss-bench kernel 1\n"
+MAGIC = b"gauss-bench cache 2\n"
 
 
 def folder() -> Path:
-    """Where object code is kept."""
+    """Where all this is kept."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
     return home / "gauss-bench" / "kernels"
@@ -40,35 +41,35 @@ def trusted() -> Path | None:
     return path if stat.S_ISDIR(status.st_mode) and own and closed else None
 
 
-def load(key: str) -> bytes | None:
-    """The object code kept under a key, or None."""
+def load(name: str) -> bytes | None:
+    """What is kept under a name, or None."""
     path = trusted()
     if path is None:
         return None
     try:
-        content = (path / f"{key}.o").read_bytes()
+        content = (path / name).read_bytes()
     except OSError:
         return None
     head = len(MAGIC) + DIGEST
-    code = content[head:]
-    return code if content[:head] == MAGIC + _digest(key, code) and code else None
+    kept = content[head:]
+    return kept if content[:head] == MAGIC + _digest(name, kept) and kept else None
 
 
-def store(key: str, code: bytes) -> bool:
-    """Keep object code; False where it cannot be kept."""
+def store(name: str, content: bytes) -> bool:
+    """Keep this under a name; False where it cannot be kept."""
     path = trusted()
     if path is None:
         return False
     _collect(path)
-    name = ""
+    unfinished = ""
     try:
-        handle, name = tempfile.mkstemp(dir=path, suffix=PART)
+        handle, unfinished = tempfile.mkstemp(dir=path, suffix=PART)
         with os.fdopen(handle, "wb") as file:
-            file.write(MAGIC + _digest(key, code) + code)
-        os.replace(name, path / f"{key}.o")
+            file.write(MAGIC + _digest(name, content) + content)
+        os.replace(unfinished, path / name)
     except OSError:
-        if name:
-            Path(name).unlink(missing_ok=True)
+        if unfinished:
+            Path(unfinished).unlink(missing_ok=True)
         return False
     return True
 
@@ -81,5 +82,5 @@ def _collect(path: Path) -> None:
                 left.unlink()
 
 
-def _digest(key: str, code: bytes) -> bytes:
-    return hashlib.sha256(key.encode() + code).digest()
+def _digest(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + content).digest()
