@@ -4,6 +4,7 @@ import gc
 import mmap
 import os
 import weakref
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.compiler import user_cache
+from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
-from gauss_bench.compiler.machine import graph, native_code, object_cache, trigonometry
+from gauss_bench.compiler.machine import graph, native_code, trigonometry
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import Graph
 from gauss_bench.compiler.machine.llvm import listing
@@ -675,39 +678,57 @@ def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: 
     assert compile_kernel(m).from_cache  # rebuilt in place
 
 
-def test_object_code_belongs_to_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_object_code_belongs_to_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert object_cache.store("a", b"code")
-    assert object_cache.load("a") == b"code"
-    folder = object_cache.folder()
+    assert user_cache.store("a.o", b"code")
+    assert user_cache.load("a.o") == b"code"
+    folder = user_cache.folder()
     (folder / "b.o").write_bytes((folder / "a.o").read_bytes())
-    assert object_cache.load("b") is None  # a file under another name
+    assert user_cache.load("b.o") is None  # a file under another name
     (folder / "a.o").write_bytes((folder / "a.o").read_bytes()[:-1])
-    assert object_cache.load("a") is None
+    assert user_cache.load("a.o") is None
+
+
+def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    m, searches = mechanism("four_bar"), []
+    search = elimination.cheapest
+    monkeypatch.setattr(elimination, "cheapest", lambda *asked: (searches.append(asked), search(*asked))[1])
+    first, again = generate(m, remembered=True), generate(m, remembered=True)
+    assert len(searches) == 1
+    assert again.acceleration.instructions == first.acceleration.instructions
+    assert again.residual.instructions == first.residual.instructions
+    assert generate(m).acceleration.instructions == first.acceleration.instructions
+    heavier = replace(m, links=(replace(m.links[0], mass=2 * m.links[0].mass), *m.links[1:]))
+    assert generate(heavier, remembered=True).acceleration.instructions != first.acceleration.instructions
+    generate(m, "lagrange", remembered=True)
+    assert len(searches) == 4
+    generate(replace(m, title="another", source="elsewhere.toml"), remembered=True)
+    assert len(searches) == 4  # words are no numbers
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no POSIX permissions")
 def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    object_cache.store("a", b"code")
-    folder = object_cache.folder()
+    user_cache.store("a.o", b"code")
+    folder = user_cache.folder()
     folder.chmod(0o755)
-    assert object_cache.load("a") is None
-    assert not object_cache.store("b", b"code")
+    assert user_cache.load("a.o") is None
+    assert not user_cache.store("b.o", b"code")
     folder.chmod(0o700)
     uid = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: uid + 1)
-    assert object_cache.load("a") is None
-    assert not object_cache.store("b", b"code")
+    assert user_cache.load("a.o") is None
+    assert not user_cache.store("b.o", b"code")
 
 
 def test_a_link_in_place_of_the_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir(mode=0o700)
-    object_cache.folder().parent.mkdir(parents=True)
-    object_cache.folder().symlink_to(elsewhere)
-    assert not object_cache.store("a", b"code")
+    user_cache.folder().parent.mkdir(parents=True)
+    user_cache.folder().symlink_to(elsewhere)
+    assert not user_cache.store("a.o", b"code")
     assert not list(elsewhere.iterdir())
 
 
