@@ -19,7 +19,7 @@ import os
 import sys
 from pathlib import Path
 from tempfile import mkstemp
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -118,24 +118,23 @@ class Log:
 
     def __init__(self, exu: Any) -> None:
         self.exu = exu
-        self.file: Path | None = None
+        self.file: IO[str] | None = None
 
     def open(self) -> None:
         self.close()
         handle, name = mkstemp(suffix=".log")
-        os.close(handle)
-        self.file = Path(name)
+        self.file = os.fdopen(handle, errors="replace")
         self.exu.SetWriteToFile(name, True, False, True)  # flushed line by line: closing does not flush
+        os.unlink(name)  # both hold it open; a process that is killed leaves no file behind
 
     def close(self) -> str | None:
         """End the file and return its first warning."""
         if self.file is None:
             return None
         self.exu.SetWriteToFile("", False)
-        text = self.file.read_text(errors="replace")
-        self.file.unlink()
-        self.file = None
-        return next((line.strip() for line in text.splitlines() if "warning" in line.lower()), None)
+        with self.file as lines:
+            self.file = None
+            return next((line.strip() for line in lines if "warning" in line.lower()), None)
 
 
 class ExudynModel:
