@@ -5,6 +5,10 @@ NaN, a missing flag None. Writing refuses what the schema does not know, so that
 schema's columns and leaves alone what others may have added to a file. The folder of a run carries the format's number and the
 schema itself in `tables.json`; a folder without it is of format 1 and is brought up to date while it is read (`migrated`), one of
 a later format is refused. A new table is one entry of TABLES.
+
+What a clock decides lies apart, in files of the folder `times` with the same names, rounded to what its spread supports: a run that
+is made again changes those files and, of all others, the rows whose figures moved. Whoever reads a table gets both parts as one.
+Where, when and with what a run was made stands in `environment.json` alone.
 """
 
 import csv
@@ -12,13 +16,16 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-FORMAT = 3
+FORMAT = 4
+BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
+TIMES = "times"  # the folder of what a clock decides
 SCHEMA_FILE = "tables.json"
+ENVIRONMENT = "environment.json"  # where, when and with what a run was made
 DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
 
 Row = Mapping[str, Any]
@@ -38,6 +45,7 @@ class Column:
         meaning: in words.
         unit: "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
+        timed: whether a clock decides it: it lies apart then, and is rounded.
     """
 
     name: str
@@ -45,20 +53,41 @@ class Column:
     meaning: str
     unit: str = ""
     exact: bool = False
+    timed: bool = False
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table: what a row is, and its columns; the first `keys` of them tell rows apart."""
+    """A table: what a row is, and its columns; the first `keys` of them tell rows apart.
+
+    Attributes:
+        timed: whether a clock decides which rows there are: all of it lies apart then.
+    """
 
     meaning: str
     columns: tuple[Column, ...]
     keys: int = 0
     suffix: Literal["csv", "parquet"] = "csv"
+    timed: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(c.name for c in self.columns)
+
+    @property
+    def parts(self) -> "dict[str, tuple[Column, ...]]":
+        """The columns of its files, by the folder that each lies in: "" or `times`, the latter with the key and what is timed."""
+        apart = tuple(c for c in self.columns if c.timed)
+        if self.timed:
+            return {TIMES: self.columns}
+        if not apart:
+            return {"": self.columns}
+        return {"": tuple(c for c in self.columns if not c.timed), TIMES: (*self.key, *apart)}
+
+    @property
+    def key(self) -> tuple[Column, ...]:
+        """The columns that tell rows apart."""
+        return self.columns[: self.keys]
 
 
 def text(name: str, meaning: str) -> Column:
@@ -82,6 +111,11 @@ def spread(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
     )
 
 
+def by_clock(*columns: Column) -> tuple[Column, ...]:
+    """The same columns, as what a clock decides."""
+    return tuple(replace(c, timed=True) for c in columns)
+
+
 WHERE = (text("mechanism", "name of the linkage"), text("scenario", "of the linkage file"))
 METHOD = (
     text("engine", "as the command line calls it"),
@@ -97,9 +131,10 @@ CASE = (
 )
 KEY = tuple(c.name for c in CASE)
 OUTCOME = (text("status", "ok, or how it ended"), text("message", "why it did not end ok"))
-SECONDS = spread("seconds", "lower quartile of processor time", "s")
-RIVALS = (number("rival_seconds", "the same of what it is compared with", "s"), *spread("ratio", "rival_seconds / seconds"))
+SECONDS = by_clock(*spread("seconds", "lower quartile of processor time", "s"))
+RIVALS = by_clock(number("rival_seconds", "the same of what it is compared with", "s"), *spread("ratio", "rival_seconds / seconds"))
 AIM = (number("target", "what was aimed at"), flag("met", "whether it is reached"))
+TIMED_AIM = (AIM[0], *by_clock(AIM[1]))
 CHECKPOINTS = {"t05": 0.5, "t1": 1.0, "t2": 2.0}  # [s]
 
 
@@ -126,15 +161,21 @@ def _levels(meaning: str) -> tuple[Column, ...]:
     return tuple(number(level, f"{meaning} of {level}s") for level in ("position", "velocity", "acceleration"))
 
 
-def _over_processes(begins: str, meaning: str) -> tuple[Column, ...]:
-    """A ratio from several processes, and whether it is above 1 in all of them, below 1, or neither."""
-    return (
-        number(f"{begins}ratio", f"{meaning}: median of the processes"),
-        number(f"{begins}ratio_low", f"{meaning}: least of them"),
-        number(f"{begins}ratio_high", f"{meaning}: largest of them"),
-        text(f"{begins}verdict", "holds, open or reversed"),
+def _over_processes(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
+    """A median over several processes, and their range."""
+    return by_clock(
+        number(name, f"{meaning}: median of the processes", unit),
+        number(f"{name}_low", f"{meaning}: least of them", unit),
+        number(f"{name}_high", f"{meaning}: largest of them", unit),
     )
 
+
+def _claimed(begins: str, meaning: str) -> tuple[Column, ...]:
+    """A ratio from several processes, and whether it is above 1 in all of them, below 1, or neither."""
+    return (*_over_processes(f"{begins}ratio", meaning), *by_clock(text(f"{begins}verdict", "holds, open or reversed")))
+
+
+RACED = _over_processes("seconds", "lower quartile of processor time", "s")
 
 RESULTS = Table(
     "one case of the accuracy suites: a linkage, an engine and everything that was chosen for it",
@@ -171,8 +212,10 @@ RESULTS = Table(
         number("acceleration_residual", "largest second rate of it", "m/s^2, rad/s^2"),
         number("energy_error", "largest error of the balance of energy, work and losses", "J"),
         number("energy_error_bar", "of that balance's quadrature", "J"),
-        number("build_time", "of the model and its first step, generated code taken from the store", "s"),
-        number("cold_build_time", "the same of the first model in a new process, with nothing stored", "s"),
+        *by_clock(
+            number("build_time", "of the model and its first step, generated code taken from the store", "s"),
+            number("cold_build_time", "the same of the first model in a new process, with nothing stored", "s"),
+        ),
         *(
             column
             for name, words in (
@@ -180,7 +223,9 @@ RESULTS = Table(
                 ("native_step", "one step in the engine's own loop"),
                 ("acceleration", "one acceleration called from Python"),
             )
-            for column in (number(f"{name}_time", words, "s"), *spread(f"{name}_ratio", f"{words}, to the baseline engine's"))
+            for column in by_clock(
+                number(f"{name}_time", words, "s"), *spread(f"{name}_ratio", f"{words}, to the baseline engine's")
+            )
         ),
     ),
     len(CASE),
@@ -231,13 +276,16 @@ TABLES: dict[str, Table] = {
         ),
         8,
         "parquet",
+        timed=True,
     ),
     "lost": Table(
         "a task whose worker was lost, of tables whose rows have no status",
         (text("table", "that it was to fill"), *WHERE, *OUTCOME),
         3,
     ),
-    "untimed": Table("what could not be timed", (*WHERE, *METHOD, text("quantity", "what was to be timed"), *OUTCOME), 7),
+    "untimed": Table(
+        "what could not be timed", (*WHERE, *METHOD, text("quantity", "what was to be timed"), *OUTCOME), 7, timed=True
+    ),
     "agreement": Table(
         "kinematics of a driven turn, one way against another",
         (text("mechanism", "name of the linkage"), text("first", "one way"), text("second", "the other"), *_levels("difference")),
@@ -391,10 +439,11 @@ TABLES: dict[str, Table] = {
             text("quantity", "in words"),
             text("unit", "of the value"),
             *OUTCOME,
-            *spread("value", "measured", "unit"),
+            *by_clock(*spread("value", "measured", "unit")),
             text("statement", "of what is not measured"),
         ),
         1,
+        timed=True,
     ),
     "kernel_steps": Table(
         "a step of a compiled formulation in its own loop, against another engine's",
@@ -408,9 +457,10 @@ TABLES: dict[str, Table] = {
             *OUTCOME,
             *SECONDS,
             *RIVALS,
-            *AIM,
+            *TIMED_AIM,
         ),
         6,
+        timed=True,
     ),
     "claim_races": Table(
         "n - m unknowns against n + m in one process",
@@ -423,6 +473,7 @@ TABLES: dict[str, Table] = {
             *RIVALS,
         ),
         4,
+        timed=True,
     ),
     "kernel_claim": Table(
         "n - m unknowns against n + m, with nothing else that differs",
@@ -439,9 +490,9 @@ TABLES: dict[str, Table] = {
             ),
             *OUTCOME,
             number("processes", "that raced to an end"),
-            *_over_processes("", "time with n + m / with n - m unknowns, of a step"),
-            *_over_processes("projected_", "the same of steps that end on the constraints"),
-            *_over_processes("batch_", "the same of many trajectories in lanes"),
+            *_claimed("", "time with n + m / with n - m unknowns, of a step"),
+            *_claimed("projected_", "the same of steps that end on the constraints"),
+            *_claimed("batch_", "the same of many trajectories in lanes"),
         ),
         2,
     ),
@@ -473,11 +524,13 @@ TABLES: dict[str, Table] = {
             text("ended", "why this variant was tried no further, at its last evaluation"),
         ),
         8,
+        "parquet",
     ),
     "search_times": Table(
         "a variant at one size in the race of a linkage",
-        (*WHERE, *METHOD, *SIZE, *OUTCOME, *SECONDS),
+        (*WHERE, *METHOD, *SIZE, *OUTCOME, *RACED),
         8,
+        timed=True,
     ),
     "search_winners": Table(
         "the cheapest way of an engine that is as exact as required",
@@ -491,8 +544,8 @@ TABLES: dict[str, Table] = {
             number("steps", "steps taken"),
             number("error", "of the winner; where nothing passed, the least that was seen", "unit"),
             *OUTCOME,
-            *SECONDS,
-            *spread("ratio", "seconds / those of the cheapest own way"),
+            *RACED,
+            *_over_processes("ratio", "seconds / those of the cheapest own way"),
             flag("own", "whether it is that way"),
             flag("ours", "whether the engine is the suite's own"),
             *AIM,
@@ -505,7 +558,8 @@ TABLES: dict[str, Table] = {
             number("raced", "of those, near enough to the cheapest to be raced"),
             text("tied", "those that cannot be told from the fastest, first of the file first"),
         ),
-        5,
+        6,
+        timed=True,
     ),
     "kernel_batch": Table(
         "many trajectories from different states on one core, against another engine's",
@@ -522,7 +576,7 @@ TABLES: dict[str, Table] = {
             number("lanes", "of a vector"),
             number("lanes_error", "largest difference from single runs", "m, rad"),
             number("lost", "trajectories that ended early"),
-            *AIM,
+            *TIMED_AIM,
         ),
         2,
     ),
@@ -537,9 +591,10 @@ TABLES: dict[str, Table] = {
             *OUTCOME,
             *SECONDS,
             *RIVALS,
-            *AIM,
+            *TIMED_AIM,
         ),
         6,
+        timed=True,
     ),
     "kernel_bounds": Table(
         "how near a step comes to what the processor allows",
@@ -550,8 +605,7 @@ TABLES: dict[str, Table] = {
             *SECONDS,
             number("cycles", "of the longest chain of operations"),
             number("flops", "operations of a step"),
-            number("bound", "least time", "s"),
-            number("share", "of the bound that is reached"),
+            *by_clock(number("bound", "least time", "s"), number("share", "of the bound that is reached")),
         ),
         3,
     ),
@@ -608,9 +662,9 @@ TABLES: dict[str, Table] = {
             text("method", "in words"),
             *OUTCOME,
             *SECONDS,
-            *spread("rate", "positions per second", "1/s"),
+            *by_clock(*spread("rate", "positions per second", "1/s")),
             *(number(f"{x}_error", f"of {x}s, relative to the largest") for x in ("position", "velocity", "acceleration")),
-            *AIM,
+            *TIMED_AIM,
         ),
         4,
     ),
@@ -622,12 +676,16 @@ TABLES: dict[str, Table] = {
             number("size", "windows of the chain"),
             number("n", "coordinates"),
             *OUTCOME,
-            number("generate_seconds", "to generate the code or build the model", "s"),
-            number("compile_seconds", "to compile it", "s"),
+            *by_clock(
+                number("generate_seconds", "to generate the code or build the model", "s"),
+                number("compile_seconds", "to compile it", "s"),
+            ),
             number("error", "of the accelerations, relative to the largest"),
-            number("seconds", "lower quartile of processor time", "s"),
-            number("low", "5 percent point", "s"),
-            number("high", "95 percent point", "s"),
+            *by_clock(
+                number("seconds", "lower quartile of processor time", "s"),
+                number("low", "5 percent point", "s"),
+                number("high", "95 percent point", "s"),
+            ),
         ),
         3,
     ),
@@ -638,9 +696,10 @@ TABLES: dict[str, Table] = {
             text("quantity", "how it is asked"),
             number("sizes", "that the exponent is taken from"),
             number("from", "windows of the smallest of them"),
-            number("exponent", "p of seconds ~ size^p"),
+            *by_clock(number("exponent", "p of seconds ~ size^p")),
         ),
         2,
+        timed=True,
     ),
     "baseline": Table(
         "one figure of the accuracy gate",
@@ -703,53 +762,136 @@ def written(column: Column, value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def csv_text(table: Table, rows: Iterable[Row]) -> str:
-    """The table as a CSV file: a head, and a line a row."""
+def supported(table: Table, row: Row) -> dict[str, Any]:
+    """A typed row whose times and ratios keep the digits that their spread supports.
+
+    A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread, but keep four
+    digits, one more than reports print, so that nothing printed is rounded twice; four where no spread is known.
+    """
+    rounded = dict(row)
+    for column in table.columns:
+        x = row[column.name]
+        if not column.timed or column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(("_low", "_high")):
+            continue
+        ends = [f"{column.name}_low", f"{column.name}_high"]
+        low, high = (row.get(end, math.nan) for end in ends)
+        first = math.floor(math.log10(abs(x)))
+        known = math.isfinite(high - low) and high > low
+        last = min(first - 3, math.floor(math.log10((high - low) / 100)) if known else first)
+        rounded |= {name: round(row[name], -last) for name in (column.name, *ends) if name in row}
+    return rounded
+
+
+def csv_text(columns: Sequence[Column], rows: Iterable[Row]) -> str:
+    """Typed rows as a CSV file: a head, and a line a row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(table.names)
-    for row in rows:
-        whole = row_of(table, row)
-        writer.writerow([written(c, whole[c.name]) for c in table.columns])
+    writer.writerow([c.name for c in columns])
+    writer.writerows([written(c, row[c.name]) for c in columns] for row in rows)
     return out.getvalue()
 
 
-def write_table(name: str, rows: Iterable[Row], folder: Path, provenance: Mapping[str, Any] | None = None) -> Path:
-    """Write a table of the schema into a folder, its kind of file as the schema says; atomic.
+def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
+    """Write a table of the schema into a folder, in as many files and of such a kind as the schema says; each atomic.
+
+    Two writings of the same rows are the same bytes. What an earlier format wrote of this table elsewhere is taken away.
 
     Raises:
         KeyError: there is no such table, or a row has a column that it has not.
+        ValueError: two rows with times of their own have the same key.
     """
     table = TABLES[name]
-    path = folder / f"{name}.{table.suffix}"
-    if table.suffix == "csv":
-        write_text(path, csv_text(table, rows))
-    else:
-        write_parquet(name, rows, path, provenance)
-    return path
+    whole = [supported(table, row_of(table, row)) for row in rows]
+    paths = {}
+    for part, columns in table.parts.items():
+        apart = part and not table.timed
+        some = [row for row in whole if _told(table, row)] if apart else whole
+        if apart and len({_key(table, row) for row in some}) < len(some):
+            raise ValueError(f"table {name}: two rows with times have the same key")
+        paths[folder / part / f"{name}.{table.suffix}"] = columns, some
+    for path, (columns, some) in paths.items():
+        if table.suffix == "csv":
+            write_text(path, csv_text(columns, some))
+        else:
+            write_parquet(name, columns, some, path)
+    for stale in files_of(name, folder):
+        if stale not in paths and name != "baseline":
+            stale.unlink()
+    return tuple(paths)
 
 
-def write_parquet(name: str, rows: Iterable[Row], path: Path, provenance: Mapping[str, Any] | None = None) -> None:
-    """A table as Parquet, which keeps all digits, with format and provenance in its metadata; curves in single precision."""
+def files_of(name: str, folder: Path) -> tuple[Path, ...]:
+    """Where a table lies in the folder of a run of whatever format."""
+    places = [folder / part / f"{name}.{kind}" for part in ("", TIMES) for kind in ("csv", "parquet")]
+    return tuple(path for path in places if path.exists())
+
+
+def _told(table: Table, row: Row) -> bool:
+    """Whether a clock has decided anything in a row."""
+    return any(written(c, row[c.name]) != "" for c in table.columns if c.timed)
+
+
+def _key(table: Table, row: Row) -> tuple[str, ...]:
+    return tuple(written(c, row[c.name]) for c in table.key)
+
+
+def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], path: Path) -> None:
+    """Typed rows as Parquet, with the format in its metadata; all digits are kept but those of curves."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = TABLES[name]
-    whole = [row_of(table, row) for row in rows]
-    real = pa.float32() if name == "series" else pa.float64()  # a pen's width is 1e-3
-    kinds = {"text": pa.string(), "number": real, "flag": pa.bool_()}
-    numbers = {"step", "t_end"}
-    fields = [(c.name, pa.float64() if c.name in numbers else kinds[c.kind]) for c in table.columns]
-    content = pa.table([pa.array([row[n] for row in whole], t) for n, t in fields], names=[n for n, _ in fields])
-    told = {"table": name, "format": FORMAT, **(provenance or {})}
-    content = content.replace_schema_metadata({b"gauss_bench": json.dumps(told).encode()})
-    atomically(path, lambda part: pq.write_table(content, part, compression="zstd"))
+    exact = {"step", "t_end"}
+    curves = [c.name for c in columns if name == "series" and c.kind == "number" and c.name not in exact]
+    kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
+    fields = {c.name: pa.float32() if c.name in curves else kinds[c.kind] for c in columns}
+    arrays = {
+        n: pa.array([_drawn(row[n]) if n in curves and n != "t" else row[n] for row in rows], type=t) for n, t in fields.items()
+    }
+    content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
+    packed = {"compression": "zstd", "compression_level": 19, "use_dictionary": [n for n in fields if n not in curves]}
+    atomically(path, lambda part: pq.write_table(content, part, use_byte_stream_split=curves, **packed))
+
+
+def _drawn(x: float) -> float:
+    """A value to 1.2e-4, as a binary fraction of 13 bits: a pen's width is 1e-3."""
+    if not math.isfinite(x):
+        return x
+    mantissa, exponent = math.frexp(x)
+    return math.ldexp(round(mantissa * 2**13), exponent - 13)
 
 
 def write_schema(folder: Path) -> None:
     """Write what every column means, and the format of the tables beside it."""
-    said = {name: {"meaning": t.meaning, "keys": t.keys, "columns": [asdict(c) for c in t.columns]} for name, t in TABLES.items()}
+    plain = Column("", "text", "")
+    said = {
+        name: {
+            "meaning": t.meaning,
+            "keys": t.keys,
+            "files": [str(Path(part) / f"{name}.{t.suffix}") for part in t.parts],
+            "columns": [
+                {f.name: x for f in fields(c) if (x := getattr(c, f.name)) != getattr(plain, f.name) or f.name == "kind"}
+                for c in t.columns
+            ],
+        }
+        for name, t in TABLES.items()
+    }
     write_text(folder / SCHEMA_FILE, json.dumps({"format": FORMAT, "tables": said}, indent=1) + "\n")
+
+
+def read_environment(folder: Path) -> dict[str, Any]:
+    """Where and with what the run in a folder was made; nothing where it does not say.
+
+    Raises:
+        TableError: the file is damaged.
+    """
+    path = folder / ENVIRONMENT
+    try:
+        told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise TableError(f"{path}: no JSON: {error}") from error
+    if not isinstance(told, dict):
+        raise TableError(f"{path}: not an object")
+    return told
 
 
 def format_of(folder: Path) -> int:
@@ -785,17 +927,45 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Rows of a table in the folder of a run, typed, in the order of the file; none where there is no such file.
 
     Raises:
-        TableError: the file is damaged, lacks a column, holds what is not of its column's type, or is of a later format.
+        TableError: a file is damaged, lacks a column, holds what is not of its column's type, is of a later format, or tells times
+            of a row that there is not.
     """
-    version = format_of(folder)
-    for path in (folder / f"{name}.csv", folder / f"{name}.parquet"):
-        if path.exists():
-            return read_file(name, path, version)
-    return ()
+    version, table = format_of(folder), TABLES[name]
+    if version < FORMAT and name != "baseline":
+        old = files_of(name, folder)
+        return read_file(name, old[0], version) if old else ()
+    parts = []
+    for part, columns in table.parts.items():
+        path = folder / part / f"{name}.{table.suffix}"
+        parts.append(
+            (path, read_file(name, path, None if name == "baseline" else version, columns)) if path.exists() else (path, ())
+        )
+    (_, rows), *others = parts
+    for path, times in others:
+        rows = _joined(table, rows, times, path)
+    return rows
 
 
-def read_file(name: str, path: Path, form: int | None = None) -> tuple[dict[str, Any], ...]:
+def _joined(
+    table: Table, rows: tuple[dict[str, Any], ...], times: tuple[dict[str, Any], ...], path: Path
+) -> tuple[dict[str, Any], ...]:
+    """Rows with what a clock decided of them."""
+    timed = [c.name for c in table.columns if c.timed]
+    found = {_key(table, row): {n: row[n] for n in timed} for row in times}
+    strange = found.keys() - {_key(table, row) for row in rows}
+    if strange or len(found) < len(times):
+        which = " ".join(x for x in min(strange, default=_key(table, times[0])) if x)
+        raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {which}")
+    return tuple(row | found.get(_key(table, row), {}) for row in rows)
+
+
+def read_file(
+    name: str, path: Path, form: int | None = None, columns: Sequence[Column] | None = None
+) -> tuple[dict[str, Any], ...]:
     """Rows of a table in a file of the given format, or of the one that its own column `format` tells.
+
+    Args:
+        columns: that lie in this file; all of the table, if not given. What it does not hold is missing in every row.
 
     Raises:
         TableError: as `read_table`.
@@ -806,7 +976,7 @@ def read_file(name: str, path: Path, form: int | None = None) -> tuple[dict[str,
         form = _own_format(path, head, lines)
     if form < FORMAT:
         head, lines = migrated(name, head, lines, form)
-    lacking = [c.name for c in (table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
+    lacking = [c.name for c in (columns or table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
     if head and lacking:
         raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
     rows = []
@@ -834,7 +1004,7 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int)
     """What a file of an older format says, under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
     fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
-    if name == "results":  # whose builds did not include the first step before format 3
+    if name == "results" and form < 3:  # whose builds did not include the first step before format 3
         fresh = [{k: v for k, v in x.items() if not k.startswith("build_time")} for x in fresh]
     if name == "results" and form == 1:  # in which stabilised runs were given the times of steps without stabilisation
         timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
@@ -848,34 +1018,25 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int)
 
 
 def migrate(folder: Path) -> tuple[Path, ...]:
-    """Bring every table of a run's folder, and a baseline beside them, to today's format in its place; the files rewritten.
+    """Bring every table of a run's folder, and a baseline beside them, to today's format in its place; the files written.
 
-    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them, and so does
-    what a Parquet file tells of its origin.
+    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them; times keep what
+    their spread supports. What an older format wrote twice or elsewhere is taken away.
 
     Raises:
         TableError: as `read_table`.
     """
-    form = format_of(folder)
-    own = {"baseline": None}  # which tells its own format
-    files = [(name, folder / f"{name}.{kind}") for name in TABLES for kind in ("csv", "parquet")]
-    read = {path: (name, read_file(name, path, own.get(name, form))) for name, path in files if path.exists()}
-    for path, (name, rows) in read.items():
-        if path.suffix == ".parquet":
-            write_parquet(name, rows, path, _provenance(path))
-        else:
-            told = {"format": FORMAT} if name == "baseline" else {}
-            write_text(path, csv_text(TABLES[name], [row | told for row in rows]))
-    if read.keys() - {folder / "baseline.csv"}:
+    path = folder / "baseline.csv"
+    read = {name: read_table(name, folder) for name in TABLES if name != "baseline" and files_of(name, folder)}
+    baseline = read_file("baseline", path) if path.exists() else ()
+    files: list[Path] = []
+    for name, rows in read.items():
+        files += write_table(name, rows, folder)
+    if baseline:
+        files += write_table("baseline", [row | {"format": BASELINE_FORMAT} for row in baseline], folder)
+    if read:
         write_schema(folder)
-    return tuple(read)
-
-
-def _provenance(path: Path) -> dict[str, Any]:
-    import pyarrow.parquet as pq
-
-    told = json.loads((pq.read_schema(path).metadata or {}).get(b"gauss_bench", b"{}"))
-    return {k: x for k, x in told.items() if k not in ("table", "format")}
+    return tuple(files)
 
 
 def _csv_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:

@@ -18,7 +18,8 @@ from gauss_bench.bench.runner import run
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
-from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.build import all_findings, build_report, read_run, sections
+from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
 from gauss_bench.suites.read import read_suite, restricted
 from gauss_bench.suites.schema import Suite
@@ -193,10 +194,11 @@ def test_the_bare_call_of_pinocchio_gives_the_adapters_accelerations() -> None:
 
 @pytest.mark.slow
 def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) -> None:
-    for path in folder.glob("kernel_*.csv"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+    for path in (*folder.rglob("kernel_*.csv"), folder / "tables.json"):
+        (tmp_path / path.relative_to(folder)).parent.mkdir(exist_ok=True)
+        (tmp_path / path.relative_to(folder)).write_bytes(path.read_bytes())
     files = build_report(tmp_path)
-    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    page = markdown_page(read_run(tmp_path), sections(read_run(tmp_path)))
     for title in ("Is the paper right?", "The native kernel", "A step against MuJoCo", "Distance to the machine's limit"):
         assert f"# {title}" in page
     assert "nan" not in page.lower().replace("finan", "")
@@ -211,7 +213,7 @@ def test_the_report_of_a_run_in_which_everything_failed_tells_why(tmp_path: Path
         known = {k: x for k, x in row.items() if k in TABLES[name].names}
         write_table(name, [known] if "status" in known else [], tmp_path)
     build_report(tmp_path)
-    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    page = markdown_page(read_run(tmp_path), sections(read_run(tmp_path)))
     assert page.count("SIGSEGV") >= 8
     assert any(finding.tone == "bad" for finding in all_findings(read_run(tmp_path)))
 

@@ -21,7 +21,7 @@ from gauss_bench.bench.runner import measure_all, run
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.read import of_engines, read_suite, restricted
 from gauss_bench.suites.schema import Cost, Suite
-from gauss_bench.tables import FORMAT, KEY, TABLES, read_file
+from gauss_bench.tables import KEY, TIMES, read_table
 
 ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
 UNTIL = 0.2  # [s]
@@ -55,20 +55,11 @@ def test_kill_9_loses_no_finished_case_and_doubles_none(tmp_path: Path) -> None:
     assert after_all[: len(finished)] == finished
     keys = [json.loads(line)["key"] for line in after_all]
     assert len(keys) == len(set(keys))
-    rows = read_file("results", tmp_path / "results.csv", FORMAT)
+    rows = read_table("results", tmp_path)
     assert len(rows) == len(cases(gate()))
     assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows)
     subprocess.run([*COMMAND, "--out", str(tmp_path)], check=True, capture_output=True)
     assert lines(tmp_path) == after_all
-
-
-@pytest.mark.slow
-def test_accuracy_rows_are_the_same_bit_by_bit(tmp_path: Path) -> None:
-    tables = []
-    for name, jobs in (("one", 1), ("two", 2)):
-        run(gate(), tmp_path / name, jobs, costs=False, until=UNTIL)
-        tables.append((tmp_path / name / "results.csv").read_bytes())
-    assert tables[0] == tables[1]
 
 
 def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
@@ -83,14 +74,16 @@ def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_tables_of_both_kinds_hold_the_same(tmp_path: Path) -> None:
-    run(gate(), tmp_path, 1, costs=False, until=UNTIL)
-    csv, parquet = (read_file("results", tmp_path / f"results.{x}", FORMAT) for x in ("csv", "parquet"))
-    numbers = [c.name for c in TABLES["results"].columns if c.kind == "number"]
-    for one, other in zip(csv, parquet, strict=True):
-        np.testing.assert_allclose([one[x] for x in numbers], [other[x] for x in numbers], rtol=1e-9)
-        assert all(one[x] == other[x] for x in one if x not in numbers)
-    provenance = json.loads((tmp_path / "environment.json").read_text(encoding="utf-8"))
+def test_a_run_made_again_changes_nothing_but_times_and_where_it_was_made(tmp_path: Path) -> None:
+    folders = tmp_path / "one", tmp_path / "other"
+    for jobs, folder in enumerate(folders, 1):
+        run(gate(), folder, jobs, costs=False, until=UNTIL)
+    one, other = (
+        {x.relative_to(f): x.read_bytes() for x in f.rglob("*") if x.is_file() and ".run" not in x.parts} for f in folders
+    )
+    assert one == other
+    assert not any(TIMES in path.parts for path in one)
+    provenance = json.loads((folders[0] / "environment.json").read_text(encoding="utf-8"))
     assert {"versions", "cpu", "threads", "commit", "engines"} <= provenance.keys()
 
 

@@ -94,6 +94,19 @@ def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) ->
 
 
 @pytest.mark.slow
+def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
+    """The gripper's kernel changes its partition three times on its way, and compiles each time; numpy is there long before."""
+    needs("llvmlite")
+    grip = Path(__file__).parent / "data" / "gripper.toml"
+    run, rested = Run(str(grip), load(str(grip)), 0.1), []
+    with Worker() as worker:
+        known = truth(run, {"position": 1e-5}, 300.0, worker, quiet, lambda: rested.append(True))
+        assert not rested
+    assert known.told == "step-halved (200 steps of order eight by gauss, and 100)"
+    assert known.bars["position"] < 1e-9
+
+
+@pytest.mark.slow
 def test_an_impossible_requirement_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
     needs("llvmlite")
     with pytest.raises(NoTruth, match=r"the true motion is known to .* m only, a tenth of 1e-16 m is needed"):

@@ -12,9 +12,10 @@ import pytest
 
 from gauss_bench.mechanism import schema
 from gauss_bench.mechanism.load import built_in, load, load_document
-from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.build import all_findings, build_report, read_run, sections
 from gauss_bench.report.drawings.drawing import draw, write_drawings
 from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.palette import ENGINES, inline
 from gauss_bench.report.rows import KEYS, ranked
 
@@ -141,6 +142,12 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def long(folder: Path) -> str:
+    """Everything the report says, as Markdown."""
+    run = read_run(folder)
+    return markdown_page(run, sections(run))
+
+
 def text_of(rows: list[dict[str, object]], folder: Path) -> str:
     """All findings of a run with these rows, as one text."""
     return "\n".join(f"{x.tone}: {x.title}: {x.text}" for x in all_findings(read_run(write_run(folder, rows))))
@@ -181,7 +188,7 @@ def test_cheapest_at_equal_accuracy_takes_no_invalid_row(tmp_path: Path) -> None
 
 
 def test_failures_keep_their_sentence(report: Path) -> None:
-    page = (report / "README.md").read_text()
+    page = long(report)
     assert r"Newton did not converge at t = 0.31 s \| step &lt;size> see \*log\*" in page
     assert "| exudyn | **nan** |" in page, "the status nan was read as a missing number"
     assert "Newton did not converge at t = 0.31 s | step &lt;size&gt;" in (report / "index.html").read_text()
@@ -189,13 +196,13 @@ def test_failures_keep_their_sentence(report: Path) -> None:
 
 def test_every_case_is_in_the_tables(report: Path) -> None:
     run = read_run(report)
-    page = (report / "README.md").read_text()
+    page = long(report)
     folded = [part.split("</details>")[0] for part in page.split("<details>")[1:]]
     assert sum(part.count("\n| ") - 2 for part in folded) == len(run.results) == len(invented())
 
 
 def test_nothing_below_the_reference_is_printed_as_a_number(report: Path) -> None:
-    lines = [x for x in (report / "README.md").read_text().splitlines() if x.startswith("| gauss | default | dop853")]
+    lines = [x for x in long(report).splitlines() if x.startswith("| gauss | default | dop853")]
     assert lines
     assert all("| < 3e-13 |" in x and "1.0e-13 | 1.0e-13" not in x for x in lines if "| own |" in x)
 
@@ -227,7 +234,7 @@ def test_runs_with_next_to_nothing(rows: list[dict[str, object]], tmp_path: Path
     folder = write_run(tmp_path, rows)
     (folder / "environment.json").unlink()
     build_report(folder)
-    page = (folder / "README.md").read_text()
+    page = long(folder)
     assert ("crashed" in page) == bool(rows)
     assert "nan" not in page.replace("nan |", "").lower().replace("finan", "")
 

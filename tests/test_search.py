@@ -2,6 +2,8 @@
 
 import json
 import math
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,26 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import apart, search
-from gauss_bench.bench.clock import Measured
+from gauss_bench.bench.clock import Measured, Missing, Races
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import ladder, race, requirements
+from gauss_bench.bench.measurements.search import ladder, raced, requirements
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.search import Requirement, Scale, Trial, coarsest, equal_steps, explore, finalists, tolerances, won
+from gauss_bench.bench.search import (
+    Requirement,
+    Scale,
+    Trial,
+    close,
+    coarsest,
+    equal_steps,
+    explore,
+    finalists,
+    tolerances,
+    won,
+    won_over,
+)
+from gauss_bench.bench.survived import ROOM
+from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import BEATS, Way, evaluated, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
@@ -160,6 +176,90 @@ def test_a_second_race_names_the_same_winner_or_one_that_tied() -> None:
     assert not any("dearer" in (one[0], other[0]) for one, other in pairs)
 
 
+def in_processes(**times: list[float]) -> Races:
+    """Entries that take so long [s] in one process after the other, the same in every round; NaN where one does not run."""
+    count = len(next(iter(times.values())))
+    return Races([Measured({k: np.full(4, x[i]) for k, x in times.items() if np.isfinite(x[i])}, {}) for i in range(count)])
+
+
+def test_a_time_is_the_median_of_processes_and_its_spread_their_range() -> None:
+    """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each."""
+    rounds = np.array([0.0, 0.0, 0.5, 2.0, 7.0])
+    races = Races([Measured({"a": x + rounds}, {}) for x in (2.0, 1.0, 9.0, 3.0, 6.0)])
+    assert races.spread("seconds", "a") == {"seconds": 3.0, "seconds_low": 1.0, "seconds_high": 9.0}
+    alone = Races(races.races[:1]).spread("seconds", "a")
+    assert alone["seconds"] == 2.0
+    assert np.isnan([alone["seconds_low"], alone["seconds_high"]]).all()
+
+
+def test_a_ratio_is_that_of_the_times_and_its_spread_the_range_of_the_processes() -> None:
+    """The second process is half as fast for both, the third for the rival alone: ratios of 3, 3 and 6, of medians 6 / 2."""
+    races = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
+    assert races.ratio("rival", "own") == (3.0, 3.0, 6.0)
+    assert races.ratio("own", "own") == (1.0, 1.0, 1.0)
+    late = in_processes(own=[1.0, 2.0, 2.0], rival=[np.nan, 6.0, 12.0])  # where both ran
+    assert late.ratio("rival", "own") == (4.5, 3.0, 6.0)
+    assert np.isnan(in_processes(own=[1.0, np.nan], rival=[np.nan, 1.0]).ratio("rival", "own")).all()
+
+
+def test_a_ratio_lies_within_its_spread() -> None:
+    rng = np.random.default_rng(3)
+    for count in (1, 2, 3, 4, 5):
+        for _ in range(50):
+            one, other = rng.uniform(0.5, 2.0, (2, count))
+            ratio, low, high = in_processes(one=list(one), other=list(other)).ratio("one", "other")
+            assert low <= ratio * (1 + 1e-12)
+            assert ratio <= high * (1 + 1e-12)
+
+
+def test_what_ran_in_no_process_has_its_reason() -> None:
+    failed = Races([Measured({}, {"a": Missing(Status.NAN, "not a number")}), Measured({}, {})])
+    assert "a" not in failed
+    with pytest.raises(Missing, match="not a number"):
+        failed.of("a")
+    with pytest.raises(Missing, match="b was not measured"):
+        failed.of("b")
+
+
+def test_processes_tell_what_rounds_of_one_do_not() -> None:
+    """A race in which code of each lies well or badly by 8 % for the life of a process, and rounds scatter by 1 %.
+
+    Of a hundred second races, more than 70 values lie within the first one's spread over five processes, and less than half of that
+    in the spread over the rounds of one.
+    """
+    rng = np.random.default_rng(11)
+
+    def one() -> Measured:
+        true = {"own": 1.0, "rival": 3.0}
+        return Measured({k: x * np.exp(0.08 * rng.normal() + 0.01 * np.abs(rng.normal(size=10))) for k, x in true.items()}, {})
+
+    def inside(first: tuple[float, float, float], second: tuple[float, float, float]) -> bool:
+        return first[1] <= second[0] <= first[2]
+
+    several = [Races([one() for _ in range(5)]).ratio("rival", "own") for _ in range(200)]
+    alone = [one().compared("own", "rival") for _ in range(200)]
+    single = [(r["ratio"], r["ratio_low"], r["ratio_high"]) for r in alone]
+    shares = [sum(map(inside, x[:100], x[100:])) for x in (several, single)]
+    assert shares[0] > 70
+    assert shares[1] < shares[0] / 2
+
+
+def test_what_is_never_faster_in_any_process_does_not_tie() -> None:
+    """`second` is 1 % slower in every process, however those scatter; `third` twice as slow in all but one."""
+    scattered = [1.0, 1.3, 0.9, 1.1, 1.2]
+    races = in_processes(
+        third=[2.0, 2.6, 0.8, 2.2, 2.4], second=[1.01 * x for x in scattered], first=scattered, same=scattered[::-1]
+    )
+    assert won_over(races, ["third", "second", "first", "same"]) == ("third", ["third", "first", "same"])
+    assert won_over(races, ["second", "first"]) == ("first", ["first"])
+    assert won_over(races, ["same", "first"]) == ("same", ["same", "first"])
+
+
+def test_only_what_may_still_win_is_raced_in_further_processes() -> None:
+    assert close({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]
+    assert close({}) == []
+
+
 def test_only_what_is_near_the_cheapest_is_raced() -> None:
     costs = {"dear": 5.0, "near": 1.9, "cheapest": 1.0, "far": 2.1}
     assert finalists(costs) == ["near", "cheapest"]
@@ -176,6 +276,7 @@ WAYS = {  # name -> rad of error at 1 ms, order, seconds of a step
     "same": (1e-4, 4.0, 2e-6),
     "dear": (1e-5, 4.0, 90e-6),
 }
+SLOWER = 1.5
 PART = Search(
     linkages={},
     engines=("mujoco", "gauss-native"),
@@ -184,6 +285,7 @@ PART = Search(
     angle=(1e-4, 1e-7),
     budget=16,
     most_steps=2000,
+    processes=3,
     rounds=3,
     lead=0.03,
 )
@@ -207,8 +309,22 @@ class Exact:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Engine "mujoco" has the variants of WAYS, compiled formulations are right at once at 0.1 us a step."""
+    """Engine "mujoco" has the variants of WAYS, compiled formulations are right at once at 0.1 us a step.
+
+    What is asked for in a process of its own is done in this one; in the second such process everything takes SLOWER times as long.
+    """
     clock = clocked(monkeypatch)
+    asked: list[str] = []
+
+    def here(function: Callable[..., Tables], arguments: tuple[Any, ...], engines: Sequence[str]) -> tuple[Tables, dict[str, Any]]:
+        asked.append(function.__name__)
+        clock.slower = SLOWER if asked.count("race") == 2 else 1.0
+        with tempfile.NamedTemporaryFile() as memory:
+            memory.write(bytes(ROOM))
+            memory.flush()
+            return json.loads(json.dumps(function(*arguments, tuple(engines), memory.name))), {}
+
+    monkeypatch.setattr(measured, "survived", here)
 
     def build(self: Any, mechanism: Any, choice: Choice) -> SyntheticModel:
         off, order, seconds = WAYS.get(choice.settings, (0.0, 4.0, 1e-7))
@@ -231,7 +347,7 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
             if (variant.integrator, variant.stabilization) == ("rk4", "none"):
                 rows += ladder("four_bar", "torque", engine, variant, PART, str(folder))["search_ladder"]
     told = json.loads(json.dumps(rows))  # as the journal keeps them
-    return {"search_ladder": rows} | race("four_bar", "torque", PART, told)
+    return {"search_ladder": rows} | raced("four_bar", "torque", PART, told)
 
 
 def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
@@ -245,13 +361,15 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert fewest <= row["steps"] <= most  # the next size is at most a fifth away
         assert row["error"] <= limit
         assert row["seconds"] == pytest.approx(row["steps"] * 2e-6)
+        assert row["seconds_low"] == pytest.approx(row["seconds"])
+        assert row["seconds_high"] == pytest.approx(SLOWER * row["seconds"])
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
         own = winners["gauss-native", limit]
         assert own["seconds"] == pytest.approx(own["steps"] * 1e-7)
         assert own["own"] is True
         assert own["ratio"] == 1.0
-        assert row["ratio"] == pytest.approx(row["seconds"] / own["seconds"])
+        assert [row[f"ratio{x}"] for x in ("", "_low", "_high")] == pytest.approx([row["seconds"] / own["seconds"]] * 3)
         assert (row["variants"], row["passing"], row["raced"], row["budget"]) == (4, 4, 2, 16)
         assert row["evaluations"] == sum(r["engine"] == "mujoco" for r in found["search_ladder"])
     again = searched(tmp_path)["search_winners"]
@@ -295,12 +413,12 @@ def test_an_aim_is_held_against_rivals_that_get_there() -> None:
     place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
     rows = [place | {"engine": e, "status": "ok", "seconds": x} for e, x in times.items()]
     rows.append(place | {"engine": "never", "status": "cannot reach"})
-    raced = Measured({measured.way_of(r): np.full(3, times[r["engine"]]) for r in rows[:3]}, {})
-    found = {r["engine"]: r for r in measured.with_ratios(rows, raced, part)}
+    races = Races([Measured({measured.way_of(r): np.full(3, times[r["engine"]]) for r in rows[:3]}, {})])
+    found = {r["engine"]: r for r in measured.with_ratios(rows, races, part)}
     assert {e: r.get("met") for e, r in found.items()} == {"gauss-native": None, "near": False, "far": True, "never": None}
     assert [found[e]["ours"] for e in found] == [True, False, False, False]
     coarser = [r | {"accuracy": 1e-3} for r in rows]
-    assert not any("target" in r for r in measured.with_ratios(coarser, raced, part))
+    assert not any("target" in r for r in measured.with_ratios(coarser, races, part))
 
 
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:

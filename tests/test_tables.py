@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 import pytest
 
 from gauss_bench import tables
@@ -35,15 +34,18 @@ def same(one: Any, other: Any) -> bool:
 @pytest.mark.parametrize("name", TABLES)
 def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     rows = [row(TABLES[name], turn) | ({"format": FORMAT} if name == "baseline" else {}) for turn in range(5)]
-    path = tables.write_table(name, rows, tmp_path)
+    paths = tables.write_table(name, rows, tmp_path)
     tables.write_schema(tmp_path)
     found = tables.read_table(name, tmp_path)
-    assert path.suffix == f".{TABLES[name].suffix}"
+    assert {path.suffix for path in paths} == {f".{TABLES[name].suffix}"}
+    assert set(paths) == set(tables.files_of(name, tmp_path))
     assert len(found) == len(rows)
     for one, other in zip(rows, found, strict=True):
         for column in TABLES[name].columns:
             if name == "series" and column.kind == "number" and column.name not in ("step", "t_end"):
                 continue  # curves are kept in single precision
+            if column.timed and column.name.endswith(("_low", "_high")):
+                continue  # rounded as the value between them
             assert same(one[column.name], other[column.name]), column.name
     tables.write_table(name, found, tmp_path)
     assert all(map(same, found[0].values(), tables.read_table(name, tmp_path)[0].values()))
@@ -129,18 +131,25 @@ def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_pa
                 read_baseline(path)
 
 
-@pytest.mark.parametrize("name", [name for name in TABLES if (REPORTS / f"{name}.csv").exists()])
-def test_committed_tables_are_read_and_keep_their_figures(name: str) -> None:
-    path = REPORTS / f"{name}.csv"
-    form = None if name == "baseline" else tables.format_of(REPORTS)
-    found = tables.read_file(name, path, form)
-    with path.open(newline="", encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
-    assert len(found) == len(lines)
-    for one, line in zip(found, lines, strict=True):
-        for column in TABLES[name].columns[: TABLES[name].keys]:
-            if column.kind == "text" and column.name in line:
-                assert one[column.name] == line[column.name] or column.name == "metric"
+LIMIT = 3_000_000  # bytes of what is published beside the code
+
+
+def test_what_is_published_is_small_and_read_whole() -> None:
+    """Every file is a table of the schema, or one of the few that are none; all that stands in them is read."""
+    others = {"README.md", "environment.json", tables.SCHEMA_FILE}
+    ignored = ("site", "local", ".run")
+    files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
+    assert sum(path.stat().st_size for path in files) < LIMIT
+    assert {path for path in files if path.name not in others} == {x for name in TABLES for x in tables.files_of(name, REPORTS)}
+    for name in TABLES:
+        for path in tables.files_of(name, REPORTS):
+            if path.suffix == ".csv" and not (TABLES[name].parts.get("") and path.parent.name == tables.TIMES):
+                with path.open(newline="", encoding="utf-8") as file:
+                    lines = list(csv.DictReader(file))
+                found = tables.read_table(name, REPORTS)
+                assert len(found) == len(lines)
+                keys = [c.name for c in TABLES[name].key if c.kind == "text"]
+                assert all(one[k] == line[k] for one, line in zip(found, lines, strict=True) for k in keys)
 
 
 def test_times_that_format_1_gave_to_stabilised_runs_are_not_taken_over(tmp_path: Path) -> None:
@@ -184,7 +193,7 @@ def of_format_1(folder: Path) -> None:
 def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten: bool, tmp_path: Path) -> None:
     of_format_1(tmp_path)
     if rewritten:
-        assert len(tables.migrate(tmp_path)) == 5
+        assert len(tables.migrate(tmp_path)) == 7  # times lie apart
         assert tables.format_of(tmp_path) == FORMAT
         assert not any("crank_error" in path.read_text() for path in tmp_path.glob("*.csv") if path.stem in ("results", "baseline"))
     (result,), (truth,), (certificate,), (batch,) = (
@@ -203,12 +212,83 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
 
 def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
     of_format_1(tmp_path)
-    tables.write_parquet(
-        "series", [dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t": 0.5}], tmp_path / "series.parquet", {"commit": "a"}
-    )
+    tables.write_table("series", [dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t": 0.5}], tmp_path)
     tables.migrate(tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")}
+    before = {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     tables.migrate(tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")} == before
-    told = json.loads(pq.read_schema(tmp_path / "series.parquet").metadata[b"gauss_bench"])
-    assert told == {"table": "series", "format": FORMAT, "commit": "a"}
+    assert {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
+
+
+def test_times_lie_apart_and_are_read_as_one(tmp_path: Path) -> None:
+    """Other times change no byte of the rows of accuracy; a case that was not timed has no row of times."""
+    rows = [CASE | {"position_error": 1e-6, "step_time": 5e-5}, CASE | {"step": 1e-2, "position_error": 1e-2}]
+    accuracy, times = tables.write_table("results", rows, tmp_path)
+    tables.write_schema(tmp_path)
+    assert len(times.read_text().splitlines()) == 2
+    timed, untimed = tables.read_table("results", tmp_path)
+    assert (timed["position_error"], timed["step_time"]) == (1e-6, 5e-5)
+    assert math.isnan(untimed["step_time"])
+    before = accuracy.read_bytes(), times.read_bytes()
+    tables.write_table("results", [rows[0] | {"step_time": 6e-5}, rows[1]], tmp_path)
+    assert accuracy.read_bytes() == before[0]
+    assert times.read_bytes() != before[1]
+
+
+def test_times_of_a_row_that_is_not_there_are_refused(tmp_path: Path) -> None:
+    accuracy, _ = tables.write_table("results", [CASE | {"step_time": 5e-5}], tmp_path)
+    tables.write_schema(tmp_path)
+    accuracy.write_text(accuracy.read_text().replace("four_bar", "six_bar"))
+    with pytest.raises(TableError, match=r"times/results.csv: a row of times has no row .* four_bar torque"):
+        tables.read_table("results", tmp_path)
+    with pytest.raises(ValueError, match="same key"):
+        tables.write_table("results", [CASE | {"step_time": 5e-5}] * 2, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "low", "high", "stored"),
+    [
+        (135.5154239, 129.0173248, 144.3879532, (135.5, 129.0, 144.4)),  # a hundredth of the spread is 0.15
+        (1.03715630, 1.03711, 1.03731, (1.037156, 1.03711, 1.03731)),  # 2e-6
+        (2.71828, 1.0, 9.87654, (2.718, 1.0, 9.877)),  # 0.09, but four digits
+        (2.71828, math.nan, math.nan, (2.718, math.nan, math.nan)),
+    ],
+)
+def test_a_ratio_keeps_the_digits_that_its_spread_supports(
+    ratio: float, low: float, high: float, stored: tuple[float, ...], tmp_path: Path
+) -> None:
+    tables.write_table("results", [CASE | {"step_ratio": ratio, "step_ratio_low": low, "step_ratio_high": high}], tmp_path)
+    tables.write_schema(tmp_path)
+    (found,) = tables.read_table("results", tmp_path)
+    assert all(same(found[f"step_ratio{end}"], x) for end, x in zip(("", "_low", "_high"), stored, strict=True))
+
+
+def test_format_3_is_read_and_brought_to_files_apart(tmp_path: Path) -> None:
+    """What lay in one file, twice over: figures and times stay, builds too, which mean the same since then."""
+    (tmp_path / "tables.json").write_text('{"format": 3}', encoding="utf-8")
+    head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,position_error,step_time,build_time"
+    (tmp_path / "results.csv").write_text(f"{head}\nfour_bar,torque,gauss,default,rk4,none,0.001,2,ok,1e-6,5.1234567e-5,0.1\n")
+    (tmp_path / "results.parquet").write_bytes(b"the same again")
+    (old,) = tables.read_table("results", tmp_path)
+    written = tables.migrate(tmp_path)
+    assert {str(path.relative_to(tmp_path)) for path in written} == {"results.csv", "times/results.csv"}
+    assert not (tmp_path / "results.parquet").exists()
+    (new,) = tables.read_table("results", tmp_path)
+    assert (old["step_time"], new["step_time"]) == (5.1234567e-5, 5.123e-5)
+    assert old["build_time"] == new["build_time"] == 0.1
+    assert all(same(old[c.name], new[c.name]) for c in TABLES["results"].columns if not c.timed)
+
+
+def test_curves_are_the_same_bytes_and_within_a_pens_width(tmp_path: Path) -> None:
+    rows = [CASE | {"t": t / 7, "measured_error": 1.2345678e-7 * t} for t in range(100)]
+    (path,) = tables.write_table("series", rows, tmp_path)
+    before = path.read_bytes()
+    tables.write_table("series", rows, tmp_path)
+    assert path.read_bytes() == before
+    tables.write_schema(tmp_path)
+    for row, found in zip(rows, tables.read_table("series", tmp_path), strict=True):
+        assert found["measured_error"] == pytest.approx(row["measured_error"], rel=1.3e-4)
+        assert found["t"] == pytest.approx(row["t"], rel=1e-7)
+        assert found["step"] == row["step"]

@@ -40,6 +40,7 @@ SHARE = "share of the requirement"  # the largest error over what is required of
 HALF = Requirement(SHARE, 0.5)
 KNOWN = 0.1  # of a requirement: how well the truth has to be known
 LANES = 2  # workers at a time
+TRUE = "gauss-native"  # whose compiled model tells the truth, and then runs for itself
 BEATS = 200  # samples of a run by steps of its own choice
 DENSE = 400  # samples of a run by equal steps at most
 EVALUATED = 24  # times that one variant is run at most
@@ -165,8 +166,7 @@ class Recommender:
         Raises:
             NoTruth: there is nothing good enough to judge by.
         """
-        with Worker() as worker:
-            found = truth(self.run, {k: KNOWN * x for k, x in self.wanted.items()}, self.left(TRUTH), worker, self.told)
+        found = self._truth()
         for kind, limit in self.wanted.items():
             if kind in found.bars and not found.bars[kind] <= KNOWN * limit:
                 known = f"the true motion is known to {found.bars[kind]:.1e} {UNITS[kind]} only"
@@ -186,6 +186,21 @@ class Recommender:
         if not failures.empty():
             raise failures.get()
         return Searched(found, {name: x.trials for name, x in self.engines.items()})
+
+    def _truth(self) -> Truth:
+        """What runs are judged by, found in the worker of the engine that is compiled for it anyway."""
+        wanted = {k: KNOWN * x for k, x in self.wanted.items()}
+        own = self.engines.get(TRUE)
+        if own is None or own.refused is not None:
+            return truth(self.run, wanted, self.left(TRUTH), self._stack.enter_context(Worker()), self.told)
+        own.busy = True
+
+        def at_rest() -> None:
+            with self._state:
+                own.busy = False
+                self._state.notify_all()
+
+        return truth(self.run, wanted, self.left(TRUTH), own.worker, self.told, at_rest)
 
     def _lane(self) -> None:
         try:

@@ -8,6 +8,7 @@ through both ends' positions, speeds and accelerations; what that leaves out is 
 """
 
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -30,7 +31,7 @@ from gauss_bench.trajectory import Reference, Trajectory
 
 METHOD = "dop853_fixed"
 COARSEST = {"gauss-native": 1600, "gauss": 100}  # steps of the coarser run at first
-COMPILED = 0.5  # of the budget at most, for a kernel that compiles again on its way: numpy serves where it comes to no end
+COMPILED = 0.5  # of the budget: where a kernel that compiles again on its way takes longer, numpy serves
 MOST = 400_000  # steps of a run
 SAMPLES = 3200  # of the truth at most
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
@@ -82,53 +83,145 @@ def between(known: Reference, times: Array) -> tuple[Array, Array]:
     return q, (u + s * (b + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
 
 
-def truth(run: Run, wanted: Mapping[str, float], budget: float, worker: Worker, told: Callable[[str], object]) -> Truth:
+def truth(
+    run: Run,
+    wanted: Mapping[str, float],
+    budget: float,
+    worker: Worker,
+    told: Callable[[str], object],
+    at_rest: Callable[[], object] = lambda: None,
+) -> Truth:
     """A truth whose bars are within `wanted` (kind -> m, rad or N), or as near to that as `budget` seconds and rounding allow.
+
+    A kernel takes seconds to compile, and more where it changes its partition; meanwhile numpy takes steps too, in a worker of its
+    own. Its first two runs, where they serve, are the truth; else the compiled ones are, and finer ones in numpy where those fail
+    or take longer than COMPILED of the budget: which of them it is does not depend on who is faster, unless time ends.
+
+    Args:
+        worker: of the compiled formulation, whose model it keeps.
+        at_rest: called once nothing of this runs in `worker`, which may be after the answer.
 
     Raises:
         NoTruth: no run came to an end, its accelerations are not the linkage's, or it is not where its certificate says.
     """
-    started = time.monotonic()
-    if find_spec("llvmlite") and not run.mechanism.has_friction:
-        try:
-            return _followed(run, wanted, COMPILED * budget, worker, told, "gauss-native")
-        except NoTruth as reason:
-            told(f"truth: compiled: {reason}; in numpy instead")
-    return _followed(run, wanted, budget - (time.monotonic() - started), worker, told, "gauss")
+    deadline = time.monotonic() + budget
 
+    def serves(found: "_Followed | None") -> bool:
+        return found is not None and found.best is not None and all(found.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
 
-def _followed(
-    run: Run, wanted: Mapping[str, float], budget: float, worker: Worker, told: Callable[[str], object], engine: str
-) -> Truth:
-    """`truth` by one engine."""
-    started, steps, fine, reasons = time.monotonic(), COARSEST[engine], None, ""
-    best: Truth | None = None
-    judge = Evaluator(run.mechanism)
-    while steps <= MOST:
-        left = budget - (time.monotonic() - started)
-        if left <= 0:
-            reasons = reasons or f"not within {budget:g} s"
-            break
-        coarse = fine if fine is not None else _run(run, engine, steps, max(left * 0.7, 1.0), worker)
-        left = budget - (time.monotonic() - started)
-        finer = _run(run, engine, 2 * steps, left, worker) if left > 0 else f"no answer within {budget:.3g} s"
-        if isinstance(coarse, Trajectory) and isinstance(finer, Trajectory):
-            found = _compared(run, judge, coarse, finer, steps, engine)
-            told(
-                f"truth: {2 * steps} steps, known to "
-                + ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in wanted if k in found.bars)
-            )
-            if best is not None and found.bars["position"] >= best.bars["position"] and found.bars["angle"] >= best.bars["angle"]:
-                break  # rounding
-            best = found
-            if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
-                break
+    with Worker() as aside:
+        compiled = None
+        if find_spec("llvmlite") and not run.mechanism.has_friction:
+            compiled = _Followed(run, wanted, deadline, worker, told, "gauss-native", at_rest)
         else:
-            reasons = str(finer if isinstance(finer, str) else coarse)
-        fine, steps = (finer if isinstance(finer, Trajectory) else None), 2 * steps
-    if best is None:
-        raise NoTruth(f"the motion cannot be followed: {reasons or 'no number of steps serves'}")
-    return _certified(run, judge, best)
+            at_rest()
+        plain = _Followed(run, wanted, deadline, aside, told, "gauss")
+        plain.looked.wait(budget)
+        if compiled is not None and not serves(plain):
+            compiled.ended.wait(COMPILED * budget)
+        while not (serves(plain) or serves(compiled)) and time.monotonic() < deadline:
+            waiting = [x for x in (compiled, plain) if x is not None and not x.ended.is_set()]
+            if not waiting:
+                break
+            waiting[0].ended.wait(0.1)
+        chosen = plain if plain.quick or not serves(compiled) else compiled
+        plain.stop(aside)
+    if compiled is not None:
+        compiled.enough = True
+    known = [x.best for x in (chosen, compiled, plain) if x is not None and x.best is not None]
+    if not known:
+        reasons = dict.fromkeys(x.reason for x in (compiled, plain) if x is not None and x.reason)
+        raise NoTruth(f"the motion cannot be followed: {'; '.join(reasons) or f'not within {budget:.3g} s'}")
+    best = known[0] if serves(chosen) else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
+    return _certified(run, Evaluator(run.mechanism), best)
+
+
+class _Followed(threading.Thread):
+    """A motion, followed by one engine in ever smaller steps until that serves, time ends, or it is told that this is enough.
+
+    Attributes:
+        best: the truth so far; looked: whether there is a first one, or none to come; ended: whether there is no more to come.
+        quick: whether the first one serves.
+        reason: why there is none.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        wanted: Mapping[str, float],
+        deadline: float,
+        worker: Worker,
+        told: Callable[[str], object],
+        engine: str,
+        at_rest: Callable[[], object] = lambda: None,
+    ):
+        super().__init__(daemon=True)
+        self.best: Truth | None = None
+        self.looked, self.ended = threading.Event(), threading.Event()
+        self.quick, self.enough, self.reason = False, False, ""
+        self._run, self._wanted, self._deadline, self._worker = run, wanted, deadline, worker
+        self._told, self._engine, self._at_rest = told, engine, at_rest
+        self.start()
+
+    def stop(self, worker: Worker) -> None:
+        """End it and the process that works for it, whatever that is at."""
+        self.enough = True
+        while not self.ended.is_set():
+            if (process := worker.process) is not None:
+                process.kill()
+            self.ended.wait(0.05)
+
+    def run(self) -> None:
+        """Take steps."""
+        try:
+            with np.errstate(all="ignore"):
+                self._follow()
+        except NoTruth as reason:
+            self.reason = str(reason)
+        except BaseException as error:  # a thread's own: who waits for it is told
+            self.reason = f"{type(error).__name__}: {error}"
+        finally:
+            if self.reason and not self.enough:
+                self._told(f"truth: {self._engine}: {self.reason}")
+            self.ended.set()
+            self.looked.set()
+            self._at_rest()
+
+    def _follow(self) -> None:
+        judge, steps = Evaluator(self._run.mechanism), COARSEST[self._engine]
+        fine: Trajectory | None = None
+        while steps <= MOST:
+            coarse = fine if fine is not None else self._taken(steps)
+            finer = None if coarse is None else self._taken(2 * steps)
+            if self.enough or self._deadline <= time.monotonic():
+                break
+            if coarse is not None and finer is not None and self._compared(judge, coarse, finer, steps):
+                break
+            fine, steps = finer, 2 * steps
+
+    def _compared(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
+        """Take the finer run where it is better; whether there is no need to go on, or no use."""
+        found = _compared(self._run, judge, coarse, finer, steps, self._engine)
+        known = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in found.bars)
+        self._told(f"truth: {2 * steps} steps by {self._engine}, known to {known}")
+        if self.best is not None and all(found.bars[k] >= self.best.bars[k] for k in ("position", "angle")):
+            return True  # rounding
+        self.best = found
+        served = all(found.bars.get(k, 0.0) <= x for k, x in self._wanted.items())
+        self.quick = served and steps == COARSEST[self._engine]
+        self.looked.set()
+        return served
+
+    def _taken(self, steps: int) -> Trajectory | None:
+        """So many steps, where there is time and they come to an end."""
+        left = self._deadline - time.monotonic()
+        if self.enough or left <= 0:
+            return None
+        found = _run(self._run, self._engine, steps, left, self._worker)
+        if isinstance(found, str):
+            self.reason = found
+            return None
+        return found
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:

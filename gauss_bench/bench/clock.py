@@ -7,15 +7,16 @@ rests, and every block is kept. Work that takes less, such as a second of compil
 first repetition, which finds the processor's caches full of others' code, does not count for all.
 
 A time is the lower quartile of the rounds, with the 5 % and the 95 % point of the rounds beside it; a ratio is that of lower
-quartiles, with its spread over resampled rounds. What could not be built or run leaves its reason. Sources: the practice of paired
-benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+quartiles, with its spread over resampled rounds, or over processes where a race is run in several (`Races`). What could not be
+built or run leaves its reason. Sources: the practice of paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in
+reasonable time (2013).
 """
 
 import gc
 import math
 import random
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -153,7 +154,15 @@ class Measured:
         """
         if key in self.samples:
             return self.samples[key]
-        raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, _words(key)))} was not measured")
+        raise self.failed.get(key) or not_measured(key)
+
+    def quartile(self, key: Hashable) -> float:
+        """The time of an entry.
+
+        Raises:
+            Missing: there is none.
+        """
+        return float(np.quantile(self.of(key), 0.25))
 
     def compared(self, own: Hashable, rival: Hashable) -> Row:
         """`compared` of two entries.
@@ -164,8 +173,9 @@ class Measured:
         return compared(self.of(own), self.of(rival))
 
 
-def _words(key: Hashable) -> tuple[Any, ...]:
-    return key if isinstance(key, tuple) else (key,)
+def not_measured(key: Hashable) -> Missing:
+    words = key if isinstance(key, tuple) else (key,)
+    return Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
 
 class Race:
@@ -212,6 +222,57 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
     """Both in the rounds that both have: slow blocks sit the later ones out."""
     rounds = min(len(one), len(other))
     return one[:rounds], other[:rounds]
+
+
+class Races:
+    """The same entries raced in several processes, each of which loads code and data anew.
+
+    Where they happen to lie moves a time by some per cent and stays as it is for the life of a process, so that rounds of one
+    process scatter less than a second race differs from the first. A time is the median over the processes of lower quartiles of
+    their rounds, and its spread reaches from the least to the largest of those. A ratio is that of two times, over the processes
+    that ran both; its spread, from the least to the largest of the processes' own ratios, always holds it.
+    """
+
+    def __init__(self, races: Sequence[Measured]):
+        self.races = races
+        self.failed: dict[Hashable, Missing] = {key: x for race in reversed(races) for key, x in race.failed.items()}
+
+    def __contains__(self, key: Hashable) -> bool:
+        return any(key in race.samples for race in self.races)
+
+    def of(self, key: Hashable) -> Array:
+        """Seconds (processes,) of an entry, NaN where it did not run.
+
+        Raises:
+            Missing: it ran nowhere.
+        """
+        if key not in self:
+            raise self.failed.get(key) or not_measured(key)
+        return np.array([race.quartile(key) if key in race.samples else math.nan for race in self.races])
+
+    def spread(self, name: str, key: Hashable) -> dict[str, float]:
+        """The time of an entry and its spread, which one process does not tell.
+
+        Raises:
+            Missing: it ran nowhere.
+        """
+        times = self.of(key)
+        times = times[np.isfinite(times)]
+        low, high = (times.min(), times.max()) if len(times) > 1 else (math.nan, math.nan)
+        return {name: float(np.median(times)), f"{name}_low": float(low), f"{name}_high": float(high)}
+
+    def ratio(self, one: Hashable, other: Hashable) -> tuple[float, float, float]:
+        """How many times longer one entry takes than the other, and its spread; NaN where no process ran both.
+
+        Raises:
+            Missing: one of them ran nowhere.
+        """
+        times = np.array([self.of(one), self.of(other)])
+        times = times[:, np.isfinite(times).all(axis=0)]
+        if not times.size:
+            return math.nan, math.nan, math.nan
+        quotients, (longer, shorter) = times[0] / times[1], np.median(times, axis=1)
+        return float(longer / shorter), float(quotients.min()), float(quotients.max())
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:

@@ -16,7 +16,7 @@ import pandas as pd
 
 from gauss_bench.judge import OFF_ACCELERATION, OFF_DRIFT
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.tables import FORMAT, KEY, TABLES, csv_text, read_file, write_text
+from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of, write_text
 
 COLUMNS = [*KEY, "metric", "value", "accepted"]
 
@@ -182,7 +182,9 @@ def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]
             changed += 1
     frame = pd.DataFrame(rows, columns=COLUMNS).astype({"step": float, "t_end": float})
     ordered = frame.sort_values([*KEY, "metric"], kind="stable").to_dict("records")
-    write_text(path, csv_text(TABLES["baseline"], [{str(k): x for k, x in row.items()} | {"format": FORMAT} for row in ordered]))
+    table = TABLES["baseline"]
+    typed = [row_of(table, {str(k): x for k, x in row.items()} | {"format": BASELINE_FORMAT}) for row in ordered]
+    write_text(path, csv_text(table.columns, typed))
     return changed, list(refused.values())
 
 

@@ -7,7 +7,8 @@ these evaluations, of each variant on its own: a further variant takes nothing f
 
 Of what passes, cost decides. What is more than NEAR times as dear as the cheapest, by the time of one step and the number of steps,
 is not raced; the rest runs interleaved, and whoever cannot be told from the fastest within the spread of their ratio ties with it.
-Of those that tie, the first of the engine's file wins, so that a second search names the same one, or one that tied.
+Of those that tie, the first of the engine's file wins, so that a second search names the same one, or one that tied. A race of
+several processes goes on after the first with those that are within CLOSE times the fastest there.
 """
 
 import math
@@ -17,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gauss_bench.bench.clock import common, ratio
+from gauss_bench.bench.clock import Races, common, ratio
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
@@ -32,6 +33,7 @@ FALLS = 0.7  # ... any unmet error falling below so much of the least before: ev
 HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
 STEADY = 0.2  # two orders of convergence that differ by less are one
 NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
+CLOSE = 1.25  # times the fastest of the first process: between processes a ratio of two ways moves by a tenth and more
 FINALISTS = 8  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
 
 K = TypeVar("K", bound=Hashable)
@@ -190,8 +192,28 @@ def finalists(costs: Mapping[K, float]) -> list[K]:
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
 
 
+def close(times: Mapping[K, float]) -> list[K]:
+    """Those that another process may find the fastest, in their order; by their times [s] in the first."""
+    least = min(times.values(), default=math.inf)
+    return [k for k, x in times.items() if x <= CLOSE * least]
+
+
 def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
-    """Who wins, and all who tie with the fastest; (rounds,) seconds of everyone raced, in the order that breaks ties."""
-    fastest = min(samples, key=lambda k: float(np.quantile(samples[k], 0.25)))
-    tied = [k for k, x in samples.items() if k == fastest or ratio(*common(x, samples[fastest]))[1] <= 1.0]
+    """Who wins a race in one process, and all who tie with the fastest.
+
+    `samples`: (rounds,) seconds of everyone raced, in the order that breaks ties.
+    """
+    times = {k: float(np.quantile(x, 0.25)) for k, x in samples.items()}
+    return first_of_tied(times, lambda k, fastest: ratio(*common(samples[k], samples[fastest])))
+
+
+def won_over(races: Races, raced: Sequence[K]) -> tuple[K, list[K]]:
+    """As `won`, of a race in several processes; `raced` in the order that breaks ties."""
+    return first_of_tied({k: races.spread("seconds", k)["seconds"] for k in raced}, races.ratio)
+
+
+def first_of_tied(times: Mapping[K, float], compared: Callable[[K, K], tuple[float, float, float]]) -> tuple[K, list[K]]:
+    """The first of all that tie with the fastest, and all of them: the spread of their ratio reaches down to 1."""
+    fastest = min(times, key=lambda k: times[k])
+    tied = [k for k in times if k == fastest or compared(k, fastest)[1] <= 1.0]
     return tied[0], tied

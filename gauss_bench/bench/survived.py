@@ -18,9 +18,9 @@ RACES = 3  # of a task at most: who brings two of them down is a bug to be found
 Watch = Callable[[Hashable], object]
 
 
-def patient(task: Task) -> Task:
-    """With time for as many races as there may be."""
-    return task._replace(limit=RACES * LIMIT)
+def patient(task: Task, processes: int = 1) -> Task:
+    """With time for as many races as there may be; `processes` that each has one to win."""
+    return task._replace(limit=processes * RACES * LIMIT)
 
 
 def survived(

@@ -1,4 +1,4 @@
-"""Builds the report of a run: README.md for the forge, index.html for the browser, figures for both.
+"""Builds the report of a run: README.md, a summary for the forge, and for the browser index.html with its figures, and the site.
 
 The page is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names the
 tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has something
@@ -20,9 +20,9 @@ from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import Run, ok, order
 from gauss_bench.report.site.write import write_site
-from gauss_bench.tables import FORMAT, TABLES, TableError, format_of, read_table, write_text
+from gauss_bench.report.summary import summary
+from gauss_bench.tables import FORMAT, TABLES, files_of, format_of, read_environment, read_table, write_text
 
-ENVIRONMENT = "environment.json"
 MANIFEST = "manifest.json"
 
 
@@ -52,17 +52,12 @@ def read_run(folder: Path) -> Run:
         NoRun: there is none.
         TableError: a file is damaged, or of a later format than is known here.
     """
-    written = [name for name in TABLES if name != "baseline" and any((folder / f"{name}.{x}").exists() for x in ("csv", "parquet"))]
+    written = [name for name in TABLES if name != "baseline" and files_of(name, folder)]
     if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
-    path = folder / ENVIRONMENT
-    try:
-        environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except ValueError as error:
-        raise TableError(f"{path}: no JSON: {error}") from error
     tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in tables_read()}
-    return Run(environment, tables)
+    return Run(read_environment(folder), tables)
 
 
 def sections(run: Run) -> tuple[Section, ...]:
@@ -125,7 +120,7 @@ def build_report(folder: Path) -> list[Path]:
     pictures = {picture.name: picture.svg for section in content for picture in _pictures(section)}
     figures = folder / "figures"
     files = {figures / f"{name}.svg": svg for name, svg in sorted(pictures.items())}
-    files[folder / "README.md"] = markdown_page(run, content)
+    files[folder / "README.md"] = markdown_page(run, summary(run, all_findings(run)))
     files[folder / "index.html"] = html_page(run, content)
     before = manifest(figures)
     for path, text in files.items():

@@ -175,7 +175,8 @@ class Search(OnLinkages):
         position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
         budget: evaluations of one variant on one linkage.
         most_steps: of a run: smaller steps are not tried.
-        rounds: of the race of what passed.
+        processes: that race what passed, one after the other.
+        rounds: of the race in each of them.
         lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
         aims: engine -> how many times as long as our own cheapest way its searched best should take, at least ...
         aimed: ... at these requirements of position [m].
@@ -189,6 +190,7 @@ class Search(OnLinkages):
     force: tuple[Positive, ...] = ()
     budget: Count
     most_steps: Count
+    processes: Count = 5
     rounds: Count
     lead: Positive
     aims: Mapping[str, Positive] = {}

@@ -2,32 +2,48 @@
 
 Every variant is run on its own, in a worker, at sizes from coarse to fine; errors are those of positions, angles and joint forces
 at every beat of the whole run, a fiftieth of it (or as near to that as the truth has samples), or where steps are longer at those
-beats that they meet: at a fifth of the run or oftener, from 50 steps on at a tenth. Nothing is timed there. Then all that passed
-race in one process: first a step of each variant, which with the number of steps tells who is near the cheapest, then whole runs
-(or their first part, where steps are equal and a run takes longer than the lead).
+beats that they meet: at a fifth of the run or oftener, from 50 steps on at a tenth. Nothing is timed there. Then come races of all
+engines: of a step of each variant that passed, which with the number of steps tells who is near the cheapest, then of whole runs
+(or of their first part, where steps are equal and a run takes longer than the lead) in several processes, one after the other.
 """
 
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.clock import Measured, Missing, Race, Row, at_least, common, ratio, row, spread
+import numpy as np
+
+from gauss_bench.bench.clock import Measured, Missing, Race, Races, Row, at_least, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.offers import Offer, offer
-from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
-from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.search import (
+    UNITS,
+    Requirement,
+    Trial,
+    close,
+    coarsest,
+    equal_steps,
+    explore,
+    finalists,
+    nearest,
+    tolerances,
+    won_over,
+)
+from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.bench.ways import BEATS, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
+from gauss_bench.bench.worker import WorkerFailure
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.suites.schema import Search, Suite
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status
 
 CANNOT = "cannot reach"
@@ -72,7 +88,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             seen = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
             only = part.model_copy(update={"linkages": {linkage: scenario}})
             task = context.task("search_winners", raced, (linkage, scenario, only, rows), linkage, scenario, seen)
-            tasks.append(patient(task))
+            tasks.append(patient(task, 1 + part.processes))
     return tasks
 
 
@@ -153,43 +169,82 @@ def trial_of(r: Row) -> Trial:
 
 
 def raced(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
-    """What `race` tells; an engine that crashes or hangs in it is left out, and has that reason in the place of a winner."""
-    tables, lost = survived(_race_of, (linkage, scenario, part, rows), [x.name for x in searched(part)])
-    mechanism = load(linkage, scenario or None)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    for w in requirements(part):
-        wanted = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
-        tables["search_winners"] += [wanted | {"engine": x} | y.told for x, y in lost.items()]
-    return tables
+    """Winners of every engine for every requirement; `rows` are the ladders of the linkage.
 
+    One process estimates costs, then each of `part.processes` races what is worth it. An engine that crashes or hangs in one of
+    them is left out from then on, and has that reason in the place of a winner.
+    """
+    run, ladders, wanted = over(linkage, scenario, part), Ladders(rows), requirements(part)
+    engines = [x.name for x in searched(part)]
+    lost: dict[str, WorkerFailure] = {}
 
-def _race_of(linkage: str, scenario: str, part: Search, rows: Rows, engines: Sequence[str], path: str) -> Tables:
-    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), rows, watching(path))
+    def there(function: Callable[..., Tables], ways: Iterable[Way], *numbers: float) -> Rows:
+        """What a function tells of ways, in a new process."""
+        asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in dict.fromkeys(ways) if way.engine not in lost]
+        arguments = (linkage, scenario, run.until, asked, *numbers)
+        tables, more = survived(function, arguments, [x for x in engines if x not in lost])
+        lost.update(more)
+        return tables["ways"]
 
-
-def race(linkage: str, scenario: str, part: Search, rows: Rows, watch: Watch = id) -> Tables:
-    """Winners of every engine for every requirement; `rows` are the ladders of the linkage. Call it in a process of its own."""
-    run, found = over(linkage, scenario, part), Ladders(rows)
-    wanted, engines = requirements(part), [x.name for x in searched(part)]
-    passing = {(w, e): found.passing(e, w) for w in wanted for e in engines}
-    costs = steps_timed(run, [way for ways in passing.values() for way in ways], found.steps, watch)
+    costs: dict[Way, float] = {}
+    passing = {(w, e): ladders.passing(e, w) for w in wanted for e in engines}
+    costs = {Way(*r["way"]): r["seconds"] for r in there(estimated, every(passing))}
     best = {key: finalists({w: costs[w] for w in ways if w in costs}) for key, ways in passing.items()}
-    final = Race(watch)
-    raced = dict.fromkeys(way for ways in best.values() for way in ways)
-    for way in raced:
-        final.add(way, whole_run, run, way, found.steps[way], costs[way], part.lead)
-    measured = final.run(part.rounds)
+    races = [measured_of(there(race, every(best), part.lead, part.rounds))]
+    near = {key: close({w: races[0].quartile(w) for w in ways if w in races[0].samples}) for key, ways in best.items()}
+    races += [measured_of(there(race, every(near), part.lead, part.rounds)) for _ in range(1, part.processes)]
+    measured = Races(races)
     start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
     winners: Rows = []
     for w in wanted:
-        lines = [winner_row(start, w, e, best[w, e], passing[w, e], found, measured, part) for e in engines]
+        left = [e for e in engines if e not in lost]
+        lines = [winner_row(start, w, e, best[w, e], near[w, e], len(passing[w, e]), ladders, measured, part) for e in left]
         winners += with_ratios(lines, measured, part)
-    times = [row(start | place(way), _seconds, measured, way) for way in raced]
+        place_of = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
+        winners += [place_of | {"engine": e} | failure.told for e, failure in lost.items()]
+    times = [row(start | place(way), measured.spread, "seconds", way) for way in every(best) if way.engine not in lost]
     return {"search_winners": winners, "search_times": times}
 
 
-def _seconds(measured: Measured, way: Way) -> Row:
-    return spread("seconds", measured.of(way))
+def every(ways: Mapping[Any, Sequence[Way]]) -> list[Way]:
+    """All of them, each once."""
+    return list(dict.fromkeys(way for some in ways.values() for way in some))
+
+
+def estimated(
+    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str
+) -> Tables:
+    """Estimated seconds of ways, each with its steps."""
+    steps = {Way(*r[:5]): int(r[5]) for r in rows if r[0] in engines}
+    costs = steps_timed(Run(linkage, load(linkage, scenario or None), until), list(steps), steps, watching(path))
+    return {"ways": [{"way": list(way), "seconds": x} for way, x in costs.items()]}
+
+
+def race(
+    linkage: str,
+    scenario: str,
+    until: float,
+    rows: Sequence[Sequence[Any]],
+    lead: float,
+    rounds: int,
+    engines: Sequence[str],
+    path: str,
+) -> Tables:
+    """Seconds (rounds,) of ways, each with its steps and estimated cost, or why there are none."""
+    run, entered = Run(linkage, load(linkage, scenario or None), until), Race(watching(path))
+    for r in (r for r in rows if r[0] in engines):
+        way = Way(*r[:5])
+        entered.add(way, whole_run, run, way, int(r[5]), r[6], lead)
+    measured = entered.run(rounds)
+    told: Rows = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
+    failed = [(way, x) for way, x in measured.failed.items() if isinstance(way, Way)]
+    return {"ways": told + [{"way": list(way), "status": str(x.status), "message": str(x)} for way, x in failed]}
+
+
+def measured_of(rows: Rows) -> Measured:
+    """What `race` told."""
+    ran: dict[Hashable, Array] = {Way(*r["way"]): np.array(r["seconds"]) for r in rows if "seconds" in r}
+    return Measured(ran, {Way(*r["way"]): Missing(Status(r["status"]), r["message"]) for r in rows if "seconds" not in r})
 
 
 class Ladders:
@@ -231,32 +286,35 @@ def winner_row(
     wanted: Requirement,
     engine: str,
     best: Sequence[Way],
-    passing: Sequence[Way],
-    found: Ladders,
-    measured: Measured,
+    near: Sequence[Way],
+    passing: int,
+    ladders: Ladders,
+    measured: Races,
     part: Search,
 ) -> Row:
-    """An engine's winner for a requirement; without one, how near it came and why it went no further."""
-    searched_trials = found.of(engine)
+    """An engine's winner for a requirement; without one, how near it came and why it went no further.
+
+    `passing` ways are exact enough, `best` were raced, and `near` in every process.
+    """
+    searched_trials = ladders.of(engine)
     told = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit, "engine": engine}
-    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": len(passing)}
+    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": passing}
     told |= {"budget": part.budget, "most_steps": part.most_steps}
-    raced = {way: measured.samples[way] for way in best if way in measured.samples}
-    told["raced"] = len(raced)
-    if not raced:
-        return told | beaten(wanted, searched_trials, found, [measured.failed[x] for x in best if x in measured.failed])
-    winner, tied = won(raced)
+    told["raced"] = sum(way in measured for way in best)
+    if not near:
+        return told | beaten(wanted, searched_trials, ladders, [measured.failed[x] for x in best if x in measured.failed])
+    winner, tied = won_over(measured, near)
     error = coarsest(searched_trials[winner._replace(size=0.0)], wanted)
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
-    told |= place(winner) | {"steps": found.steps[winner], "error": error.errors[wanted.kind] if error else None}
+    told |= place(winner) | {"steps": ladders.steps[winner], "error": error.errors[wanted.kind] if error else None}
     told |= {
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
-    return told | {"status": str(Status.OK), "message": ""} | spread("seconds", raced[winner])
+    return told | {"status": str(Status.OK), "message": ""} | measured.spread("seconds", winner)
 
 
-def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], found: Ladders, failed: Sequence[Missing]) -> Row:
+def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], ladders: Ladders, failed: Sequence[Missing]) -> Row:
     """Why an engine has no winner."""
     if failed:
         return {"status": str(failed[0].status), "message": str(failed[0])}
@@ -269,11 +327,11 @@ def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], found: Ladders, 
         return {"status": str(status), "message": message}
     way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
     least = place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
-    text = f"came to {trial.errors[wanted.kind]:.1e} {wanted.unit} in {trial.steps} steps by {way.settings}; {found.ended[way]}"
+    text = f"came to {trial.errors[wanted.kind]:.1e} {wanted.unit} in {trial.steps} steps by {way.settings}; {ladders.ended[way]}"
     return least | {"status": CANNOT, "message": text}
 
 
-def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
+def with_ratios(rows: Rows, measured: Races, part: Search) -> Rows:
     """The rows of a requirement with their time over that of the cheapest own way."""
     ended = [r for r in rows if r["status"] == Status.OK]
     own = min((r for r in ended if r["engine"] in part.own), key=lambda r: float(r["seconds"]), default=None)
@@ -281,8 +339,7 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     for r in rows:
         ratios: dict[str, Any] = {}
         if own is not None and r["status"] == Status.OK:
-            values = ratio(*common(measured.of(way_of(r)), measured.of(way_of(own))))
-            ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), values, strict=True))
+            ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), measured.ratio(way_of(r), way_of(own)), strict=True))
         aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
         told.append(
             at_least(r | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)

@@ -1,7 +1,7 @@
 """What happens when a guard stops a trajectory: another partition, and last a rank decision at each step."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from gauss_bench.terms import Array
 
 STRIDE = 1e-4  # of all times: a step past a singular position
-INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed")
+IMPLICIT = "gauss_legendre"
+INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", IMPLICIT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,13 @@ class Outcome:
     complete: NDArray[np.bool_]
 
 
+class Stop(NamedTuple):
+    """Where one trajectory stopped early: its state (2n,), and the steps that count."""
+
+    state: Array
+    done: int
+
+
 @dataclass(frozen=True, eq=False)
 class Course:
     """What became of one trajectory whose steps are its own choice.
@@ -76,8 +84,8 @@ class Runner(Protocol):
         """All trajectories of a batch as far as their guards hold."""
         ...
 
-    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
-        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the code."""
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
+        """The state (2n,) after n steps of one trajectory, or where it stopped: the shortest way into the code."""
         ...
 
 
@@ -106,6 +114,10 @@ class Programs(Protocol):
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
         """How far one of them is from failing at a state; below 1 it does."""
+        ...
+
+    def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
+        """A state (2n,) taken back onto the rows that one of them keeps, or None where it cannot."""
         ...
 
     def runner(self, k: int, integrator: str) -> Runner:
@@ -152,21 +164,23 @@ class Driver:
 
     def nominal(self, p: Array) -> bool:
         """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
-        return bool((p == self.programs.values).all())
+        return not len(p) or bool((p == self.programs.values).all())
 
     @property
     def drifting(self) -> bool:
         """Whether redundant rows are dropped, others by each program, and nothing takes away what they are off."""
         return bool(self.programs.dropped) and not self.projected
 
-    def handed(self, t: float, state: Array) -> Array:
-        """A state (2n,) as another program is to go on from it.
+    def handed(self, k: int, t: float, state: Array, p: Array) -> Array:
+        """A state (2n,) as program k is to go on from it.
 
         Where rows drift, what one that was dropped is off has grown by the inverse of the smallest pivot: the state is taken back
-        onto the constraints.
+        onto the rows that the program keeps, which near it are all rows, or where that fails by a rank decision.
         """
-        n = self.programs.n
-        return np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if self.drifting else state
+        if not self.drifting:
+            return state
+        settled, n = self.programs.settled(k, t, state, p), self.programs.n
+        return np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
 
     def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
         """The program with the largest margin at a state, or None where none is usable there."""
@@ -212,7 +226,7 @@ def integrate(
         state, t = course.state, course.t
         chosen = driver.best(t, state, p, without) if np.isfinite(state).all() else None
         if chosen is not None:
-            driver.tally.switches, used, state = driver.tally.switches + 1, chosen, driver.handed(t, state)
+            driver.tally.switches, used, state = driver.tally.switches + 1, chosen, driver.handed(chosen, t, state, p)
             continue
         h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
         try:
@@ -262,15 +276,19 @@ class Continuation:
         runner, n = self.driver.programs.runner(self.used, self.integrator), self.driver.programs.n
         if count <= every:  # one sample
             end = runner.run_one(self.state[:n], self.state[n:], self.p, self.t, batch.h, count)
-            outcome = end if isinstance(end, Outcome) else arrived(end, count)
+            complete = not isinstance(end, Stop)
+            self.state, moved = end if isinstance(end, Stop) else (end, count)
+            if complete:
+                self.outcome.samples[self.row, self.stored] = self.state
+            stored = int(complete)
         else:
             outcome = runner.run(Batch(self.state[None], self.p[None], self.t, batch.h, count, every))
-        complete, moved = bool(outcome.complete[0]), int(outcome.done[0])
-        samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
-        self.outcome.samples[self.row, self.stored : self.stored + len(samples)] = samples
-        self.stored += len(samples)
+            complete, moved, self.state = bool(outcome.complete[0]), int(outcome.done[0]), outcome.states[0]
+            samples = outcome.samples[0] if complete else outcome.samples[0, : before(moved, every)]
+            self.outcome.samples[self.row, self.stored : self.stored + len(samples)] = samples
+            stored = len(samples)
+        self.stored += stored
         self.at += moved
-        self.state = outcome.states[0]
         if moved:
             self.tried.clear()
         if not complete:
@@ -287,7 +305,7 @@ class Continuation:
             k = driver.best(self.t, self.state, self.p, set())
         if k is not None and k != self.used:
             driver.tally.switches += 1
-            self.used, self.state = k, driver.handed(self.t, self.state)
+            self.used, self.state = k, driver.handed(k, self.t, self.state, self.p)
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""
@@ -318,9 +336,9 @@ class Continuation:
         self.stored = self.batch.slots
 
 
-def arrived(state: Array, steps: int) -> Outcome:
-    """One trajectory (2n,) that did all its steps."""
-    return Outcome(state[None], state[None, None], np.array([steps]), np.ones(1, bool))
+def stopped(stop: Stop) -> Outcome:
+    """One trajectory that stopped before its only sample."""
+    return Outcome(stop.state[None], np.full((1, 1, len(stop.state)), np.nan), np.array([stop.done]), np.zeros(1, bool))
 
 
 def before(step: int, every: int) -> int:

@@ -14,10 +14,10 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.source import C_HEADER, in_c, on_arrays
-from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome
-from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, in_plain_c, out_of_lanes, shared
+from gauss_bench.compiler.machine.source import on_arrays
+from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
+from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.terms import Array
 
@@ -64,11 +64,11 @@ class Stepper:
         stored = out_of_lanes(samples.reshape(groups, batch.slots, rows, lanes), count)
         return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0), bool(far.any())
 
-    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Outcome:
-        """The state (2n,) after n steps of one trajectory, or what stopped it: the shortest way into the native code."""
+    def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
+        """The state (2n,) after n steps of one trajectory, or where it stopped: the shortest way into the native code."""
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
-            return outcome.samples[0, -1] if outcome.complete[0] else outcome
+            return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
         n_q = len(q)
         one = self.loaded.singles.one or self.loaded.single(2 * n_q, len(parameters), *self.work, 2 * n_q, 3)
         arrays, numbers, counts = one.arrays, one.numbers, one.counts
@@ -83,7 +83,7 @@ class Stepper:
         if report[2] and self.further is not None:
             self.extend()
             return self.run_one(q, v, parameters, t0, h, n)
-        return Outcome(y[None].copy(), np.full((1, 1, len(y)), np.nan), report[:1].astype(int), np.zeros(1, bool))
+        return Stop(y.copy(), int(report[0]))
 
 
 LEAST, LIMIT = 1e-14, 10**7  # of a step, relative to all times and to the longest; steps of one call
@@ -108,7 +108,7 @@ class Adaptive:
 
 
 class Evaluator:
-    """Accelerations by one routine `accelerate`."""
+    """What a routine `accelerate` or `settle` tells of states."""
 
     def __init__(self, loaded: Loaded, work: tuple[int, ...] = ()):
         self.loaded, self.work = loaded, work
@@ -126,16 +126,23 @@ class Evaluator:
 
     def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
         """Accelerations (n,) of one state by native code, or None where a guard fails."""
-        out = self._one(t, q, v, parameters)
+        out = self._one(t, q, v, parameters, len(q))
         return out[:-1].copy() if out[-1] else None
 
     def last(self, t: float, q: Array, v: Array, parameters: Array) -> float:
         """What stands behind the accelerations of one state."""
-        return float(self._one(t, q, v, parameters)[-1])
+        return float(self._one(t, q, v, parameters, len(q))[-1])
 
-    def _one(self, t: float, q: Array, v: Array, parameters: Array) -> Array:
+    def settled(self, t: float, state: Array, parameters: Array) -> Array | None:
+        """The state (2n,) that a routine `settle` takes one to, or None where a guard fails."""
+        n = len(state) // 2
+        out = self._one(t, state[:n], state[n:], parameters, 2 * n)
+        return out[:-1].copy() if out[-1] else None
+
+    def _one(self, t: float, q: Array, v: Array, parameters: Array, told: int) -> Array:
+        """So many numbers of one state, and what stands behind them."""
         n = len(q)
-        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), *self.work, 1, n + 1)
+        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), *self.work, 1, told + 1)
         arrays = one.arrays
         y = arrays[0]
         y[:n], y[n:], arrays[-2][0] = q, v, t
@@ -156,6 +163,7 @@ class StraightLinePrograms:
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._adaptive: dict[int, Adaptive] = {}
         self._margins: dict[int, Evaluator] = {}
+        self._settling: dict[int, Evaluator] = {}
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
@@ -214,6 +222,15 @@ class StraightLinePrograms:
             self._margins[k] = Evaluator(Loaded(lambda many: acceleration(code, margin=True), self.target))
         return self._margins[k].last(t, state[: self.n], state[self.n :], p)
 
+    def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
+        """A state (2n,) taken back onto the rows that one program keeps, or None where its guards or Newton's method fail."""
+        if self.target.backend != "llvm":
+            return None
+        if k not in self._settling:
+            code = read_code(self.codes[k].program, "projection")
+            self._settling[k] = Evaluator(Loaded(lambda many: settling(code), self.target))
+        return self._settling[k].settled(t, state, p)
+
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
         if k == 0 and self.target.backend == "llvm":
@@ -241,8 +258,8 @@ class StraightLinePrograms:
     def c_source(self, integrator: str) -> str:
         """The best program in plain C."""
         first = self.codes[0]
-        steps = in_c(rollout([plain_body(first, integrator)], many=False))
-        return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + steps
+        steps = rollout([plain_body(first, integrator)], many=False)
+        return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

@@ -15,7 +15,11 @@ are steps, since what is stored belongs to the beginning of a step (with project
 
     accelerate(y, p, t, out)
 
-evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where the guards hold.
+evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where the guards hold. Likewise
+
+    settle(y, p, t, out)
+
+takes a state back onto the constraints; `out` has 2 n_q + 1 rows.
 
 What is stepped is a body: in registers here, with all stages written out or one stage gone through four times; in `chains/`, in
 memory. Written out, equal expressions of different stages are one value, sines rotate from stage to stage, and the processor
@@ -302,17 +306,33 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
 
     With `margin`, how many times above its threshold the smallest pivot is stands behind them, 0 where anything is not finite.
     """
-    n, n_p = code.program.n, code.program.n_parameters
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
-    roots, g = [*a, b.margin(b.within(a)) if margin else b.g.flag(b.g.both([*b.pivots, b.within(a)]))], b.g
+    within = b.within(a)
+    return _at_one_state("accelerate", b, a, b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within])), plain)
+
+
+def settling(code: Code, plain: bool = False) -> Routine:
+    """The routine `settle(y, p, t, out)`, which takes a state back onto the rows that a program keeps.
+
+    Positions by as many chord-Newton corrections as a step of the exact reach has, then the velocity; code with projection. `out`
+    has one row more than y, which is 1 where the guards hold and the last correction left nothing but rounding.
+    """
+    b = Builder(code, EXACT, library=plain)
+    q, _ = b.corrected_position(b.t, b.q, [], b.q)
+    v = b.corrected_velocity(q)
+    return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain)
+
+
+def _at_one_state(name: str, b: Builder, values: Sequence[int], last: int, plain: bool) -> Routine:
+    """The routine name(y, p, t, out), which stores values and one more."""
+    n, n_p, roots, g = b.n, b.code.program.n_parameters, [*values, last], b.g
     if not plain:
         g, roots = rewrite(g, roots)
-    values = live(g, roots) if plain else order(g, live(g, roots), {str(k): x for k, x in enumerate(roots)})
+    needed = live(g, roots) if plain else order(g, live(g, roots), {str(k): x for k, x in enumerate(roots)})
     rows = {"y": [*(f"%q{i}" for i in range(n)), *(f"%v{i}" for i in range(n))], "p": [f"%p{i}" for i in range(n_p)], "t": ["%t"]}
-    loads = [Load(name, {g.leaf(x): k for k, x in enumerate(leaves)}) for name, leaves in rows.items()]
-    arrays = {name: Array(len(leaves)) for name, leaves in rows.items()} | {"out": Array(n + 1)}
+    loads = [Load(array, {g.leaf(x): k for k, x in enumerate(leaves)}) for array, leaves in rows.items()]
+    arrays = {array: Array(len(leaves)) for array, leaves in rows.items()} | {"out": Array(len(roots))}
     sound = g.make("lt", g.const(0.0), roots[-1])
-    return Routine(
-        "accelerate", g, arrays, (), (), [*loads, Compute(values), Store("out", roots)], sound, count_operations(g, values)
-    )
+    statements: list[Statement] = [*loads, Compute(needed), Store("out", roots)]
+    return Routine(name, g, arrays, (), (), statements, sound, count_operations(g, needed))

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from matplotlib.axes import Axes
 
 from gauss_bench.report.content import (
-    RANGE,
     Block,
     Cell,
     Finding,
@@ -38,17 +37,19 @@ TABLES = ("search_winners", "search_space", "search_knobs")
 SEARCH = (
     "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
     "flags) the cheapest whose error stays within the requirement at every beat of the whole run. Errors depend on no clock; of "
-    "the variants that pass, those near the cheapest race in one process, and of those that tie the first of the engine's file "
-    "wins. Generation and compilation are not timed. A ratio is an engine's time over that of the suite's own cheapest way, marked "
-    "**own**: above 1 the engine is slower."
+    "the variants that pass, those near the cheapest race in one process, which is repeated in several: where code and data happen "
+    "to lie moves a time by several per cent for the life of a process. Of those that tie the first of the engine's file wins. "
+    "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; a ratio "
+    "is that of an engine to the suite's own cheapest way, marked **own**: above 1 the engine is slower; a range is that of the "
+    "processes."
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *("step [s] or tolerance", "steps", "error", "time", "ratio", "spread", "target", "met", "tried", "passing", "remark"),
+    *("step [s] or tolerance", "steps", "error", "time", "ratio", "range", "target", "met", "tried", "passing", "remark"),
 )
 CAPTION = (
     "Each engine's searched best with its multiple of our own; cannot: no variant reached it within the budget. Bars are the range "
-    "from the 5 to the 95 percent point of the rounds."
+    "of the processes that raced."
 )
 KINDS = ("position", "angle", "force")
 OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
@@ -137,7 +138,7 @@ def findings(run: Run) -> Iterator[Finding]:
         text = (
             f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
             f"where each variant had {spent(group)} ({CANNOT_WORD}: not within these), and in brackets "
-            f"the {RANGE} range of resampled rounds.{''.join(not_told(run, group))}"
+            f"the range of the processes that raced.{''.join(not_told(run, group))}"
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
         yield Finding(title, text, "warn" if lost else "")

@@ -1,0 +1,148 @@
+"""The summary of a run as a page of Markdown, for whoever reviews a change of rows: what was found, one small table a linkage.
+
+It stands beside the rows in git; the site has everything else. What is lost comes first. Figures of accuracy and what a clock
+decides stand in tables of their own, as the rows do, so that a run that is made again changes few lines.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+
+from gauss_bench.report.content import (
+    AUTHORS,
+    Block,
+    Bullets,
+    Cell,
+    Finding,
+    Section,
+    Table,
+    Text,
+    columns,
+    count,
+    engine_cell,
+    error_cell,
+    exact_cell,
+    listed,
+    status_cell,
+    step_cell,
+    text_cell,
+    times,
+)
+from gauss_bench.report.rows import Row, Run, end_bar, end_column, end_error, grouped, known, measure, number, ok, ranked
+from gauss_bench.report.site.write import SITE
+
+LOST = "**"  # findings set in bold what is lost
+SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")
+SHORT, LONGEST = 40, 800  # characters of a finding
+
+
+def summary(run: Run, findings: Iterable[Finding]) -> tuple[Section, ...]:
+    """The sections of the page."""
+    found = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
+    lost = [f for f in found if f.tone in ("bad", "warn")]
+    won = [f for f in found if f.tone not in ("bad", "warn")]
+    parts = [_linkage(run, name) for name in run.linkages]
+    sections = [
+        Section("Where it loses, and what failed", "lost", (Bullets(tuple(map(_said, lost))),)) if lost else None,
+        Section("What else was found", "found", (Bullets(tuple(map(_said, won))),)) if won else None,
+        _cheapest(run),
+        Section("Accuracy", "accuracy", (Text(EXPLAINED),), tuple(parts)) if parts else None,
+    ]
+    return (Section("What this is", "about", _about(run)), *(x for x in sections if x is not None))
+
+
+EXPLAINED = (
+    "For each engine and setting: the error of its accelerations at the same states, how many of its cases may be used, and of "
+    "those the one with the least error at the end of the run, with its drift and its error of energy. All cases stand in "
+    "`results.csv`."
+)
+
+
+def _about(run: Run) -> tuple[Block, ...]:
+    fine = sum(ok(row) for row in run.results)
+    scope = f"{count(len(run.results), 'case')} on {listed(f'`{x}`' for x in run.linkages)}; {fine} ended with a motion."
+    where = (
+        f"Beside this page lie the rows: a table a file, what a clock decides in `times`, columns with units and meanings in "
+        f"`tables.json`, where and when in `environment.json`. The site, `{SITE}/index.html`, is built from them by "
+        "`gauss-bench report` and is not kept in git."
+    )
+    return (Text(AUTHORS), *((Text(scope),) if run.results else ()), Text(where))
+
+
+def _said(finding: Finding) -> str:
+    """A finding's title with what it says first: what is lost, or its first sentence that is not very short."""
+    sentences = SENTENCE.split(finding.text)
+    chosen = [x for x in sentences if LOST in x] or sentences[: 2 if len(sentences[0]) < SHORT else 1]
+    chosen += [x for x in sentences if "slower" in x and x not in chosen and LOST not in finding.text]
+    said = " ".join(chosen)
+    if len(said) > LONGEST:
+        said = f"{said[:LONGEST].rpartition('; ')[0] or said[:LONGEST]}; ..."
+    return f"**{finding.title}.** {said.replace(LOST, '')}"
+
+
+def _linkage(run: Run, name: str) -> Section:
+    """Engines and settings on a linkage, one row each."""
+    rows = run.of(name)
+    unit = measure(rows)
+    head = (
+        "engine",
+        "settings",
+        "same state",
+        "usable",
+        "least error by",
+        "step [s]",
+        f"error, {unit}",
+        "drift [m, rad]",
+        "energy [J]",
+    )
+    lines = [_best(some) for some in grouped(rows, lambda r: (r["engine"], r["settings"])).values()]
+    names, numeric = columns(head, 2)
+    return Section(name, name, (Table(", ".join(sorted({str(r["scenario"]) for r in rows})), names, tuple(lines), numeric - {4}),))
+
+
+def _best(rows: Sequence[Row]) -> tuple[Cell, ...]:
+    usable = [r for r in rows if ranked(r)]
+    best = min((r for r in usable if known(end_error(r))), key=end_error, default=None)
+    accelerations = [x for r in rows if known(x := number(r, "acceleration_error_median"))]
+    same = {"x": min(accelerations, default=math.nan)}
+    first = (engine_cell(rows[0]), text_cell(rows[0]["settings"]), error_cell(same, "x"), Cell(f"{len(usable)} of {len(rows)}"))
+    if best is None:
+        ended = dict.fromkeys(status_cell(r).text for r in rows)
+        return (*first, Cell(listed(ended)), *[Cell("-")] * 4)
+    choice = " ".join(str(best[k]) for k in ("integrator", "stabilization") if best[k] not in ("", "none"))
+    error = error_cell(best, end_column(best), end_bar(best))
+    return (*first, Cell(choice), step_cell(best), error, exact_cell(best, "position_drift"), exact_cell(best, "energy_error"))
+
+
+def _cheapest(run: Run) -> Section | None:
+    """Engines against linkages: how long the searched best of each takes, as a multiple of the cheapest compiled way."""
+    rows = run.table("search_winners")
+    if not rows:
+        return None
+    names = sorted({str(r["mechanism"]) for r in rows})
+    blocks: list[Block] = [Text(SEARCHED)]
+    for (required, accuracy, unit), some in sorted(grouped(rows, lambda r: (r["required"], r["accuracy"], r["unit"])).items()):
+        by = {(r["engine"], r["mechanism"]): r for r in some}
+        lines = [
+            (text_cell(engine), *(_ratio(by.get((engine, name))) for name in names))
+            for engine in sorted({r["engine"] for r in some if r["status"] != "skip"})
+        ]
+        head, numeric = columns(("engine", *names), 1)
+        blocks.append(Table(f"Within {accuracy:.0e} {unit} of {required} over the whole run", head, tuple(lines), numeric))
+    return Section("The cheapest way of each engine", "cheapest", tuple(blocks))
+
+
+SEARCHED = (
+    "Time of the cheapest variant and step that were found exact enough, over that of the cheaper of `gauss-native` and "
+    "`lagrange-native`: above 1 it is slower than that, **below 1 faster**; no variant of an engine that cannot was exact enough. "
+    "Spreads, steps and settings stand in `times/search_winners.csv`."
+)
+
+
+def _ratio(row: Row | None) -> Cell:
+    if row is None:
+        return Cell("-")
+    if row["status"] != "ok":
+        return Cell("-" if row["status"] == "skip" else str(row["status"]).partition(" ")[0])
+    x = number(row, "ratio")
+    return Cell(times(x), x, "bad" if x < 1 else "")

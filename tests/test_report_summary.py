@@ -1,0 +1,71 @@
+"""The summary beside the rows: short, what is lost first, and nothing in it that the rows do not say."""
+
+from pathlib import Path
+
+import pytest
+
+from gauss_bench.report.build import all_findings, read_run
+from gauss_bench.report.content import Bullets, Finding, Section, Table
+from gauss_bench.report.pages import markdown_page
+from gauss_bench.report.rows import Run
+from gauss_bench.report.summary import summary
+
+PUBLISHED = Path(__file__).parents[1] / "reports"
+LIMIT = 30_000  # bytes that a reviewer reads
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return read_run(PUBLISHED)
+
+
+def tables(sections: tuple[Section, ...]) -> list[tuple[str, Table]]:
+    inside = [(s.title, b) for s in sections for b in s.blocks if isinstance(b, Table)]
+    return inside + [x for s in sections for x in tables(s.parts)]
+
+
+def test_what_is_published_is_the_summary_of_the_rows_beside_it(run: Run) -> None:
+    page = markdown_page(run, summary(run, all_findings(run)))
+    assert (PUBLISHED / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
+    assert len(page.encode()) <= LIMIT
+
+
+def test_what_is_lost_is_said_first() -> None:
+    found = [
+        Finding("Fine", "All is well.", "good"),
+        Finding("Odd", "Something is odd.", "warn"),
+        Finding("Race", "It is fast. **Slower than `x` on y 0.5.** **Short of the aim**: y 2 of 3. More of it.", "warn"),
+    ]
+    _, lost, won = summary(Run(), found)
+    (bullets,), (others,) = lost.blocks, won.blocks
+    assert isinstance(bullets, Bullets)
+    assert isinstance(others, Bullets)
+    assert bullets.items == ("**Race.** Slower than `x` on y 0.5. Short of the aim: y 2 of 3.", "**Odd.** Something is odd.")
+    assert others.items == ("**Fine.** All is well.",)
+
+
+def test_every_engine_has_its_least_error_and_every_winner_its_ratio(run: Run) -> None:
+    """Worked out a second time: the least error among usable cases, and times over that of the cheaper compiled formulation."""
+    sections = summary(run, ())
+    for name, table in tables(sections):
+        for row in table.rows:
+            if name in run.linkages:
+                cases = [r for r in run.of(name) if (r["engine"], r["settings"]) == (row[0].text, row[1].text)]
+                usable = [
+                    r["measured_error_t2"] for r in cases if r["status"] in ("ok", "invalid") and r["valid"] and not r["control"]
+                ]
+                assert row[3].text == f"{len(usable)} of {len(cases)}"
+                assert row[6].text == (f"{min(usable):.1e}" if usable else "-")
+            else:
+                required, accuracy = table.title.split()[4], float(table.title.split()[1])
+                for linkage, cell in zip(table.head[1:], row[1:], strict=True):
+                    found = {
+                        r["engine"]: r["seconds"]
+                        for r in run.table("search_winners")
+                        if (r["mechanism"], r["required"], r["accuracy"], r["status"]) == (linkage, required, accuracy, "ok")
+                    }
+                    if row[0].text in found:
+                        expected = found[row[0].text] / min(found[x] for x in ("gauss-native", "lagrange-native") if x in found)
+                        assert float(cell.text) == pytest.approx(expected, rel=0.15)  # of rounds that both sat, not of all
+                    else:
+                        assert cell.text in ("-", "cannot")
