@@ -1,7 +1,7 @@
 """The command line: verbs, exit codes, stdout for results and stderr for everything else.
 
-Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 130 interrupted. Rooms are imported inside
-the verbs, so that help answers at once.
+Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 130
+interrupted. Rooms are imported inside the verbs, so that help answers at once.
 """
 
 import argparse
@@ -10,16 +10,21 @@ import json
 import os
 import shlex
 import sys
+import traceback
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gauss_bench.api.options import Verb, parser
+from gauss_bench.api.options import LOCAL, Verb, parser
+from gauss_bench.mechanism.limits import harmless
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
-BAD_INPUT = 2
+BAD_INPUT, OWN_FAULT = 2, 70  # as sysexits.h has it
+TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
+PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
 
 def command() -> int:
@@ -33,7 +38,11 @@ def command() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    options = parser(ACTIONS).parse_args(arguments)
+    given = [*(sys.argv[1:] if arguments is None else arguments)]
+    if bad := next((x for x in given if not is_argument(x)), None):
+        print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
+        return BAD_INPUT
+    options = parser(ACTIONS).parse_args(given)
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
@@ -42,11 +51,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()  # the reader left; nothing more can be said
         return 1
-    except Exception as error:
-        if not is_bad_input(error):
-            raise
-        print(f"error: {error.args[0] if isinstance(error, KeyError) else error}", file=sys.stderr)
+    except MemoryError:
+        print("error: there is not enough memory for what was asked", file=sys.stderr)
         return BAD_INPUT
+    except Exception as error:
+        if is_bad_input(error):
+            print(harmless(f"error: {error.args[0] if isinstance(error, KeyError) else error}"), file=sys.stderr)
+            return BAD_INPUT
+        if TRACE in os.environ:
+            raise
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
+        print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
+        return OWN_FAULT
+
+
+def is_argument(text: str) -> bool:
+    """Whether a text can be given on a command line, and so be the name of a file."""
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeError:
+        return False
 
 
 def is_bad_input(error: Exception) -> bool:
@@ -59,12 +84,25 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
     from gauss_bench.suites.read import SuiteError
+    from gauss_bench.sweep.errors import SweepError
     from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(
         error,
-        (LinkageError, ExchangeError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError),
+        (
+            LinkageError,
+            ExchangeError,
+            ChoiceError,
+            CertificateError,
+            MissingExtra,
+            SuiteError,
+            SweepError,
+            TableError,
+            NoRun,
+            Busy,
+            OSError,
+        ),
     )
 
 
@@ -205,43 +243,69 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
 def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api import kinematics as moved
     from gauss_bench.api import text
+    from gauss_bench.api.files import told_files
     from gauss_bench.api.results import plain
+    from gauss_bench.tables import write_text
 
+    kinds, printed = {"plot": (".svg",), "animate": (".svg",), "out": (".csv",)}, options.out == PRINTED
+    asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
+    files = told_files(asked_files, kinds, options.replace)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
     result = moved.kinematics(options.linkage, *asked, hold=options.hold)
-    pictures(options, result)
-    if options.json:
+    contents = pictures(options, result, [*files])
+    table = moved.table(result).to_csv(index=False, lineterminator="\n") if options.out else ""
+    if "out" in files:
+        contents["out"] = table
+    for name, content in contents.items():  # all of them, once all of them could be made
+        write_text(files[name], content)
+    if printed:
+        print(table, end="")
+    elif options.json:
         print(result.to_json())
-    elif options.out:
-        csv = moved.table(result).to_csv(index=False, lineterminator="\n")
-        if options.out == "csv":
-            print(csv, end="")
-        else:
-            from gauss_bench.tables import write_text
-
-            write_text(Path(options.out), csv)
-    else:
+    elif not options.out:
         print(text.format_kinematics(plain(result.as_dict())))
     if result.status != "ok":
         print(result.message, file=sys.stderr)
     return 0 if result.status == "ok" else 1
 
 
-def pictures(options: argparse.Namespace, result: "Kinematics") -> None:
-    """Write the plot and the animation that were asked for."""
+def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str]) -> dict[str, str]:
+    """The plot and the animation, as far as they are wanted."""
     from gauss_bench.api import kinematics as moved
     from gauss_bench.report.drawings.animation import animate
     from gauss_bench.report.drawings.curves import curves
-    from gauss_bench.tables import write_text
 
-    if not (options.plot or options.animate):
-        return
+    if not {"plot", "animate"} & {*wanted}:
+        return {}
     mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
-    if options.plot:
-        write_text(options.plot, curves(mechanism, states.t, states.q, states.v, states.a, points))
-    if options.animate:
-        write_text(options.animate, animate(mechanism, states.t, states.q, points))
+    found = {}
+    if "plot" in wanted:
+        found["plot"] = curves(mechanism, states.t, states.q, states.v, states.a, points)
+    if "animate" in wanted:
+        found["animate"] = animate(mechanism, states.t, states.q, points)
+    return found
+
+
+def sweep(options: argparse.Namespace) -> int:
+    from gauss_bench.sweep.run import How, Where
+    from gauss_bench.sweep.run import sweep as swept
+    from gauss_bench.sweep.summary import text
+
+    engines = [x for names in options.engines or ["gauss-native"] for x in names.split(",")]
+    asked = (
+        options.scenario,
+        options.settings,
+        options.integrator,
+        options.stabilization,
+        options.step,
+        options.until,
+        options.budget,
+    )
+    where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
+    found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
+    print_json(found) if options.json else print(text(found["engines"]))
+    return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
 
 
 def export(options: argparse.Namespace) -> int:
@@ -291,10 +355,13 @@ def bring_in(options: argparse.Namespace) -> int:
 
 
 def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.tables import write_text
 
+    if options.out is not None:
+        usable_folder(options.out)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
     if options.out is not None:
@@ -360,6 +427,7 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
@@ -367,6 +435,7 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
 
+    usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
@@ -393,12 +462,27 @@ def run(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
     from gauss_bench.api.programs import programs
+    from gauss_bench.bench.differences import clocked, differences
+    from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
+    from gauss_bench.tables import read_environment
 
-    for path in build_report(options.out, programs):
-        if path.name in ("README.md", "index.html"):
-            print(path)
+    if options.publish:
+        check_publishable(options.out)
+    if options.against:
+        folders = options.out, options.against
+        found, moved = differences(*folders), clocked(*folders)
+        where = read_environment(options.out), read_environment(options.against)
+        if options.json:
+            print_json({"accuracy": asdict(found), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
+        else:
+            print(text.format_changes(found, moved, where))
+        return 0
+    files = build_report(options.out, programs)
+    entries = [path for path in files if path.name in ("README.md", "index.html")]
+    print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
     return 0
 
 
@@ -444,6 +528,7 @@ ACTIONS: dict[str, Verb] = {
     "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
+    "sweep": sweep,
     "export": export,
     "import": bring_in,
     "certify": certify,

@@ -4,6 +4,7 @@ import gc
 import mmap
 import os
 import weakref
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.compiler import user_cache
+from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
-from gauss_bench.compiler.machine import graph, native_code, object_cache, trigonometry
+from gauss_bench.compiler.machine import graph, native_code, trigonometry
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import Graph
 from gauss_bench.compiler.machine.llvm import listing
@@ -173,6 +176,103 @@ def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> N
         errors.append(max(np.abs(q - exact.q[2::2]).max(), np.abs(v - exact.v[2::2]).max()))
     assert 7.0 < np.log2(errors[0] / errors[1]) < 9.5
     assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+# Implicit steps: a torque against a dashpot that takes speeds away within 1e-4 s
+
+CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
+
+
+@cache
+def closing(stabilization: str = "none", backend: str | None = None) -> tuple[Kernel, Array, Array]:
+    """The kernel, and a state at which the dashpot holds the torque."""
+    m = load(CLOSER, "closing")
+    code = compile_kernel(m, "gauss", stabilization, cache=False, backend=backend)
+    return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
+
+
+@cache
+def kernel_of_closer() -> Kernel:
+    return compile_kernel(load(CLOSER, "closing"), "gauss", cache=False)
+
+
+@cache
+def closed() -> Array:
+    """The state 0.32 s later."""
+    _, q, v = closing()
+    return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(stabilization: str) -> None:
+    """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
+    code, q, v = closing(stabilization)
+    found = np.concatenate(code.rollout(q, v, 0.04, 8, integrator="gauss_legendre"))
+    assert np.abs(found - closed()).max() < 1e-9
+    assert code.switches == code.fallbacks == code.lost == 0
+    explicit = np.concatenate(code.rollout(q, v, 4e-4, 800))
+    assert not np.abs(explicit - closed()).max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_gauss_and_legendre_have_order_six(stabilization: str) -> None:
+    """Stiff or not: errors of 0.32 s in 4 and in 8 steps, and of a free turn."""
+    code, q, v = closing(stabilization)
+    errors = [
+        np.abs(np.concatenate(code.rollout(q, v, 0.32 / n, n, integrator="gauss_legendre")) - closed()).max() for n in (8, 16)
+    ]
+    assert 5.2 < np.log2(errors[0] / errors[1]) < 7.0
+    m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
+    turned = kernel("crank_slider", stabilization)
+    errors = []
+    for count in (20, 40):
+        q, v = turned.rollout(m.q0, m.v0, 0.4 / count, count, every=count // 20, integrator="gauss_legendre")
+        errors.append(max(np.abs(q - exact.q[2::2]).max(), np.abs(v - exact.v[2::2]).max()))
+    assert 5.5 < np.log2(errors[0] / errors[1]) < 6.5
+    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+@pytest.mark.slow
+def test_implicit_steps_keep_energy() -> None:
+    """Symplectic: over 20 s of free turning in steps of a hundredth of a turn, what is gained and lost does not add up."""
+    m = load(CLOSER, "free")
+    code = compile_kernel(m, "gauss", "projection", cache=False)
+    q, v = code.rollout(m.q0, m.v0, 0.01, 2000, every=10, integrator="gauss_legendre")
+    off = np.abs(code.energy(q, v) / code.energy(m.q0, m.v0) - 1.0)
+    assert off.max() < 1e-6
+    assert off[-20:].max() < 3 * off[:20].max() + 1e-12
+    assert code.lost == 0
+
+
+@pytest.mark.slow
+def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted() -> None:
+    code, q, v = closing("projection")
+    alone = np.concatenate(code.rollout(q, v, 0.02, 8, integrator="gauss_legendre"))
+    many = code.rollout(np.tile(q, (9, 1)), np.tile(v, (9, 1)), 0.02, 8, integrator="gauss_legendre")
+    np.testing.assert_allclose(np.concatenate(many, axis=1), np.tile(alone, (9, 1)), rtol=0, atol=1e-12)
+    arrays = closing("projection", "numpy")[0].rollout(q, v, 0.02, 8, integrator="gauss_legendre")
+    np.testing.assert_allclose(np.concatenate(arrays), alone, rtol=0, atol=1e-12)
+    rank = RankDecision(code.mechanism)
+    for k in range(8):
+        q, v = rank.step("gauss_legendre", 0.02 * k, q, v, 0.02)
+    np.testing.assert_allclose(np.concatenate([q, v]), alone, rtol=0, atol=1e-10)  # another Jacobian, and the same stages
+
+
+@pytest.mark.slow
+def test_an_implicit_step_that_does_not_converge_is_not_counted() -> None:
+    """A fifth of a turn and more in one step: the interpreted step takes over, or the trajectory is lost, never wrong by chance."""
+    m = load(CLOSER, "free")
+    code = compile_kernel(m, "gauss", cache=False)
+    found = np.concatenate(code.rollout(m.q0, m.v0, 0.4, 3, integrator="gauss_legendre"))
+    assert code.fallbacks + code.lost > 0
+    assert code.lost or np.isfinite(found).all()
+
+
+def test_a_loop_has_no_implicit_steps() -> None:
+    m = mechanism("crank_slider")
+    with pytest.raises(KernelError, match="no implicit steps"):
+        compile_kernel(m, form="looped", cache=False).rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
 
 
 def test_fixed_and_adaptive_steps_are_those_of_the_interpreted_formulation() -> None:
@@ -578,39 +678,57 @@ def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: 
     assert compile_kernel(m).from_cache  # rebuilt in place
 
 
-def test_object_code_belongs_to_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_object_code_belongs_to_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert object_cache.store("a", b"code")
-    assert object_cache.load("a") == b"code"
-    folder = object_cache.folder()
+    assert user_cache.store("a.o", b"code")
+    assert user_cache.load("a.o") == b"code"
+    folder = user_cache.folder()
     (folder / "b.o").write_bytes((folder / "a.o").read_bytes())
-    assert object_cache.load("b") is None  # a file under another name
+    assert user_cache.load("b.o") is None  # a file under another name
     (folder / "a.o").write_bytes((folder / "a.o").read_bytes()[:-1])
-    assert object_cache.load("a") is None
+    assert user_cache.load("a.o") is None
+
+
+def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    m, searches = mechanism("four_bar"), []
+    search = elimination.cheapest
+    monkeypatch.setattr(elimination, "cheapest", lambda *asked: (searches.append(asked), search(*asked))[1])
+    first, again = generate(m, remembered=True), generate(m, remembered=True)
+    assert len(searches) == 1
+    assert again.acceleration.instructions == first.acceleration.instructions
+    assert again.residual.instructions == first.residual.instructions
+    assert generate(m).acceleration.instructions == first.acceleration.instructions
+    heavier = replace(m, links=(replace(m.links[0], mass=2 * m.links[0].mass), *m.links[1:]))
+    assert generate(heavier, remembered=True).acceleration.instructions != first.acceleration.instructions
+    generate(m, "lagrange", remembered=True)
+    assert len(searches) == 4
+    generate(replace(m, title="another", source="elsewhere.toml"), remembered=True)
+    assert len(searches) == 4  # words are no numbers
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no POSIX permissions")
 def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    object_cache.store("a", b"code")
-    folder = object_cache.folder()
+    user_cache.store("a.o", b"code")
+    folder = user_cache.folder()
     folder.chmod(0o755)
-    assert object_cache.load("a") is None
-    assert not object_cache.store("b", b"code")
+    assert user_cache.load("a.o") is None
+    assert not user_cache.store("b.o", b"code")
     folder.chmod(0o700)
     uid = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: uid + 1)
-    assert object_cache.load("a") is None
-    assert not object_cache.store("b", b"code")
+    assert user_cache.load("a.o") is None
+    assert not user_cache.store("b.o", b"code")
 
 
 def test_a_link_in_place_of_the_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir(mode=0o700)
-    object_cache.folder().parent.mkdir(parents=True)
-    object_cache.folder().symlink_to(elsewhere)
-    assert not object_cache.store("a", b"code")
+    user_cache.folder().parent.mkdir(parents=True)
+    user_cache.folder().symlink_to(elsewhere)
+    assert not user_cache.store("a.o", b"code")
     assert not list(elsewhere.iterdir())
 
 

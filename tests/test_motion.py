@@ -102,6 +102,20 @@ def test_tables_and_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureF
     assert "animate" in film.read_text(encoding="utf-8")
 
 
+def test_files_of_a_user_are_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is written where one of the files is there already; with --replace all of them are."""
+    plot, table = tmp_path / "plot.svg", tmp_path / "table.csv"
+    command = ["kinematics", "four_bar", "--intervals", "4", "--plot", str(plot), "--out", str(table)]
+    table.write_text("mine", encoding="utf-8")
+    assert main(command) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert table.read_text(encoding="utf-8") == "mine"
+    assert not plot.exists()
+    assert main([*command, "--replace"]) == 0
+    assert len(table.read_text(encoding="utf-8").splitlines()) == 6
+    assert plot.exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -20,7 +20,7 @@ from gauss_bench.api.simulate import simulate
 from gauss_bench.bench.offers import Offer, offers
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.worker import THREADS
-from gauss_bench.compiler.machine import object_cache
+from gauss_bench.compiler import user_cache
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.trajectory import Status
@@ -116,9 +116,9 @@ def _linkages() -> Finding:
 
 def _cache() -> Finding:
     """Where machine code is kept between runs."""
-    path = object_cache.trusted()
+    path = user_cache.trusted()
     if path is None:
-        why = f"{object_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
+        why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
         return Finding("cache", "none", "missing", why)
     sizes = [x.stat().st_size for x in path.glob("*.o")]
     return Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")

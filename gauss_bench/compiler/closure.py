@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.machine.native_code import Target, in_plain_c
 from gauss_bench.compiler.turns.follow import Follower, follow
 from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
@@ -211,7 +210,7 @@ class Closure:
 
     def c_source(self) -> str:
         """Its routine in plain C, `follow` of `turns/follow.py`, for one lane."""
-        return C_HEADER + in_c(follow(self._program, "states", plain=True))
+        return in_plain_c(follow(self._program, "states", plain=True))
 
     def _memory(self, shape: tuple[int, ...], many: tuple[int, ...], out: Array | None) -> Array:
         if out is None:

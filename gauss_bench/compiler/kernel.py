@@ -10,6 +10,7 @@ straight-line code or, for large linkages, as loops (chains).
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -21,7 +22,7 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
+from gauss_bench.compiler.stepping.driver import IMPLICIT, INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.model import Mechanism
@@ -77,7 +78,7 @@ def compile_kernel(
         lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold, and one in a looped
         program,
             where the lanes of a vector are links.
-        cache: whether object code is kept in the user's cache folder.
+        cache: whether what generation finds out, and object code, is kept in the user's cache folder.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         independent: coordinates of the first partition; chosen where None.
         baumgarte: alpha, beta [1/s].
@@ -107,7 +108,8 @@ def compile_kernel(
 
 def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     damping = o.baumgarte if o.stabilization == "baumgarte" else None
-    first = known_program(mechanism, o.formulation, o.open_parameters, o.independent, damping)
+    program = partial(known_program, mechanism, open_parameters=o.open_parameters, baumgarte=damping, remembered=o.target.cache)
+    first = program(o.formulation, independent=o.independent)
     yield first
     ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
     ways += [("gauss", p) for p in partitions(mechanism) if p != first.independent]
@@ -115,7 +117,7 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     for k, ((formulation, independent), drop) in enumerate(product(ways, range(drops(mechanism)))):
         try:
             if k:
-                yield known_program(mechanism, formulation, o.open_parameters, independent, damping, drop=drop)
+                yield program(formulation, independent=independent, drop=drop)
         except KernelError:
             continue  # not every partition can be eliminated everywhere; the first one could
 
@@ -211,15 +213,21 @@ class Kernel:
             parameters: (n_parameters,) or (batch, n_parameters); those of the file where None.
             every: steps between samples; only the last state where None.
             threads: that share a batch.
-            integrator: "rk4", "semi_implicit_euler" or "dop853_fixed".
+            integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit, of order 6, for stiff
+                forces along free motions.
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
             2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
             `lost`.
+
+        Raises:
+            KernelError: an implicit step of a looped program.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
+        if integrator == IMPLICIT and isinstance(self._programs, LoopedPrograms):
+            raise KernelError("a looped program has no implicit steps; straight-line code has")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
@@ -256,6 +264,11 @@ class Kernel:
         samples, taken, tried = integrate(self._driver, self._programs, state, p, np.asarray(times, dtype=float), (rtol, atol))
         self._tallied()
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
+
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
+        """Whether the first program does n steps of one state by itself: no other is generated."""
+        done = self._programs.runner(0, integrator).run_one(q0, v0, self._values, float(t0), float(dt), int(n))
+        return not isinstance(done, Outcome)
 
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""

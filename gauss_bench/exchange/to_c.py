@@ -78,8 +78,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     except KernelError as error:
         raise ExchangeError(f"{mechanism.source}: {mechanism.name}: cannot become a C program: {error}") from error
     tried = min(mechanism.duration, TRIED)
-    kernel.rollout(mechanism.q0, mechanism.v0, choice.step, int(np.ceil(tried / choice.step)), integrator=choice.integrator)
-    if kernel.switches or kernel.fallbacks:
+    if not kernel.alone(mechanism.q0, mechanism.v0, choice.step, int(np.ceil(tried / choice.step)), integrator=choice.integrator):
         reason = "one file holds one choice of independent coordinates, and on its way this motion needs another"
         raise ExchangeError(
             f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become a C program: {reason}"

@@ -1,18 +1,24 @@
-"""What a result depends on, as digests: the physics of a linkage, and the sources that computed.
+"""What a result depends on, as digests: the physics of a linkage, the numbers of a mechanism, and the sources that computed.
 
 A comment, a title or what is observed may change, a mass or a start may not. Which is which stands with every key in `schema.py`.
 """
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.schema import SECOND, LinkageTable, Table
 
 PACKAGE = Path(__file__).parents[1]
+WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # of a mechanism: nothing is computed from these
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
@@ -63,3 +69,38 @@ def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
     return digest.hexdigest()
+
+
+def content_digest(*values: Any) -> str:
+    """SHA-256 of all that values hold at every depth; of a mechanism, of what it computes with, changed in memory or not.
+
+    Raises:
+        TypeError: one of them holds something that does not tell what it is, as a function.
+    """
+    digest = hashlib.sha256()
+    for part in _content(values):
+        digest.update(part + b"\0")
+    return digest.hexdigest()
+
+
+def _content(x: Any) -> Iterator[bytes]:
+    match x:
+        case None | bool() | int() | float() | complex() | str():
+            yield repr(x).encode()
+        case np.ndarray() | np.generic() if x.dtype != object:
+            yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
+        case MotionLaw():  # its function is made from these
+            yield from _content((x.name, x.numbers))
+        case Mapping():
+            yield from _content([*x.items()])
+        case tuple() | list():
+            yield f"{len(x)} parts".encode()
+            for part in x:
+                yield from _content(part)
+        case _ if is_dataclass(x):
+            yield type(x).__name__.encode()
+            for field in fields(x):
+                if not (isinstance(x, Mechanism) and field.name in WORDS):
+                    yield from _content(getattr(x, field.name))
+        case _:
+            raise TypeError(f"nothing is known of the content of {type(x).__name__}")

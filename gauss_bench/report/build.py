@@ -6,7 +6,6 @@ something to tell at the top, another one for its findings. Built twice from the
 for byte.
 """
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -21,9 +20,7 @@ from gauss_bench.report.rows import Run, ok, order
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import TABLES, TableError, files_of, format_of, read_table, write_text
-
-ENVIRONMENT = "environment.json"
+from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, write_text
 
 
 def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
@@ -50,13 +47,8 @@ def read_run(folder: Path) -> Run:
     if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
-    path = folder / ENVIRONMENT
-    try:
-        environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except ValueError as error:
-        raise TableError(f"{path}: no JSON: {error}") from error
     tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in TABLES if name != "baseline"}
-    return Run(environment, tables)
+    return Run(read_environment(folder), tables)
 
 
 def sections(run: Run) -> tuple[Section, ...]:

@@ -34,8 +34,7 @@ from gauss_bench.compiler.machine.graph import (
     Store,
 )
 from gauss_bench.compiler.machine.loops import STAGES, WORK, LoopedFunction, LoopedProgram
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target
-from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_plain_c
 from gauss_bench.compiler.stepping.programs import Evaluator, Stepper
 from gauss_bench.compiler.stepping.rollout import Body, Carried, rollout
 from gauss_bench.compiler.stepping.steps import FINITE, LAST_CORRECTION, order_eight
@@ -316,8 +315,7 @@ class LoopedPrograms:
     def c_source(self, integrator: str) -> str:
         """The best program in plain C."""
         first = self.codes[0]
-        steps = in_c(rollout([MemoryBody(first, integrator, library=True)], many=False))
-        return C_HEADER + in_c(accelerate(first, library=True)) + "\n" + steps
+        return in_plain_c(accelerate(first, library=True), rollout([MemoryBody(first, integrator, library=True)], many=False))
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

@@ -9,23 +9,28 @@ The search for a cheap elimination: partitions and pivot orders are tried, and t
 Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
 operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
 trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
-its length depends on the linkage alone, so that a linkage always gives the same program.
+its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is remembered on disk: a later
+process eliminates once.
 """
 
+import json
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, replace
+from functools import cache, lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, vector, workspace
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_off_constraints, error_on_constraints
 from gauss_bench.compiler.errors import KernelError
+from gauss_bench.mechanism.digest import content_digest, source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -35,6 +40,7 @@ REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
 PLAIN = Search()
+SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # that a search follows from
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +122,32 @@ def cheapest(
     return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
 
 
+def _name(mechanism: Mechanism, *asked: Any) -> str | None:
+    """What the outcome of a search is kept under; None where the mechanism holds more than numbers."""
+    try:
+        return f"{content_digest(_sources(), mechanism, asked)}.json"
+    except TypeError:
+        return None
+
+
+@cache
+def _sources() -> str:
+    return source_digest(*SOURCES)
+
+
+def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
+    """What an earlier search found, eliminated again; None where nothing is known, or where it does not serve."""
+    kept = user_cache.load(name) if name else None
+    if kept is None:
+        return None
+    plan, search = json.loads(kept)
+    try:
+        work = workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
+        return attempted(work, [Search(**search)])[0]
+    except KernelError:
+        return None
+
+
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
     plans = [Plan("lagrange", (), drop)] if formulation != "gauss" else []
@@ -147,6 +179,7 @@ class Program:
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
             the shortest one under gauss, and the shortest in the mass metric under lagrange.
         velocity_correction: (t, q, v, p) -> dv (n,).
+        directions: (t, q, v, p) -> (n,) of each independent coordinate: the free motion along it; none under lagrange.
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
@@ -165,6 +198,7 @@ class Program:
     acceleration: Function
     position_correction: Function
     velocity_correction: Function
+    directions: Function
     multipliers: Function
     energy: Function
     residual: Function
@@ -184,6 +218,7 @@ def generate(
     baumgarte: tuple[float, float] | None = None,
     aim: str = "single",
     drop: int = 0,
+    remembered: bool = False,
 ) -> Program:
     """The program of a mechanism.
 
@@ -194,6 +229,7 @@ def generate(
         baumgarte: alpha, beta [1/s] of the stabilised variant.
         aim: "single" for a short chain of operations, "batch" for few operations.
         drop: which choice of redundant rows is dropped, of `drops`.
+        remembered: whether what an earlier search found is taken from the user's cache, and what this one finds is kept there.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
@@ -204,7 +240,14 @@ def generate(
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
-    program = _written(known, cheapest(known, open_parameters, formulation, independent, aim, drop), baumgarte)
+    asked = (open_parameters, formulation, independent, aim, drop)
+    name = _name(mechanism, *asked, ATTEMPTS) if remembered else None
+    best = _recalled(known, open_parameters, name)
+    if best is None:
+        best = cheapest(known, *asked)
+        if name:
+            user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
+    program = _written(known, best, baumgarte)
     check(program, mechanism)
     return program
 
@@ -257,6 +300,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),
+        directions=function(at, [vector(graph, N, n) for N in algebra.directions], shared),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),

@@ -1,6 +1,6 @@
 """Text of LLVM becomes machine code of this host: parse, optimise, emit an object, load it.
 
-The only file that knows llvmlite. Object code is kept in the user's cache folder (object_cache.py), so that a linkage compiles
+The only file that knows llvmlite. Object code is kept in the user's cache folder (user_cache.py), so that a linkage compiles
 once on a machine. What the graph has rewritten already is not optimised again: code generation alone does the work, and no pass
 may touch rounding.
 """
@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.machine import object_cache
+from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.machine.graph import Routine
 from gauss_bench.compiler.machine.llvm import Listing, listing
-from gauss_bench.compiler.machine.source import in_python
+from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -88,14 +88,14 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
     start, text, operations = time.perf_counter(), listing.text, listing.operations
     machine = _target_machine(3 if operations <= LARGE else 1)
     key = _key(text, operations)
-    code = object_cache.load(key) if cached else None
+    code = user_cache.load(f"{key}.o") if cached else None
     cached_already = code is not None
     if code is None:
         module = _binding().parse_assembly(text)
         module.verify()
         code = bytes(machine.emit_object(module))
         if cached:
-            object_cache.store(key, code)
+            user_cache.store(f"{key}.o", code)
     call, packed, owner = _loaded(code, listing)
     return NativeCode(call, packed, listing.signature, time.perf_counter() - start, cached_already, owner)
 
@@ -205,6 +205,11 @@ class Target:
     backend: str
     lanes: int
     cache: bool
+
+
+def in_plain_c(*routines: Routine) -> str:
+    """Routines as one file for any compiler of C, each for one trajectory."""
+    return C_HEADER + "\n".join(map(in_c, routines))
 
 
 class Loaded:

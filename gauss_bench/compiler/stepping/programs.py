@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, out_of_lanes, shared
-from gauss_bench.compiler.machine.source import C_HEADER, in_c, on_arrays
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, in_plain_c, out_of_lanes, shared
+from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import REACHES
@@ -258,8 +258,8 @@ class StraightLinePrograms:
     def c_source(self, integrator: str) -> str:
         """The best program in plain C."""
         first = self.codes[0]
-        steps = in_c(rollout([plain_body(first, integrator)], many=False))
-        return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + steps
+        steps = rollout([plain_body(first, integrator)], many=False)
+        return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""

@@ -1,0 +1,86 @@
+"""What generation found out, on disk: object code by `NAME.o`, choices of a search by `NAME.json`.
+
+Machine code will be run, and so nothing is loaded that this user has not written. All is in one folder that belongs to the user and
+that nobody else may enter. A file holds the hash of its own content before it; whatever does not match is as if it were not there.
+Files are written under another name and then moved, so that two processes never see half of one; what a killed process left under
+such a name is removed by whoever writes later.
+"""
+
+import hashlib
+import os
+import stat
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+DIGEST = hashlib.sha256().digest_size
+PART, LEFT = ".part", 600.0  # ending of unfinished files, and the age [s] from which nobody is writing them any more
+MAGIC = b"gauss-bench cache 2\n"
+
+
+def folder() -> Path:
+    """Where all this is kept."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
+    return home / "gauss-bench" / "kernels"
+
+
+def trusted() -> Path | None:
+    """The folder, made where it is missing; None where it is not the user's own or others may enter it."""
+    path = folder()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            path.mkdir(mode=0o700)
+        status = path.lstat()
+    except OSError:
+        return None
+    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    closed = os.name == "nt" or stat.S_IMODE(status.st_mode) == 0o700
+    return path if stat.S_ISDIR(status.st_mode) and own and closed else None
+
+
+def load(name: str) -> bytes | None:
+    """What is kept under a name, or None."""
+    path = trusted()
+    if path is None:
+        return None
+    try:
+        content = (path / name).read_bytes()
+    except OSError:
+        return None
+    head = len(MAGIC) + DIGEST
+    kept = content[head:]
+    return kept if content[:head] == MAGIC + _digest(name, kept) and kept else None
+
+
+def store(name: str, content: bytes) -> bool:
+    """Keep this under a name; False where it cannot be kept."""
+    path = trusted()
+    if path is None:
+        return False
+    _collect(path)
+    unfinished = ""
+    try:
+        handle, unfinished = tempfile.mkstemp(dir=path, suffix=PART)
+        with os.fdopen(handle, "wb") as file:
+            file.write(MAGIC + _digest(name, content) + content)
+        os.replace(unfinished, path / name)
+    except OSError:
+        if unfinished:
+            Path(unfinished).unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _collect(path: Path) -> None:
+    """Remove what killed processes left."""
+    for left in path.glob(f"*{PART}"):
+        with suppress(OSError):
+            if abs(time.time() - left.stat().st_mtime) > LEFT:  # a clock may have jumped either way
+                left.unlink()
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + content).digest()
