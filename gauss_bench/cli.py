@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gauss_bench.api.options import Verb, parser
+from gauss_bench.api.options import LOCAL, Verb, parser
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
@@ -61,12 +61,25 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
     from gauss_bench.suites.read import SuiteError
+    from gauss_bench.sweep.errors import SweepError
     from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(
         error,
-        (LinkageError, ExchangeError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError),
+        (
+            LinkageError,
+            ExchangeError,
+            ChoiceError,
+            CertificateError,
+            MissingExtra,
+            SuiteError,
+            SweepError,
+            TableError,
+            NoRun,
+            Busy,
+            OSError,
+        ),
     )
 
 
@@ -251,6 +264,27 @@ def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str
     return found
 
 
+def sweep(options: argparse.Namespace) -> int:
+    from gauss_bench.sweep.run import How, Where
+    from gauss_bench.sweep.run import sweep as swept
+    from gauss_bench.sweep.summary import text
+
+    engines = [x for names in options.engines or ["gauss-native"] for x in names.split(",")]
+    asked = (
+        options.scenario,
+        options.settings,
+        options.integrator,
+        options.stabilization,
+        options.step,
+        options.until,
+        options.budget,
+    )
+    where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
+    found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
+    print_json(found) if options.json else print(text(found["engines"]))
+    return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
+
+
 def export(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.exchange import export as exported
@@ -298,10 +332,13 @@ def bring_in(options: argparse.Namespace) -> int:
 
 
 def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.tables import write_text
 
+    if options.out is not None:
+        usable_folder(options.out)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
     if options.out is not None:
@@ -367,6 +404,7 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
@@ -374,6 +412,7 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
 
+    usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
@@ -463,6 +502,7 @@ ACTIONS: dict[str, Verb] = {
     "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
+    "sweep": sweep,
     "export": export,
     "import": bring_in,
     "certify": certify,

@@ -204,33 +204,38 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
-    n = mechanism.n
-    parts: list[tuple[Residual, Any, Any]] = []
+def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
+    """What the start and the drivers at t = 0 hold: coordinates with their values and rates."""
+    found: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
-        parts.append((_held_row(driver.coordinate), [target], [rate]))
+        found.append((driver.coordinate, target, rate))
     for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
-        parts.append((_held_row(Angle(GROUND, link)), [target], [rate]))
+        found.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
-        parts.append((_held_row(by_name[name].motion), [exact(number, target)], [exact(number, rate)]))
+        found.append((by_name[name].motion, exact(number, target), exact(number, rate)))
     for reference, target in start.get("points", {}).items():
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
         point = mechanism.named_point(reference)
         for axis, across in enumerate((False, True)):
             along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
-            parts.append((_held_row(along), [exact(number, target[axis])], [exact(number, rates[axis])]))
+            found.append((along, exact(number, target[axis]), exact(number, rates[axis])))
+    return found
+
+
+def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
+    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
+    n, items = mechanism.n, held_items(mechanism, scenario, number)
+    parts = [_held_row(coordinate) for coordinate, _, _ in items]
 
     def of(q: Array) -> tuple[Array, Array]:
-        held = [part(q) for part, _, _ in parts]
+        held = [part(q) for part in parts]
         return np.concatenate([np.zeros(0), *(x for x, _ in held)]), np.vstack([np.zeros((0, n)), *(row for _, row in held)])
 
-    targets = [x for _, target, _ in parts for x in target]
-    return Held(of, np.array(targets), np.array([x for _, _, rate in parts for x in rate]))
+    return Held(of, np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
 
 
 def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:

@@ -107,10 +107,12 @@ def load_sketched(
     return replace(mechanism, q0=q, v0=0.0 * q)
 
 
-def _checked(
-    document: dict[str, Any], scenario: str | None, source: str, sha256: str, stem: str | None
-) -> tuple[Mechanism, dict[str, Any]]:
-    """The mechanism, not yet assembled, and the document with the scenario's override in place."""
+def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
+    """The scenario of that name, or the first with a start, of a document that has no faults.
+
+    Raises:
+        LinkageError: the document has faults, or no such scenario.
+    """
     if place := too_deep(document):
         raise LinkageError(source, [Fault(place, f"tables lie more than {DEEPEST} deep")])
     faults = document_faults(document, stem)
@@ -121,7 +123,22 @@ def _checked(
         scenario = next((name for name, x in scenarios.items() if "start" in x), next(iter(scenarios)))
     if scenario not in scenarios:
         raise LinkageError(source, [Fault(f"scenarios.{scenario}", f"unknown scenario; the file has {', '.join(scenarios)}")])
-    merged = merge(document, scenarios[scenario].get("override", {}))
+    return scenario
+
+
+def of_one_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
+    """The document with a scenario's override in place, and no other scenario."""
+    own = document["scenarios"][scenario]
+    merged = merge(document, own.get("override", {}))
+    return merged | {"scenarios": {scenario: {key: value for key, value in own.items() if key != "override"}}}
+
+
+def _checked(
+    document: dict[str, Any], scenario: str | None, source: str, sha256: str, stem: str | None
+) -> tuple[Mechanism, dict[str, Any]]:
+    """The mechanism, not yet assembled, and the document with the scenario's override in place."""
+    scenario = chosen_scenario(document, scenario, source, stem)
+    merged = merge(document, document["scenarios"][scenario].get("override", {}))
     try:
         return build_mechanism(merged, scenario, source, sha256), merged
     except BuildError as error:
