@@ -7,7 +7,7 @@ BESIDE := -n $(JOBS) --dist worksteal
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench publish report docs test test-all check verify certificates lint drawings setup clean
+.PHONY: bench publish report docs test test-all fuzz check verify certificates lint drawings setup clean
 
 bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
 	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
@@ -28,6 +28,12 @@ test: setup            ## the tests but the slow ones
 
 test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
 	$(BIN)/python -m pytest $(BESIDE)
+
+FILES ?= 20000
+LISTS ?= 3000
+SEED ?= 1
+fuzz: setup            ## hostile files and arguments, and random linkages, at length: make fuzz FILES=2000 LISTS=300 SEED=2
+	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --seed $(SEED)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)
