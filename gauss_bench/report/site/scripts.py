@@ -10,5 +10,5 @@ import vl_convert
 def drawing_script() -> str:
     """The bundle, which leaves `vegaEmbed` behind and nothing else; no module, no request."""
     version = ".".join(altair.SCHEMA_VERSION.lstrip("v").split(".")[:2])
-    bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed; window.vega = vega;", vl_version=version))
+    bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=version))
     return f"(function () {{\n{bundle}\n}})();\n"

@@ -26,7 +26,7 @@
   for (const box of document.querySelectorAll(".toggles")) {
     box.addEventListener("change", () => {
       const name = box.dataset.for;
-      if (views[name]) views[name].change("rows", vega.changeset().remove(() => true).insert(kept(site.data.charts[name], name))).runAsync();
+      if (views[name]) views[name].remove("rows", () => true).insert("rows", kept(site.data.charts[name], name)).runAsync();
     });
   }
   all();
