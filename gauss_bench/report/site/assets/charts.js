@@ -13,6 +13,7 @@
     const name = place.dataset.chart, chart = site.data.charts[name];
     const spec = { ...chart.spec, config: CONFIG, data: { name: "rows", values: kept(chart, name) } };
     const made = await vegaEmbed(place, spec, { renderer: "svg", actions: false, mode: "vega-lite" });
+    place.querySelector("svg").setAttribute("aria-hidden", "true"); // the figure around it has the description, and a table
     views[name] = made.view;
   };
   const places = [...document.querySelectorAll("[data-chart]")];
