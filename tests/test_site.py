@@ -319,7 +319,8 @@ def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: An
             small = page.evaluate(
                 "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
                 " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
-                " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99).map(x => x.textContent.slice(0, 30))"
+                " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99)"
+                ".map(x => x.textContent.slice(0, 30))"
             )
             assert not small, f"{name}: {small[:5]}"
             if scheme == "light" or name in ("index", "linkage-eight_bar"):
