@@ -1,7 +1,7 @@
 """The command line: verbs, exit codes, stdout for results and stderr for everything else.
 
-Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 130 interrupted. Rooms are imported inside
-the verbs, so that help answers at once.
+Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 130
+interrupted. Rooms are imported inside the verbs, so that help answers at once.
 """
 
 import argparse
@@ -10,16 +10,20 @@ import json
 import os
 import shlex
 import sys
+import traceback
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gauss_bench.api.options import Verb, parser
+from gauss_bench.api.options import LOCAL, Verb, parser
+from gauss_bench.mechanism.limits import harmless
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
-BAD_INPUT = 2
+BAD_INPUT, OWN_FAULT = 2, 70  # as sysexits.h has it
+TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
 
@@ -34,7 +38,11 @@ def command() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    options = parser(ACTIONS).parse_args(arguments)
+    given = [*(sys.argv[1:] if arguments is None else arguments)]
+    if bad := next((x for x in given if not is_argument(x)), None):
+        print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
+        return BAD_INPUT
+    options = parser(ACTIONS).parse_args(given)
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
@@ -43,11 +51,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()  # the reader left; nothing more can be said
         return 1
-    except Exception as error:
-        if not is_bad_input(error):
-            raise
-        print(f"error: {error.args[0] if isinstance(error, KeyError) else error}", file=sys.stderr)
+    except MemoryError:
+        print("error: there is not enough memory for what was asked", file=sys.stderr)
         return BAD_INPUT
+    except Exception as error:
+        if is_bad_input(error):
+            print(harmless(f"error: {error.args[0] if isinstance(error, KeyError) else error}"), file=sys.stderr)
+            return BAD_INPUT
+        if TRACE in os.environ:
+            raise
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
+        print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
+        return OWN_FAULT
+
+
+def is_argument(text: str) -> bool:
+    """Whether a text can be given on a command line, and so be the name of a file."""
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeError:
+        return False
 
 
 def is_bad_input(error: Exception) -> bool:
@@ -60,12 +84,25 @@ def is_bad_input(error: Exception) -> bool:
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
     from gauss_bench.suites.read import SuiteError
+    from gauss_bench.sweep.errors import SweepError
     from gauss_bench.tables import TableError
 
     named = isinstance(error, KeyError) and "unknown engine" in str(error)
     return named or isinstance(
         error,
-        (LinkageError, ExchangeError, ChoiceError, CertificateError, MissingExtra, SuiteError, TableError, NoRun, Busy, OSError),
+        (
+            LinkageError,
+            ExchangeError,
+            ChoiceError,
+            CertificateError,
+            MissingExtra,
+            SuiteError,
+            SweepError,
+            TableError,
+            NoRun,
+            Busy,
+            OSError,
+        ),
     )
 
 
@@ -250,6 +287,27 @@ def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str
     return found
 
 
+def sweep(options: argparse.Namespace) -> int:
+    from gauss_bench.sweep.run import How, Where
+    from gauss_bench.sweep.run import sweep as swept
+    from gauss_bench.sweep.summary import text
+
+    engines = [x for names in options.engines or ["gauss-native"] for x in names.split(",")]
+    asked = (
+        options.scenario,
+        options.settings,
+        options.integrator,
+        options.stabilization,
+        options.step,
+        options.until,
+        options.budget,
+    )
+    where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
+    found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
+    print_json(found) if options.json else print(text(found["engines"]))
+    return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
+
+
 def export(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.exchange import export as exported
@@ -297,10 +355,13 @@ def bring_in(options: argparse.Namespace) -> int:
 
 
 def atlas(options: argparse.Namespace) -> int:
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.tables import write_text
 
+    if options.out is not None:
+        usable_folder(options.out)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
     if options.out is not None:
@@ -366,6 +427,7 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import usable_folder
     from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
@@ -373,6 +435,7 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
 
+    usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
@@ -398,10 +461,25 @@ def run(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
+    from gauss_bench.api import text
+    from gauss_bench.bench.differences import clocked, differences
+    from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
+    from gauss_bench.tables import read_environment
 
-    for path in build_report(options.out):
-        print(path)
+    if options.publish:
+        check_publishable(options.out)
+    if options.against:
+        folders = options.out, options.against
+        found, moved = differences(*folders), clocked(*folders)
+        where = read_environment(options.out), read_environment(options.against)
+        if options.json:
+            print_json({"accuracy": asdict(found), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
+        else:
+            print(text.format_changes(found, moved, where))
+        return 0
+    files = build_report(options.out)
+    print_json([str(path) for path in files]) if options.json else print(*files, sep="\n")
     return 0
 
 
@@ -447,6 +525,7 @@ ACTIONS: dict[str, Verb] = {
     "diagnose": diagnose,
     "kinematics": kinematics,
     "recommend": recommend,
+    "sweep": sweep,
     "export": export,
     "import": bring_in,
     "certify": certify,

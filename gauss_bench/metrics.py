@@ -158,7 +158,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     if not np.any(power) or len(t) < 2:
         return gain, rounding
     half = np.unique([*range(0, len(t), 2), len(t) - 1])
-    fine, coarse = _work(t, power, t), _work(t[half], power[half], t)
+    fine, coarse = work(t, power, t), work(t[half], power[half], t)
     return gain - fine, float(np.abs(fine - coarse).max()) + rounding
 
 
@@ -169,7 +169,8 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
     return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
 
 
-def _work(t: Array, power: Array, at: Array) -> Array:
+def work(t: Array, power: Array, at: Array) -> Array:
+    """Work [J] done since t[0] at times `at` (j,), of powers (k, ...) [W] at times t (k,), by a quintic spline."""
     from scipy.interpolate import make_interp_spline  # which takes as long to import as everything else together
 
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))

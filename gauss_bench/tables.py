@@ -25,6 +25,7 @@ FORMAT = 4
 BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
 TIMES = "times"  # the folder of what a clock decides
 SCHEMA_FILE = "tables.json"
+ENVIRONMENT = "environment.json"  # where, when and with what a run was made
 DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
 
 Row = Mapping[str, Any]
@@ -875,6 +876,22 @@ def write_schema(folder: Path) -> None:
         for name, t in TABLES.items()
     }
     write_text(folder / SCHEMA_FILE, json.dumps({"format": FORMAT, "tables": said}, indent=1) + "\n")
+
+
+def read_environment(folder: Path) -> dict[str, Any]:
+    """Where and with what the run in a folder was made; nothing where it does not say.
+
+    Raises:
+        TableError: the file is damaged.
+    """
+    path = folder / ENVIRONMENT
+    try:
+        told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise TableError(f"{path}: no JSON: {error}") from error
+    if not isinstance(told, dict):
+        raise TableError(f"{path}: not an object")
+    return told
 
 
 def format_of(folder: Path) -> int:

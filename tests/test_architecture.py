@@ -54,8 +54,10 @@ ALLOWED = {
         *LIGHT,
     },
     "report": {"mechanism", "tables", *LIGHT},
+    "docs": {"api", "mechanism", "engines", "formulations", "integrate", *LIGHT},  # and a template of an engine
     "exchange": {"mechanism", "engines", "compiler", "gauss_bench", *LIGHT},  # files out of the adapters' models, and into linkages
     "atlas": {"mechanism", "engines", "judge", "bench", "exchange", "report", *LIGHT},
+    "sweep": {"mechanism", "compiler", "engines", "judge", "metrics", "bench", "report", "tables", *LIGHT},
     "api": {
         "advice",
         "mechanism",
@@ -84,6 +86,7 @@ ALLOWED = {
         "reference",
         "report",
         "suites",
+        "sweep",
         "tables",
         "api",
     },
@@ -98,6 +101,8 @@ FOREIGN = {
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",
     "casadi": "engines/casadi/",
+    "joblib": "sweep/run.py",
+    "distributed": "sweep/run.py",
 }
 OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
 

@@ -1,14 +1,15 @@
 """A run held against another: what lies apart beyond the gate's limits is told, and nothing else."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from gauss_bench.api.text import format_differences
-from gauss_bench.bench.differences import differences
+from gauss_bench.bench.differences import clocked, differences
 from gauss_bench.cli import main
-from gauss_bench.tables import KEY, TableError, write_schema, write_table
+from gauss_bench.tables import KEY, TableError, write_schema, write_table, write_text
 
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 ROW = CASE | {"status": "ok", "valid": True, "acceleration_error_median": 1e-15, "position_error": 1e-6, "position_drift": 1e-7}
@@ -63,3 +64,76 @@ def test_a_folder_without_a_run_is_refused_before_anything_runs(tmp_path: Path, 
     assert main(["run", "four_bar", "--out", str(tmp_path / "out"), "--against", str(tmp_path / "nowhere")]) == 2
     assert "nowhere" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+MADE = {"commit": "0123456789ab", "date": "2026-01-02", "cpu": "a processor", "dirty": False}
+RIVAL = {"mechanism": "four_bar", "scenario": "torque", "formulation": "gauss", "stabilization": "none", "rival": "mujoco"}
+RIVAL |= {"settings": "tuned", "step": 1e-4, "status": "ok"}
+
+
+def made(folder: Path, rows: list[dict[str, Any]], ratio: tuple[float, float, float], **more: object) -> Path:
+    """A run with one ratio of times, its spread and whether it meets its target."""
+    told = dict(zip(("ratio", "ratio_low", "ratio_high"), ratio, strict=True)) | {"target": 1.0, "met": ratio[0] >= 1}
+    write_table("kernel_steps", [RIVAL | told], folder)
+    write_text(folder / "environment.json", json.dumps(MADE | more))
+    return written(folder, rows)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "moved", "matters"),
+    [
+        ((1.5, 1.4, 1.6), 0, 0),
+        ((1.9, 1.55, 2.0), 0, 0),  # spreads overlap
+        ((1.9, 1.7, 2.0), 1, 0),
+        ((0.9, 0.8, 0.99), 2, 2),  # of 1, and of the target
+    ],
+)
+def test_a_ratio_matters_where_it_changes_sides(
+    ratio: tuple[float, float, float], moved: int, matters: int, tmp_path: Path
+) -> None:
+    folders = made(tmp_path / "here", [ROW], ratio), made(tmp_path / "there", [ROW], (1.5, 1.4, 1.6))
+    compared, apart = clocked(*folders)
+    assert compared == 2
+    assert (len(apart), sum(x.matters for x in apart)) == (moved, matters)
+
+
+def test_what_changed_is_said_as_markdown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    here = made(tmp_path / "here", [ROW | {"position_error": 3e-6}], (0.9, 0.8, 0.99), cpu="another")
+    there = made(tmp_path / "there", [ROW], (1.5, 1.4, 1.6))
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["report", "--out", str(here), "--against", str(there)]) == 0
+    said = capsys.readouterr().out
+    assert "**1 of 6 accuracy figures beyond the gate's limits; 2 of 2 ratios, targets and claims of times changed sides.**" in said
+    assert "| position_error | 3e-06 | 1e-06 | 2e-06 |" in said
+    assert "ratio | 0.9 (0.8..0.99) | 1.5 (1.4..1.6) |" in said
+    assert "met | no | yes |" in said
+    assert "The machines differ" in said
+    assert sorted(tmp_path.rglob("*")) == before
+    assert main(["report", "--out", str(here), "--against", str(there), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["times"][0]["matters"]
+
+
+def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    head = ",".join([*KEY, "status", "valid", "acceleration_error_median", "position_drift", "position_error"])
+    (there / "results.csv").write_text(f"{head}\nfour_bar,torque,gauss,default,rk4,none,0.001,2,ok,True,1e-15,1e-7,4e-7\n")
+    for form, code, said in ((3, 0, "1 of 5"), (2, 0, "1 of 5"), (99, 2, "format 99 is later")):
+        (there / "tables.json").write_text(json.dumps({"format": form}))
+        asked = ["report", "--out", str(written(tmp_path / "here", [ROW])), "--against", str(there)]
+        assert main(asked) == code
+        told = capsys.readouterr()
+        assert said in told.out + told.err
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [({"dirty": True}, "changed code"), ({"commit": ""}, "commit"), ({"cpu": ""}, "processor")]
+)
+def test_a_run_that_cannot_be_traced_is_not_published(
+    more: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made(tmp_path / "run", [ROW], (1.5, 1.4, 1.6), **more)
+    before = sorted(folder.rglob("*"))
+    assert main(["report", "--out", str(folder), "--publish"]) == 2
+    assert said in capsys.readouterr().err
+    assert sorted(folder.rglob("*")) == before

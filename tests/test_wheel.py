@@ -108,6 +108,7 @@ NEEDING = {
     "kernel suite": (["run", "--suite", "kernel", "four_bar", "--out", "kernel"], 2, "kernel"),
     "MJCF": (["export", "four_bar", "--engine", "mujoco", "--out", "four_bar.xml"], 2, "mujoco"),
     "import of MJCF": (["import", str(MJCF), "--out", "upright.toml"], 2, "mujoco"),
+    "sweep by native code": (["sweep", "four_bar", "--vary", "links.crank.length=0.1:0.12:2", "--out", "kernel"], 2, "kernel"),
     "compiled kinematics": (["kinematics", "four_bar", "--method", "native"], 2, "kernel"),
 }
 
@@ -125,7 +126,7 @@ def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
 
 
 def test_every_verb_is_asked_here() -> None:
-    assert set(VERBS) == {*WORKING, "run", "report", "check", "certify"}
+    assert set(VERBS) == {*WORKING, "run", "report", "check", "certify", "sweep"}
 
 
 @pytest.mark.slow

@@ -23,6 +23,19 @@ def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
     return path
 
 
+def usable_folder(out: Path, usual: Path | None = None) -> Path:
+    """The path of a folder that may be written: those above it are there, but for that which is usual.
+
+    Raises:
+        ExchangeError: it is a file, or lies in no folder.
+    """
+    if out.exists() and not out.is_dir():
+        raise ExchangeError(f"--out {out}: is a file; it takes a folder")
+    if out != usual and not out.absolute().parent.is_dir():
+        raise ExchangeError(f"--out {out}: there is no folder {out.absolute().parent}")
+    return out
+
+
 def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool) -> dict[str, Path]:
     """Option -> path of the files that are asked for.
 

@@ -4,18 +4,25 @@ import argparse
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from gauss_bench import __version__
+from gauss_bench.mechanism.limits import harmless
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
 Verb = Callable[[argparse.Namespace], int]
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose sentences are harmless, whatever was typed."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        super()._print_message(harmless(message), file)
+
+
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
     """All verbs with their options; `actions` maps the name of a verb to what it does."""
-    top = argparse.ArgumentParser(
-        prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics."
-    )
+    top = Parser(prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics.")
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
     for name, (help, options) in VERBS.items():
@@ -148,6 +155,37 @@ def _import(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _sweep(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", metavar="FILE-OR-NAME")
+    verb.add_argument(
+        "--vary",
+        action="append",
+        required=True,
+        metavar="PATH=VALUES",
+        help="a number of the file, or links.NAME.length, as a:b:n, uniform(a,b) or normal(mean,deviation); may be repeated",
+    )
+    verb.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="where rows go; the same sweep goes on there")
+    verb.add_argument("--samples", type=int, metavar="N", help="how many; of grids alone their product")
+    verb.add_argument("--sampling", choices=("random", "sobol"), default="random", help="of what is no grid (default random)")
+    verb.add_argument("--seed", type=int, default=0, metavar="N", help="of what is random (default 0)")
+    verb.add_argument(
+        "--engine", action="append", dest="engines", metavar="NAME,...", help="may be repeated; default: gauss-native"
+    )
+    verb.add_argument("--scenario", help="default: the first with a start")
+    verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the engines")
+    verb.add_argument("--integrator", help="of the engines; their first by default")
+    verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
+    verb.add_argument("--step", type=float, default=1e-3, metavar="H", help="in seconds, at most (default 0.001)")
+    verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the scenario's duration)")
+    verb.add_argument("--budget", type=float, metavar="S", help="seconds that one sample may take in a worker (default 60)")
+    verb.add_argument("--backend", choices=("local", "dask"), default="local", help="who runs batches (default local)")
+    verb.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster, such as tcp://HOST:8786; default: one of this machine"
+    )
+    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="batches at once (default 2); a cluster has its own number")
+    verb.add_argument("--json", action="store_true")
+
+
 def _certify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="default: the first with a start")
@@ -191,6 +229,10 @@ def _run(verb: argparse.ArgumentParser) -> None:
 
 def _report(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--out", type=Path, default=LOCAL, metavar="DIR", help=f"the folder of the run ({LOCAL})")
+    told = "write no pages, but say as Markdown what the run found otherwise than the one there, of this or an earlier format"
+    verb.add_argument("--against", type=Path, metavar="DIR", help=told)
+    verb.add_argument("--publish", action="store_true", help="refuse a run that may not be published: of changed code, or unnamed")
+    verb.add_argument("--json", action="store_true")
 
 
 def _check(verb: argparse.ArgumentParser) -> None:
@@ -232,6 +274,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "diagnose": ("split an engine's error by its causes, and name the one that dominates", _diagnose),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
+    "sweep": ("run one linkage with many different numbers: grids, tolerances, sensitivities", _sweep),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),

@@ -15,7 +15,7 @@ from gauss_bench.tables import TABLES
 if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name things
     from gauss_bench.api.diagnose import Diagnosis
     from gauss_bench.bench.conformance import Check
-    from gauss_bench.bench.differences import Differences
+    from gauss_bench.bench.differences import Clocked, Differences
     from gauss_bench.bench.gate import Verdict
     from gauss_bench.diagnosis.selftest import SelfTest
 
@@ -215,6 +215,48 @@ def format_differences(found: "Differences", there: Path) -> str:
     return "\n".join(
         [*lines, f"against {there}: {apart} of {found.compared} accuracy figures lie apart beyond the gate's limits{missing}"]
     )
+
+
+def format_changes(
+    found: "Differences", times: "tuple[int, tuple[Clocked, ...]]", where: tuple[dict[str, Any], dict[str, Any]]
+) -> str:
+    """What a run found otherwise than another one, as Markdown for a comment: the verdict, what matters, what merely moved."""
+    compared, moved = times
+    matters, rest = [x for x in moved if x.matters], [x for x in moved if not x.matters]
+    apart = len(found.beyond)
+    verdict = f"{apart or 'None'} of {found.compared} accuracy figures beyond the gate's limits; " + (
+        f"{len(matters) or 'none'} of {compared} ratios, targets and claims of times changed sides."
+        if compared
+        else "no times in common."
+    )
+    made = [
+        f"- {name}: commit {x.get('commit') or 'unknown'}{' with changes' if x.get('dirty') else ''}, "
+        f"{x.get('date') or 'no date'}, {x.get('cpu') or 'an unnamed processor'}"
+        for name, x in zip(("this run", "against"), where, strict=True)
+    ]
+    lines = ["## What changed", "", f"**{verdict}**", "", *made]
+    others = [(found.only_here, "this run only"), (found.only_there, "the other run only")]
+    lines += [f"- {n} cases are of {whose}" for n, whose in others if n]
+    if apart:
+        cells = [(v.case, v.metric, v.value, v.baseline, v.limit) for v in found.beyond]
+        lines += _markdown("Accuracy", ("case", "figure", "this run", "against", "allowed"), cells)
+    head = ("what", "this run", "against")
+    if matters:
+        lines += _markdown("Times: what changed sides", head, [(x.what, x.here, x.there) for x in matters])
+    if rest:
+        cells = [(x.what, x.here, x.there) for x in rest]
+        told = f"{len(rest)} ratios moved beyond their spreads and conclude the same"
+        lines += ["", f"<details><summary>{told}</summary>", *_markdown("", head, cells), "", "</details>"]
+    if len({x.get("cpu") for x in where}) > 1:
+        lines += ["", "The machines differ: ratios are compared, times are not."]
+    return "\n".join(lines)
+
+
+def _markdown(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A table of at most as many rows as a comment bears."""
+    lines = ["", *([f"### {title}", ""] if title else []), f"| {' | '.join(head)} |", "| --- " * len(head) + "|"]
+    lines += ["| " + " | ".join(x.replace("|", "\\|") for x in row) + " |" for row in rows[:SHOWN]]
+    return lines if len(rows) <= SHOWN else [*lines, "", f"and {len(rows) - SHOWN} more"]
 
 
 def format_check(verdicts: "list[Verdict]", again: str) -> str:

@@ -137,8 +137,11 @@ class _Keeping:
 
 
 def _told(request: Request, engine: Any, mechanism: Mechanism) -> dict[str, Any]:
-    """A run as plain data."""
-    run = one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest)
+    return plain_run(one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest))
+
+
+def plain_run(run: Run) -> dict[str, Any]:
+    """A run as plain data, as `outcome_of` takes it."""
     found = run.trajectory or run.reached
     told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)

@@ -1,13 +1,14 @@
-"""What a run measured otherwise than another one, by the gate's own limits: a user's run against the published one."""
+"""What a run measured otherwise than another one: accuracy by the gate's own limits, ratios of times by their spreads."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gauss_bench.bench.gate import Verdict, compare, facts
 from gauss_bench.bench.runner import frame
-from gauss_bench.tables import KEY, TableError, read_table
+from gauss_bench.tables import KEY, TABLES, TableError, read_table
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,78 @@ def differences(here: Path, there: Path) -> Differences:
     shared = cases[0] & cases[1]
     truths = [{_key(row) for row in x[x["engine"] == "reference"].to_dict("records")} for x in found]
     common = shared | (truths[0] & truths[1])
-    own, other = (x[[_key(row) in common for row in x.to_dict("records")]] for x in found)
+    known = set(found[0]["metric"]) & set(found[1]["metric"])  # an earlier format may not have had a figure at all
+    own, other = (x[[_key(row) in common and row["metric"] in known for row in x.to_dict("records")]] for x in found)
     verdicts = compare(own, other)
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
+
+
+@dataclass(frozen=True)
+class Clocked:
+    """Something that a clock decides and that two runs decide otherwise.
+
+    Attributes:
+        what: table, row and column.
+        here, there: the values as words, a ratio with its spread.
+        matters: whether what a reader concludes is another thing: a target or a claim changed sides, or a ratio did of 1.
+        factor: of a ratio, here over there; 1 else.
+    """
+
+    what: str
+    here: str
+    there: str
+    matters: bool
+    factor: float = 1.0
+
+
+def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
+    """How many ratios, targets and claims both runs have, and those that lie apart: of ratios, whose spreads do not overlap.
+
+    Raises:
+        TableError: a table is damaged, or of a later format than is known here.
+    """
+    compared, apart = 0, []
+    for name, table in TABLES.items():
+        columns = [c for c in table.columns if c.timed]
+        words = [c.name for c in columns if c.name == "met" or c.name.endswith("verdict")]
+        ratios = [c.name for c in columns if c.name.endswith("ratio")]
+        if not table.keys or not (words or ratios):
+            continue
+        other = {tuple(map(str, (row[c.name] for c in table.key))): row for row in read_table(name, there)}
+        for row in read_table(name, here):
+            key = tuple(map(str, (row[c.name] for c in table.key)))
+            for found in _apart(row, other[key], words, ratios) if key in other else ():
+                compared += 1
+                if found is not None:
+                    column, own, others, matters, factor = found
+                    what = f"{name}: {' '.join(x for x in key if x not in ('', 'nan'))}: {column}"
+                    apart.append(Clocked(what, own, others, matters, factor))
+    return compared, tuple(sorted(apart, key=lambda x: (not x.matters, -abs(math.log(x.factor)), x.what)))
+
+
+def _apart(
+    row: Mapping[str, Any], other: Mapping[str, Any], words: list[str], ratios: list[str]
+) -> Iterator[tuple[str, str, str, bool, float] | None]:
+    """For everything that both rows tell: None, or column, values here and there, whether it matters, and the quotient."""
+    for name in words:
+        if row[name] not in (None, "") and other[name] not in (None, ""):
+            same = row[name] == other[name]
+            yield None if same else (name, _word(row[name]), _word(other[name]), True, 1.0)
+    for name in ratios:
+        ends = [[x[f"{name}{end}"] for end in ("", "_low", "_high")] for x in (row, other)]
+        if all(math.isfinite(x) and x > 0 for three in ends for x in three):
+            (x, low, high), (y, least, most) = ends
+            beyond = low > most or high < least
+            yield (name, _range(x, low, high), _range(y, least, most), (x > 1) != (y > 1), x / y) if beyond else None
+
+
+def _word(value: bool | str) -> str:
+    return value if isinstance(value, str) else "yes" if value else "no"
+
+
+def _range(x: float, low: float, high: float) -> str:
+    return f"{x:.3g} ({low:.3g}..{high:.3g})"
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:

@@ -1,13 +1,16 @@
 """Finished tasks, one line each, appended and synced: a killed run loses nothing and repeats nothing.
 
-A line counts only if it is whole and was made by the same code, linkage and libraries; a torn last line is cut off before the next
-one is written.
+A line ends with the checksum of what stands before it, and counts only if it is whole, is as it was written, and was made by the
+same code, linkage and libraries. A torn last line is cut off before the next one is written. A damaged line before it stays where
+it is, is told on stderr, and its task is run again.
 """
 
 import fcntl
 import hashlib
 import json
 import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,12 +26,41 @@ class Busy(RuntimeError):
 def fingerprint() -> str:
     """Digest of the package's sources and data, and of the versions of what computes."""
     versions = json.dumps(package_versions(), sort_keys=True)
-    sources = source_digest("", without=("report", "cli.py", "_mechanisms"))  # linkages are known by digests of their own
+    sources = source_digest("", without=("report", "docs", "cli.py", "_mechanisms"))  # linkages are known by digests of their own
     return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
+SUM = b', "sum": "'  # before the checksum of a line
+DIGITS = 16
+
+
+def line_of(entry: dict[str, Any]) -> bytes:
+    """An entry as a line of the journal."""
+    content = json.dumps(entry).encode()
+    return content[:-1] + SUM + _sum(content) + b'"}\n'
+
+
+def entry_of(line: bytes) -> dict[str, Any] | None:
+    """What a line says, or None where it is not as it was written."""
+    at = len(line) - len(SUM) - DIGITS - len(b'"}\n')
+    content = line[: max(0, at)] + b"}"
+    if at < 0 or line != content[:-1] + SUM + _sum(content) + b'"}\n':
+        return None
+    found: dict[str, Any] = json.loads(content)
+    return found
+
+
+def _sum(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest()[:DIGITS].encode()
+
+
 class Journal:
-    """The lines of one file, locked while open."""
+    """The lines of one file, locked while open.
+
+    Raises:
+        Busy: another run writes to it.
+        OSError: the folder cannot be written, or the disk is full; what was finished before stays.
+    """
 
     def __init__(self, path: Path):
         self.path = path
@@ -36,7 +68,7 @@ class Journal:
 
     def __enter__(self) -> "Journal":
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.file = self.path.open("a+b")
+        self.file = self.path.open("a+b", buffering=0)
         try:
             fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -50,14 +82,14 @@ class Journal:
 
     def _read(self) -> None:
         self.file.seek(0)
-        whole = 0
-        for line in self.file:
-            if not line.endswith(b"\n"):
-                break
-            whole += len(line)
-            entry = json.loads(line)
-            self.entries[entry["key"]] = entry
-        self.file.truncate(whole)
+        content = self.file.read()
+        *lines, torn = content.split(b"\n")
+        self.file.truncate(len(content) - len(torn))
+        found = [entry_of(line + b"\n") for line in lines]
+        self.entries = {entry["key"]: entry for entry in found if entry}
+        if damaged := found.count(None):
+            said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
+            print(f"warning: {said}", file=sys.stderr)
 
     def finished(self, key: str, stamp: str) -> dict[str, Any] | None:
         """The rows of a task, by table, if they were made under the same stamp."""
@@ -67,7 +99,13 @@ class Journal:
     def add(self, key: str, stamp: str, tables: dict[str, Any]) -> None:
         """Append one finished task and wait until it is on disk."""
         entry = {"key": key, "stamp": stamp, "tables": tables}
-        self.file.write(json.dumps(entry).encode() + b"\n")
-        self.file.flush()
-        os.fsync(self.file.fileno())
+        line, end = memoryview(line_of(entry)), self.file.seek(0, os.SEEK_END)
+        try:
+            while line:
+                line = line[self.file.write(line) :]
+            os.fsync(self.file.fileno())
+        except OSError:
+            with suppress(OSError):
+                self.file.truncate(end)
+            raise
         self.entries[key] = entry

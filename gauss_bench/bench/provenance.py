@@ -9,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.tables import ENVIRONMENT, TIMES, TableError, read_environment
+
 PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
 
 
@@ -23,12 +25,27 @@ def package_versions() -> dict[str, str]:
     return found
 
 
+def check_publishable(folder: Path) -> None:
+    """Refuse a run that others could not trace: of code that was changed or is not named, or timed on a machine without a name.
+
+    Raises:
+        TableError: the run may not be published.
+    """
+    told = read_environment(folder)
+    if not told.get("commit"):
+        raise TableError(f"{folder / ENVIRONMENT}: does not name the commit that the run was made from: not to be published")
+    if told.get("dirty"):
+        raise TableError(f"{folder / ENVIRONMENT}: the run was made from changed code: not to be published")
+    if (folder / TIMES).exists() and not told.get("cpu"):
+        raise TableError(f"{folder / ENVIRONMENT}: does not name the processor that times were taken on: not to be published")
+
+
 def environment() -> dict[str, Any]:
     """Where and with what a run was made."""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": _git("rev-parse", "--short=12", "HEAD"),
-        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
+        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no", "--", ":/", ":(top,exclude)reports")),
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu(),

@@ -27,7 +27,7 @@ from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Tables, finish, gathered
 from gauss_bench.judge import LIMITS
 from gauss_bench.suites.schema import Suite
-from gauss_bench.tables import TABLES, row_of, write_schema, write_table, write_text
+from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
 
 ORDER = ("accuracy", "cost")  # what others are worked out from comes first
 
@@ -111,7 +111,7 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
     for table, rows in tables.items():
         write_table(table, rows, folder)
     write_schema(folder)
-    write_text(folder / "environment.json", json.dumps(where, indent=1) + "\n")
+    write_text(folder / ENVIRONMENT, json.dumps(where, indent=1) + "\n")
 
 
 def described(engines: list[str]) -> dict[str, Any]:

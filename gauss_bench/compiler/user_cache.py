@@ -2,17 +2,20 @@
 
 Machine code will be run, and so nothing is loaded that this user has not written. All is in one folder that belongs to the user and
 that nobody else may enter. A file holds the hash of its own content before it; whatever does not match is as if it were not there.
-Files are written under another name and then moved, so that two processes never see half of one.
+Files are written under another name and then moved, so that two processes never see half of one; what a killed process left under
+such a name is removed by whoever writes later.
 """
 
 import hashlib
 import os
 import stat
 import tempfile
+import time
 from contextlib import suppress
 from pathlib import Path
 
 DIGEST = hashlib.sha256().digest_size
+PART, LEFT = ".part", 600.0  # ending of unfinished files, and the age [s] from which nobody is writing them any more
 MAGIC = b"gauss-bench cache 2\n"
 
 
@@ -57,14 +60,26 @@ def store(name: str, content: bytes) -> bool:
     path = trusted()
     if path is None:
         return False
+    _collect(path)
+    unfinished = ""
     try:
-        handle, unfinished = tempfile.mkstemp(dir=path, suffix=".part")
+        handle, unfinished = tempfile.mkstemp(dir=path, suffix=PART)
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + _digest(name, content) + content)
         os.replace(unfinished, path / name)
     except OSError:
+        if unfinished:
+            Path(unfinished).unlink(missing_ok=True)
         return False
     return True
+
+
+def _collect(path: Path) -> None:
+    """Remove what killed processes left."""
+    for left in path.glob(f"*{PART}"):
+        with suppress(OSError):
+            if abs(time.time() - left.stat().st_mtime) > LEFT:  # a clock may have jumped either way
+                left.unlink()
 
 
 def _digest(name: str, content: bytes) -> bytes:

@@ -15,6 +15,7 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     Revolute,
     SlideDriver,
+    factor_of,
     loads,
 )
 from gauss_bench.mechanism.tree import Tree, spanning_tree
@@ -58,9 +59,7 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
     Raises:
         TypeError: a force of a kind that does not say what it comes to.
     """
-    if reason := unsteady(mechanism, library):
-        return reason
-    loads(mechanism.forces)
+    loads(f for f in mechanism.forces if not factor_of(f))
     if mechanism.has_friction:
         return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
     return None

@@ -36,6 +36,7 @@ RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far 
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
+MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought near by whole turns first, or by longer steps
 
 Residual = Callable[[Array], tuple[Array, Array]]
 
@@ -157,10 +158,12 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
-    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|."""
+    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|, or infinity."""
     q = q.copy()
     for _ in range(iterations):
         F, J = residual(q)
+        if not (np.isfinite(F).all() and np.isfinite(J).all()):
+            return q, np.inf
         step = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)[0]
         size = float(np.abs(step).max(initial=0.0))
         q += step if size < 0.5 else step * (0.5 / size)
@@ -204,33 +207,38 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
-    n = mechanism.n
-    parts: list[tuple[Residual, Any, Any]] = []
+def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
+    """What the start and the drivers at t = 0 hold: coordinates with their values and rates."""
+    found: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
-        parts.append((_held_row(driver.coordinate), [target], [rate]))
+        found.append((driver.coordinate, target, rate))
     for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
-        parts.append((_held_row(Angle(GROUND, link)), [target], [rate]))
+        found.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
-        parts.append((_held_row(by_name[name].motion), [exact(number, target)], [exact(number, rate)]))
+        found.append((by_name[name].motion, exact(number, target), exact(number, rate)))
     for reference, target in start.get("points", {}).items():
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
         point = mechanism.named_point(reference)
         for axis, across in enumerate((False, True)):
             along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
-            parts.append((_held_row(along), [exact(number, target[axis])], [exact(number, rates[axis])]))
+            found.append((along, exact(number, target[axis]), exact(number, rates[axis])))
+    return found
+
+
+def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
+    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
+    n, items = mechanism.n, held_items(mechanism, scenario, number)
+    parts = [_held_row(coordinate) for coordinate, _, _ in items]
 
     def of(q: Array) -> tuple[Array, Array]:
-        held = [part(q) for part, _, _ in parts]
+        held = [part(q) for part in parts]
         return np.concatenate([np.zeros(0), *(x for x, _ in held)]), np.vstack([np.zeros((0, n)), *(row for _, row in held)])
 
-    targets = [x for _, target, _ in parts for x in target]
-    return Held(of, np.array(targets), np.array([x for _, _, rate in parts for x in rate]))
+    return Held(of, np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
 
 
 def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
@@ -263,7 +271,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
         """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
         gap, error = held.of(state)[0] - held.target, np.inf
-        for part in np.linspace(1.0, 0.0, 2 + int(np.abs(gap).max(initial=0.0) / STEP))[1:]:
+        for part in np.linspace(1.0, 0.0, 2 + min(MOST_STEPS, int(np.abs(gap).max(initial=0.0) / STEP)))[1:]:
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
@@ -275,7 +283,9 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 break
         return state, error
 
-    for start, closed in ((q, True), (turned(mechanism, held, q), True), (q, False)):
+    near = turned(mechanism, held, q)
+    far = bool(np.abs(held.of(q)[0] - held.target).max(initial=0.0) > MOST_STEPS * STEP)
+    for start, closed in ((near, True), (near, False)) if far else ((q, True), (near, True), (q, False)):
         reached, error = follow(start, closed)
         if error <= CLOSED:
             break

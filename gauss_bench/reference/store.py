@@ -3,6 +3,8 @@
 import hashlib
 import os
 import sys
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +32,37 @@ def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Refere
         return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
     if path.exists():
-        with np.load(path) as data:
-            return Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
+        if kept := read_reference(path):
+            return kept
+        print(f"warning: {path}: is not as it was written; the reference is built again", file=sys.stderr)
     reference = build_reference(mechanism, t_end)
     folder.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.stem}.{os.getpid()}.part.npz")
-    np.savez_compressed(part, method=reference.method, **{name: getattr(reference, name) for name in FIELDS})
-    part.replace(path)
+    try:
+        levels = {name: getattr(reference, name) for name in FIELDS}
+        np.savez_compressed(part, digest=_digest(reference), method=reference.method, **levels)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     return reference
+
+
+def read_reference(path: Path) -> Reference | None:
+    """The reference in a file, or None where it is not as it was written."""
+    try:
+        with np.load(path) as data:
+            found = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
+            return found if str(data["digest"]) == _digest(found) else None
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None
+
+
+def _digest(reference: Reference) -> str:
+    told = hashlib.sha256(reference.method.encode())
+    for name in FIELDS:
+        x = np.ascontiguousarray(getattr(reference, name))
+        told.update(f"{name} {x.shape} {x.dtype}".encode() + x.tobytes())
+    return told.hexdigest()
 
 
 def certified_reference(mechanism: Mechanism, t_end: float) -> Reference | None:

@@ -21,9 +21,8 @@ from gauss_bench.report.pages import html_page, markdown_page
 from gauss_bench.report.rows import Run, ok, order
 from gauss_bench.report.site.write import write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import FORMAT, TABLES, TableError, files_of, format_of, read_table, write_text
+from gauss_bench.tables import FORMAT, TABLES, files_of, format_of, read_environment, read_table, write_text
 
-ENVIRONMENT = "environment.json"
 MANIFEST = "manifest.json"
 
 
@@ -57,13 +56,8 @@ def read_run(folder: Path) -> Run:
     if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
-    path = folder / ENVIRONMENT
-    try:
-        environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except ValueError as error:
-        raise TableError(f"{path}: no JSON: {error}") from error
     tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in tables_read()}
-    return Run(environment, tables)
+    return Run(read_environment(folder), tables)
 
 
 def sections(run: Run) -> tuple[Section, ...]:

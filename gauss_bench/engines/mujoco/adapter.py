@@ -13,6 +13,7 @@ masses, under the torque or force A law''(t), moves so up to the share of the li
 import contextlib
 import copy
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,10 @@ from gauss_bench.engines.shared import (
     with_accelerations,
 )
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
@@ -138,6 +140,8 @@ class MujocoModel:
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
         self.drives: list[tuple[int, float, MotionLaw]] = []
+        self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
+        self.last = np.inf  # [s] up to where forces are those of the steps that are being taken
         verify(self)
         self._drive()
 
@@ -155,10 +159,20 @@ class MujocoModel:
             self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
             configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
 
+    @property
+    def pushed(self) -> bool:
+        """Whether forces are set from Python at every stage."""
+        return bool(self.drives or self.varying.varying)
+
     def _push(self, data: Any, t: float) -> None:
-        """The driving torques at time t [s]."""
+        """The driving torques, and the forces that vary, at time t [s]."""
+        if self.varying.varying:
+            y, dy = np.array(data.qpos), np.array(data.qvel)
+            q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
+            data.qfrc_applied[:] = self.torque + self.tree.forces(q, self.varying.generalised(q, v, t))
         for k, armature, law in self.drives:
-            data.qfrc_applied[k] = self.torque[k] + armature * float(law(t)[2])
+            at_rest = data.qfrc_applied[k] if self.varying.varying else self.torque[k]
+            data.qfrc_applied[k] = at_rest + armature * float(law(t)[2])
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """MuJoCo's data at tree state y, dy (n,)."""
@@ -177,7 +191,7 @@ class MujocoModel:
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.native = times, native
-        self.plan = step_counts(times, self.choice.step)
+        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
         self.y[0], self.dy[0] = self.y0, self.dy0
         self.complaints: list[str] = []
@@ -188,8 +202,8 @@ class MujocoModel:
 
     def run(self) -> None:
         control = self.mujoco.get_mjcb_control()
-        if self.drives:  # called at every stage of a step, with the time of that stage
-            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, data.time))
+        if self.pushed:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, min(data.time, self.last)))
         try:
             with heard(self.mujoco, self.complaints):
                 self._run()
@@ -198,14 +212,17 @@ class MujocoModel:
 
     def _run(self) -> None:
         step, model, data = self.mujoco.mj_step, self.model, self.data
-        for k, (count, size) in enumerate(self.plan):
-            model.opt.timestep = size
+        for begin, count, size, last, row in self.plan:
+            model.opt.timestep, self.last = size, last
+            if self.mechanism.kinks:
+                data.time = begin  # MuJoCo adds steps up, and would be before a kink where a new stretch begins
             if self.native:
                 step(model, data, nstep=count)
             else:
                 for _ in range(count):
                     step(model, data)
-            self.y[k + 1], self.dy[k + 1] = data.qpos, data.qvel
+            if row is not None:
+                self.y[row], self.dy[row] = data.qpos, data.qvel
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """A call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread: last tree states (k, 2, n).
@@ -215,8 +232,8 @@ class MujocoModel:
         """
         from mujoco import rollout
 
-        if self.drives:
-            raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set the torque of a motion law at every stage")
+        if self.pushed:
+            raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
         here = slice(1, 1 + 2 * self.tree.n)  # after the time
@@ -233,9 +250,10 @@ class MujocoModel:
 
     def read(self) -> Trajectory:
         said = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        note = "the motion law is evaluated in Python at every stage, which takes longer than MuJoCo does" if self.drives else ""
+        what = "the motion law is" if self.drives else "forces that vary are"
+        note = f"{what} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        steps = sum(count for count, _ in self.plan)
+        steps = sum(stretch.count for stretch in self.plan)
 
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
@@ -282,7 +300,7 @@ def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) ->
     data = built.forward(y, dy)
     q, v, a0 = tree.absolute(y, dy, np.zeros(n))
     speeds = tree.absolute(np.tile(y, (n, 1)), np.eye(n), np.zeros((n, n)))[1]
-    Q, inertial = evaluator.applied.generalised(q, v), evaluator.mass * a0
+    Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
     mass, own_mass = np.zeros((n, n)), (speeds * evaluator.mass) @ speeds.T
     built.mujoco.mj_fullM(built.still, data, mass)

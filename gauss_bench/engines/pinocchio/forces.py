@@ -8,7 +8,7 @@ import numpy as np
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import jointed
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import AngleDriver, Force, Mechanism, SlideDriver
+from gauss_bench.mechanism.model import AngleDriver, Force, Mechanism, SlideDriver, factor_of
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -22,10 +22,10 @@ class TreeForces:
     What is affine in the tree state (torques, dampers of joints, springs along slides) is tabulated once, as a user of Pinocchio
     would write it by hand; the others are evaluated each time, with v = T dy from Pinocchio's joint Jacobians:
 
-        tau = constant + stiffness y + damping dy + T^T Q_others(q, v)
+        tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
     Attributes:
-        others: the forces that are not affine.
+        others: the forces that are not affine, or vary with time or direction.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
@@ -33,7 +33,7 @@ class TreeForces:
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
         for f in mechanism.forces:
-            found = self._tabulated(f)
+            found = None if factor_of(f) else self._tabulated(f)
             if found is None:
                 self.others += (f,)
             else:
@@ -56,7 +56,7 @@ class TreeForces:
         error = np.abs(constant + states @ slope.T - tau).max()
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
 
-    def __call__(self, y: Array, dy: Array) -> Array:
+    def __call__(self, y: Array, dy: Array, t: float) -> Array:
         tau = self.constant
         if self.has_damping:
             tau = tau + self.damping.dot(dy)
@@ -64,7 +64,7 @@ class TreeForces:
             tau = tau + self.stiffness.dot(y)
         if self.others:
             q, T = self.motion(y)
-            tau = tau + self.applied.generalised(q, T.dot(dy)).dot(T)
+            tau = tau + self.applied.generalised(q, T.dot(dy), t).dot(T)
         return tau
 
 

@@ -1,0 +1,237 @@
+"""Some samples of a sweep and an engine become rows: a batch in one call of the native kernel, or one by one.
+
+Whatever happens to a sample is a row: numbers that are no linkage, a start that does not close, an engine that fails or is lost.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from gauss_bench import metrics
+from gauss_bench.bench.apart import TEXT, outcome_of, plain_run
+from gauss_bench.bench.offers import isolated
+from gauss_bench.bench.one_run import one_run, received, sampling_at
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.compiled import FORMULATIONS
+from gauss_bench.engines.extras import require
+from gauss_bench.judge import size_of
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.load import load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.sweep.errors import SweepError
+from gauss_bench.sweep.family import Family, family_of, told
+from gauss_bench.sweep.figures import Motions, figures, units
+from gauss_bench.sweep.paths import Document
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+
+SAMPLES = 400  # of each motion: extremes and energies are taken from them
+TOGETHER = 64  # motions that are evaluated at once: they stay in the processor's cache
+CHUNK = 4096  # states of one evaluation: their numbers stay in the processor's cache
+NOT_ASSEMBLED = "not_assembled"
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What every sample of a sweep shares; plain data, so that it travels.
+
+    Attributes:
+        document: of one scenario. source: the file. paths: of what varies. until: end [s].
+        choices: engine -> choice. limit: [s] that one sample may take in a worker. jobs: threads that share a call of the kernel.
+    """
+
+    document: Document
+    scenario: str
+    source: str
+    paths: tuple[str, ...]
+    until: float
+    choices: Mapping[str, Choice]
+    limit: float
+    jobs: int = 1
+
+    @cached_property
+    def _key(self) -> str:
+        return repr((self.document, self.scenario, self.source, self.paths, self.until, self.choices, self.limit))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Asked) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+def times(step: float, until: float) -> tuple[float, int, int, Array]:
+    """The step that is taken [s], how many steps, how many from sample to sample, and the times of the samples.
+
+    The step is at most the one asked for, and a whole part of the time.
+    """
+    count = max(1, int(np.ceil(until / step * (1 - 1e-12))))
+    every = max(1, -(-count // SAMPLES))
+    steps = np.unique([*range(0, count + 1, every), count])
+    return until / count, count, every, steps * (until / count)
+
+
+def in_batches(engine: str) -> bool:
+    """Whether an engine takes a batch in one call."""
+    return engine in FORMULATIONS
+
+
+@lru_cache(maxsize=4)
+def _family(asked: Asked) -> Family:
+    return Family(asked.document, asked.scenario, asked.paths, asked.source)
+
+
+_making = threading.Lock()
+_stepping = threading.Lock()  # a kernel counts what it does, and may have to generate more code
+
+
+def family(asked: Asked) -> Family:
+    """The family of a sweep, made once in a process."""
+    with _making:
+        return _family(asked)
+
+
+@lru_cache(maxsize=4)
+def _kernel(asked: Asked, engine: str) -> Kernel:
+    some, choice = _family(asked), asked.choices[engine]
+    kernel = compile_kernel(some.nominal, FORMULATIONS[engine], choice.stabilization, some.open_numbers, baumgarte=BAUMGARTE)
+    kernel.prepare(choice.integrator, many=True)
+    return kernel
+
+
+def kernel(asked: Asked, engine: str) -> Kernel:
+    """The kernel that all samples share, made once in a process.
+
+    Raises:
+        MissingExtra: there is no compiler.
+        SweepError: what varies cannot be left open, or the linkage has no kernel.
+    """
+    require("llvmlite")
+    if reason := family(asked).closed_to_kernels:
+        raise SweepError(f"--vary {reason}; take an engine that builds every sample anew, such as gauss")
+    with _making:
+        try:
+            return _kernel(asked, engine)
+        except KernelError as error:
+            raise SweepError(f"--engine {engine}: {error}") from error
+
+
+def rows_of(asked: Asked, engine: str, first: int, values: Array) -> list[dict[str, Any]]:
+    """One row for every sample (k, d), the first of which has a number."""
+    found = _native(asked, engine, values) if in_batches(engine) else [_single(asked, engine, x) for x in values]
+    return [{"sample": first + k, "engine": engine, **row} for k, row in enumerate(found)]
+
+
+def _failed(status: str, message: str) -> dict[str, Any]:
+    return {"status": status, "message": message}
+
+
+def _native(asked: Asked, engine: str, values: Array) -> list[dict[str, Any]]:
+    code, some, choice = kernel(asked, engine), family(asked), asked.choices[engine]
+    h, count, every, t = times(choice.step, asked.until)
+    starts = some.starts(values)
+    rows = [_failed(NOT_ASSEMBLED, starts.reasons.get(k, "")) for k in range(len(values))]
+    there = np.flatnonzero(np.isfinite(starts.q).all(axis=1))
+    if not len(there):
+        return rows
+    columns = {name: x[there] for name, x in starts.columns.items()}
+    p = np.stack(list(columns.values()), axis=-1) if columns else np.zeros((len(there), 0))
+    q0, v0 = starts.q[there], starts.v[there]
+    with _stepping, np.errstate(all="ignore"):
+        q, v = code.rollout(q0, v0, h, count, parameters=p, every=every, threads=asked.jobs, integrator=choice.integrator)
+    q, v = (np.concatenate([x0[:, None], x], axis=1) for x0, x in ((q0, q), (v0, v)))
+    good = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(v).all(axis=(1, 2))
+    for k in np.flatnonzero(~good):
+        until = t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
+        rows[there[k]] = _failed(str(Status.NAN), f"the motion is lost after {until:g} s: no partition of the kernel serves there")
+    if not good.any():
+        return rows
+    for part in np.array_split(np.flatnonzero(good), -(-int(good.sum()) // TOGETHER)):
+        own = {name: x[part] for name, x in columns.items()}
+        forces = _multipliers(code, t, q[part], v[part], p[part])
+        some_q, some_v = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
+        motions = Motions(t, some_q, some_v, forces)
+        found, statuses, sentences = figures(family_of(some.nominal, own), motions, size_of(some.nominal))
+        table = np.stack([np.broadcast_to(x, len(statuses)) for x in found.values()], axis=-1).tolist()
+        for k, numbers, status, sentence in zip(there[part], table, statuses, sentences, strict=True):
+            rows[k] = {"status": str(status), "message": sentence, **dict(zip(found, numbers, strict=True))}
+    return rows
+
+
+def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
+    """(samples, batch, rows)."""
+    batch, k, n = q.shape
+    states = [np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)]
+    parts = [[x[i : i + CHUNK] for x in states] for i in range(0, batch * k, CHUNK)]
+    with np.errstate(all="ignore"):
+        try:
+            found = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
+        except KernelError:  # of loops with other numbers than the file's
+            mechanism = code.mechanism
+            found = np.full((batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
+    return found.reshape(batch, k, -1).swapaxes(0, 1)
+
+
+def _single(asked: Asked, engine: str, values: Sequence[float]) -> dict[str, Any]:
+    some, choice = family(asked), asked.choices[engine]
+    document = some.document_of(values)
+    try:
+        mechanism = load_document(document, asked.scenario, asked.source)
+    except LinkageError as error:
+        return _failed(NOT_ASSEMBLED, told(error))
+    h, _, _, t = times(choice.step, asked.until)
+    wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
+    if isolated(engine):
+        largest = 8 * len(t) * (1 + 3 * mechanism.n) + TEXT
+        arguments = (document, asked.scenario, asked.source, engine, taken, t)
+        try:
+            answer = _worker(engine).call(performed_there, arguments, asked.limit, largest)
+        except WorkerFailure as failure:
+            return _failed(str(failure.status), str(failure))
+        run = received(outcome_of(answer), wanted, mechanism.n)
+    else:
+        run = one_run(get(engine), mechanism, taken, wanted)
+    if run.trajectory is None:
+        return _failed(str(run.status), run.message)
+    x = run.trajectory
+    try:
+        multipliers = metrics.reactions(Evaluator(mechanism), x)
+    except (ArithmeticError, np.linalg.LinAlgError):
+        multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
+    motions = Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
+    found, statuses, sentences = figures(mechanism, motions, size_of(mechanism))
+    said = "; ".join(filter(None, (run.message, sentences[0])))
+    return {"status": str(statuses[0]), "message": said, **{name: float(np.ravel(x)[0]) for name, x in found.items()}}
+
+
+def performed_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:
+    """A run as plain data, in the process of the engine."""
+    return plain_run(one_run(get(engine), load_document(document, scenario, source), choice, sampling_at(choice.step, t)))
+
+
+_here = threading.local()
+
+
+def _worker(engine: str) -> Worker:
+    """The worker that this thread keeps for an engine, until the process ends."""
+    import atexit
+
+    kept: dict[str, Worker] = _here.__dict__.setdefault("workers", {})
+    if engine not in kept:
+        kept[engine] = Worker()
+        atexit.register(kept[engine].stop)
+    return kept[engine]
+
+
+def columns_of(mechanism: Mechanism, paths: Sequence[str]) -> dict[str, str]:
+    """Names and units of a row's numbers: what varies, then the figures."""
+    return {**dict.fromkeys(paths, ""), **units(mechanism)}

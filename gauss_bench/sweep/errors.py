@@ -1,0 +1,5 @@
+"""What a user can mend of a sweep."""
+
+
+class SweepError(ValueError):
+    """A sweep that cannot be run as it is asked for; the message names the option or the path of the file."""

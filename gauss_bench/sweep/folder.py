@@ -1,0 +1,123 @@
+"""The folder of a sweep: what was asked, and the rows of each batch in a Parquet file of its own.
+
+    plan.json              what was asked, by which a later call knows whether it may go on
+    samples/part-00000.parquet, ...   the rows of each batch and engine, in the plan's order
+    summary.json, summary.svg         made of them at the end
+
+A part is written beside its place, synced, and moved there: it is whole or not there. One that cannot be read is run again. Nothing
+outside the folder is written, and in it nothing but these files.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from gauss_bench.bench.journal import Busy
+from gauss_bench.sweep.errors import SweepError
+from gauss_bench.tables import atomically, write_text
+
+PLAN, PARTS = "plan.json", "samples"
+TEXTS = {"engine", "status", "message"}
+FIRST = ("sample", "engine", "status", "message")
+
+
+class Folder:
+    """A sweep's folder, locked while open.
+
+    Args:
+        asked: plain data that says all that rows depend on. columns: names of their numbers, with units.
+    """
+
+    def __init__(self, path: Path, asked: Mapping[str, Any], columns: Mapping[str, str]):
+        self.path, self.asked, self.columns = path, json.loads(json.dumps(asked)), columns
+        told = [pa.field("sample", pa.int64(), nullable=False)]
+        told += [pa.field(name, pa.string(), nullable=False) for name in FIRST[1:]]
+        told += [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in columns.items()]
+        self.schema = pa.schema(told)
+
+    def __enter__(self) -> "Folder":
+        checked(self.path, self.asked)
+        (self.path / PARTS).mkdir(parents=True, exist_ok=True)
+        self.lock = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self.lock)
+            raise Busy(f"{self.path}: another sweep is writing there") from error
+        if not (self.path / PLAN).exists():
+            write_text(self.path / PLAN, json.dumps(self.asked, indent=1) + "\n")
+        for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
+            left.unlink()  # of a sweep that was killed: the lock says that there is no other
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        os.close(self.lock)
+
+    def part(self, number: int) -> Path:
+        """The file of a batch."""
+        return self.path / PARTS / f"part-{number:05d}.parquet"
+
+    def has(self, number: int, rows: int) -> bool:
+        """Whether a batch is there with all its rows, as it was written; one that is not is told by False and written anew."""
+        try:
+            table = pq.read_table(self.part(number), schema=self.schema, page_checksum_verification=True)
+        except (OSError, pa.ArrowException):
+            return False
+        return bool(table.num_rows == rows)
+
+    def write(self, number: int, rows: list[dict[str, Any]]) -> None:
+        """The rows of a batch, in one move."""
+        columns = {name: [row.get(name) for row in rows] for name in self.schema.names}
+        table = pa.table({name: _clean(x) if name in self.columns else x for name, x in columns.items()}, schema=self.schema)
+        atomically(self.part(number), lambda path: pq.write_table(table, path, write_page_checksum=True))
+
+    def read(self) -> Any:
+        """All rows as a table of pandas, in the plan's order."""
+        files = sorted((self.path / PARTS).glob("part-*.parquet"))
+        return pa.concat_tables([pq.read_table(x, schema=self.schema) for x in files]).to_pandas()
+
+
+def _clean(values: list[float | None]) -> Any:
+    found = np.array([np.nan if x is None else x for x in values], dtype=float)
+    return pa.array(found, from_pandas=True)
+
+
+def checked(path: Path, asked: Mapping[str, Any]) -> None:
+    """Refuse a folder that is not this sweep's.
+
+    Raises:
+        SweepError: there is no folder to make it in, it holds something else, or another sweep.
+    """
+    if not path.parent.is_dir():
+        raise SweepError(f"--out {path}: there is no folder {path.parent}")
+    if path.exists() and not path.is_dir():
+        raise SweepError(f"--out {path}: is a file; a sweep takes a folder")
+    if not path.exists() or not (content := {x.name for x in path.iterdir() if x.suffix != ".part"}):
+        return
+    if PLAN not in content:
+        if content != {PARTS} or any((path / PARTS).iterdir()):
+            raise SweepError(f"--out {path}: holds something else than a sweep; take an empty or a new folder")
+        return
+    try:
+        there = json.loads((path / PLAN).read_text(encoding="utf-8"))
+    except ValueError:
+        there = None
+    if not isinstance(there, dict):
+        raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
+    other = [key for key in dict.fromkeys([*asked, *there]) if asked.get(key) != there.get(key)]
+    if other:
+        was = "; ".join(f"{key} was {_short(there.get(key))}, is {_short(asked.get(key))}" for key in other)
+        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or ask for the same")
+
+
+def _short(x: object) -> str:
+    said = json.dumps(x)
+    return said if len(said) < 80 else f"{said[:76]} ..."

@@ -1,0 +1,162 @@
+"""Which values the samples of a sweep have: grids, Monte Carlo, and Sobol's points, all known before anything is run.
+
+    PATH=a:b:n          n values from a to b, ends included
+    PATH=uniform(a,b)   anything from a to b, all equally likely
+    PATH=normal(m,s)    about m, with the standard deviation s
+
+Grids are crossed. Random values come from one seed. Where there are both, the samples go through the grid again and again.
+
+Sobol's plan (`--sampling sobol`) has no grids. Its points are two scrambled Sobol sequences A and B of n points, n a power of two,
+and those of A with one column of B, (d + 2) n in all: Saltelli's design, of which indices of all orders follow.
+Source: Saltelli et al., Variance based sensitivity analysis of model output (2010), table 2.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.sweep.errors import SweepError
+from gauss_bench.terms import Array
+
+MOST = 10_000_000  # samples
+PLANS = ("random", "sobol")
+FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A number that varies: its path, "grid", "uniform" or "normal", two numbers, and how many values a grid has."""
+
+    path: str
+    kind: str
+    a: float
+    b: float
+    count: int = 0
+
+    def values(self, shares: Array) -> Array:
+        """Values (k,) where the shares (k,) of all possible values are smaller."""
+        if self.kind == "uniform":
+            return self.a + (self.b - self.a) * shares
+        from scipy.special import ndtri
+
+        return np.asarray(self.a + self.b * ndtri(np.clip(shares, 1e-300, 1 - 2**-53)))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A sweep's samples.
+
+    Attributes:
+        dimensions: d of them. values: (N, d).
+        base: n of Sobol's design, whose samples are A, B, then A with each column of B; 0 for every other plan.
+    """
+
+    dimensions: tuple[Dimension, ...]
+    values: Array
+    base: int = 0
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Of what varies."""
+        return tuple(x.path for x in self.dimensions)
+
+
+def dimension(text: str) -> Dimension:
+    """What one --vary says.
+
+    Raises:
+        SweepError: it says nothing that is known.
+    """
+    path, equals, values = (x.strip() for x in text.partition("="))
+    if not (path and equals and values):
+        raise SweepError(f"--vary {text}: must be PATH=a:b:n, PATH=uniform(a,b) or PATH=normal(mean,deviation)")
+    if found := FORM.fullmatch(values.replace(" ", "")):
+        a, b = (_number(text, found[x]) for x in "ab")
+        if found["kind"] == "uniform" and not a < b:
+            raise SweepError(f"--vary {text}: the first bound must be smaller than the second")
+        if found["kind"] == "normal" and not b > 0:
+            raise SweepError(f"--vary {text}: the standard deviation must be positive")
+        return Dimension(path, found["kind"], a, b)
+    parts = values.split(":")
+    if len(parts) != 3:
+        raise SweepError(f"--vary {text}: {values!r} is neither a:b:n, uniform(a,b) nor normal(mean,deviation)")
+    a, b = (_number(text, x) for x in parts[:2])
+    if not (parts[2].isascii() and parts[2].isdigit() and len(parts[2]) < 10 and 1 <= int(parts[2]) <= MOST):
+        raise SweepError(f"--vary {text}: a grid has a whole number of values from 1 to {MOST}, not {parts[2]!r}")
+    return Dimension(path, "grid", a, b, int(parts[2]))
+
+
+def _number(text: str, value: str) -> float:
+    try:
+        found = float(value)
+    except ValueError:
+        found = math.nan
+    if not math.isfinite(found):
+        raise SweepError(f"--vary {text}: {value!r} is no finite number")
+    return found
+
+
+def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:
+    """The samples of a sweep.
+
+    Args:
+        texts: what every --vary says.
+        samples: how many; of grids alone their product, which may be left out.
+        sampling: "random" or "sobol".
+
+    Raises:
+        SweepError: what cannot be planned so.
+    """
+    some = tuple(dimension(x) for x in texts)
+    paths = [x.path for x in some]
+    if not some:
+        raise SweepError("--vary: nothing varies; give at least one PATH=VALUES")
+    if twice := next((x for x in paths if paths.count(x) > 1), None):
+        raise SweepError(f"--vary {twice}: is given twice")
+    if samples is not None and not 1 <= samples <= MOST:
+        raise SweepError(f"--samples {samples}: must be from 1 to {MOST}")
+    if seed < 0:
+        raise SweepError(f"--seed {seed}: must not be negative")
+    return _sobol(some, samples, seed) if sampling == "sobol" else _random(some, samples, seed)
+
+
+def _random(some: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    grids = [x for x in some if x.kind == "grid"]
+    size = math.prod(x.count for x in grids)
+    if len(grids) == len(some):
+        if samples not in (None, size):
+            raise SweepError(f"--samples {samples}: the grids have {size} points, each of which is one sample; leave it out")
+        samples = size
+    if samples is None:
+        raise SweepError("--samples: how many, where values are random?")
+    if max(samples, size) > MOST:
+        raise SweepError(f"--vary: the grids have {size} points; {MOST} are the most")
+    random, columns = np.random.default_rng(seed), {}
+    for x in some:
+        if x.kind != "grid":
+            columns[x.path] = x.values(random.random(samples))
+    if grids:
+        crossed: Any = np.array(list(product(*(np.linspace(x.a, x.b, x.count) for x in grids))))
+        columns |= {x.path: crossed[np.arange(samples) % size, k] for k, x in enumerate(grids)}
+    return Plan(some, np.stack([columns[x.path] for x in some], axis=-1))
+
+
+def _sobol(some: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    from scipy.stats import qmc
+
+    if grid := next((x for x in some if x.kind == "grid"), None):
+        raise SweepError(f"--vary {grid.path}: a grid has no place in Sobol's plan; give uniform({grid.a:g},{grid.b:g})")
+    d = len(some)
+    if samples is None or samples < 2 * (d + 2):
+        raise SweepError(f"--samples: Sobol's plan of {d} numbers needs at least {2 * (d + 2)}, a power of two times {d + 2}")
+    base = 1 << int(math.log2(samples / (d + 2)))
+    points = qmc.Sobol(2 * d, scramble=True, rng=seed).random(base)
+    a, b = points[:, :d], points[:, d:]
+    mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
+    shares = np.concatenate([a, b, *mixed])
+    return Plan(some, np.stack([x.values(shares[:, k]) for k, x in enumerate(some)], axis=-1), base)

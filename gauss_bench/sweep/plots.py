@@ -1,0 +1,41 @@
+"""Pictures of a sweep: how each figure is distributed, and how it follows what varies."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.sweep.plan import Plan
+
+SHOWN = 500  # points of a panel: more only blacken it
+MOST = 8  # figures that are drawn
+
+
+def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
+    """SVG: a row for each figure, with its distribution and one panel for every number that varies; colours are engines."""
+    from gauss_bench.report.palette import engine_colours
+    from gauss_bench.report.plotting import panels, svg, titled
+
+    told = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()][:MOST]
+    if not told:
+        told = list(figures[:1])
+    engines = list(dict.fromkeys(rows["engine"]))
+    colours = engine_colours(engines)
+    figure, axes = panels(1 + len(plan.paths), len(told), height=2.2, share=False)
+    for name, line in zip(told, axes, strict=True):
+        for engine in engines:
+            part = rows[(rows["engine"] == engine) & (rows["status"] == "ok")].dropna(subset=[name])
+            y = part[name].to_numpy(dtype=float)
+            if not len(y):
+                continue
+            line[0].hist(y, bins=min(60, max(5, int(np.sqrt(len(y))))), color=colours[engine], alpha=0.6, label=engine)
+            few = np.linspace(0, len(y) - 1, min(len(y), SHOWN)).round().astype(int)
+            for axis, path in zip(line[1:], plan.paths, strict=True):
+                axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
+        titled(line[0], name)
+        line[0].set_ylabel("samples")
+        if len(engines) > 1:
+            line[0].legend(frameon=False, fontsize=7)
+    for axis, path in zip(axes[-1][1:], plan.paths, strict=True):
+        axis.set_xlabel(path)
+    return svg(figure)

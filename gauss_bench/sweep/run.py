@@ -1,0 +1,269 @@
+"""Runs a sweep: plan, folder, batches by joblib, summary. What is there already is not run again."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.bench.asked import checked_budget, duration
+from gauss_bench.bench.journal import fingerprint
+from gauss_bench.bench.offers import isolated, offer
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.load import chosen_scenario, document_of, load, of_one_scenario
+from gauss_bench.sweep.batch import Asked, columns_of, family, in_batches, kernel, rows_of
+from gauss_bench.sweep.errors import SweepError
+from gauss_bench.sweep.folder import Folder, checked
+from gauss_bench.sweep.paths import number_at
+from gauss_bench.sweep.plan import PLANS, Plan, plan
+from gauss_bench.sweep.summary import summary
+from gauss_bench.tables import write_text
+from gauss_bench.terms import Array
+
+FORM = "sweep/1"
+BATCH, SINGLES = 512, 8  # samples of one task: of an engine that takes them in one call, and of every other
+BACKENDS = ("local", "dask")
+PAUSE = 5.0  # [s] between lines of progress
+LIMIT = 60.0  # [s] that one sample may take in a worker
+MOST_STEPS = 1e8  # of one sample
+FIRST = 3.0  # [s] to find a scheduler
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Who runs batches: "local" threads or processes, as many as `jobs`, or "dask", at a scheduler's address or on this machine."""
+
+    backend: str = "local"
+    scheduler: str | None = None
+    jobs: int = 2
+
+
+@dataclass(frozen=True)
+class How:
+    """How each sample is run; None for an engine's own defaults."""
+
+    scenario: str | None = None
+    settings: str | None = None
+    integrator: str | None = None
+    stabilization: str | None = None
+    step: float = 1e-3
+    until: float | None = None
+    limit: float | None = None
+
+
+def sweep(
+    linkage: str,
+    vary: Sequence[str],
+    out: Path,
+    engines: Sequence[str] = ("gauss-native",),
+    samples: int | None = None,
+    sampling: str = "random",
+    seed: int = 0,
+    how: How = How(),
+    where: Where = Where(),
+    tell: Told = lambda sentence: None,
+) -> dict[str, Any]:
+    """Run a linkage with many different numbers into a folder, and return the summary that stands there.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        vary: PATH=VALUES, as in `plan.py`.
+        out: the folder. Where it holds the same sweep, what is missing is run.
+        samples, sampling, seed: of the plan.
+        tell: is given how far things are.
+
+    Raises:
+        LinkageError, SweepError, ChoiceError, KeyError: what cannot be used; before anything is written.
+        Busy: another sweep writes into the folder.
+    """
+    if sampling not in PLANS or where.backend not in BACKENDS:
+        raise SweepError(f"--sampling is one of {', '.join(PLANS)}, --backend one of {', '.join(BACKENDS)}")
+    if where.jobs < 1:
+        raise SweepError(f"--jobs {where.jobs}: must be at least 1")
+    if where.scheduler and where.backend != "dask":
+        raise SweepError("--scheduler: is for --backend dask")
+    if not engines or len(set(engines)) < len(engines):
+        raise SweepError("--engine: name each engine once")
+    some = plan(vary, samples, sampling, seed)
+    asked = _asked(linkage, some, engines, how, where.jobs)
+    nominal = family(asked).nominal
+    figures = columns_of(nominal, [])
+    columns = columns_of(nominal, some.paths)
+    stamp = _stamp(asked, vary, some, sampling, seed)
+    checked(out, stamp)
+    for engine in filter(in_batches, engines):
+        tell(f"{engine}: generating and compiling, with {', '.join(_opened(asked, engine)) or 'nothing'} left open")
+    with Folder(out, stamp, columns) as folder:
+        _run(folder, asked, some, engines, where, tell)
+        rows = folder.read()
+    told = {"linkage": nominal.name, "scenario": asked.scenario, "samples": len(some.values), "until": asked.until}
+    told |= {
+        "paths": list(some.paths),
+        "sampling": "sobol" if some.base else "random",
+        "engines": summary(rows, some, list(figures)),
+    }
+    _finish(out, told, rows, some, list(figures))
+    return told
+
+
+def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: list[str]) -> None:
+    from gauss_bench.sweep.plots import plots
+
+    write_text(out / "summary.svg", plots(rows, some, figures))
+    write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
+
+
+def _opened(asked: Asked, engine: str) -> tuple[str, ...]:
+    """What a kernel leaves open; it is compiled here, so that nobody else need."""
+    return kernel(asked, engine).parameters
+
+
+def _asked(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
+    document, _, path = document_of(linkage)
+    scenario = chosen_scenario(document, how.scenario, str(path), path.stem)
+    mechanism, document = load(linkage, scenario), of_one_scenario(document, scenario)
+    for name in some.paths:
+        number_at(document, name)
+    until = duration(mechanism.duration, None, how.until)
+    if not (np.isfinite(how.step) and 0 < how.step <= until * (1 + 1e-12)):
+        raise SweepError(f"--step {how.step:g}: must be positive and at most the {until:g} s of a run")
+    if until / how.step > MOST_STEPS:
+        raise SweepError(f"--step {how.step:g}: {until / how.step:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
+    choices = {name: _choice(name, how) for name in engines}
+    for name, choice in choices.items():
+        if not isolated(name) and (reason := _skip(name, mechanism, choice)):
+            raise SweepError(f"--engine {name}: {reason}")
+    limit = checked_budget(how.limit, LIMIT)
+    return Asked(document, scenario, str(path), some.paths, until, choices, limit, jobs)
+
+
+def _choice(engine: str, how: How) -> Choice:
+    offered = offer(engine)
+    choice = offered.choose(how.settings, how.integrator, how.stabilization, how.step)
+    if not offered.usable:
+        raise SweepError(f"--engine {engine}: {offered.reason}")
+    if in_batches(engine) and choice.integrator == "dop853":
+        raise SweepError(f"--integrator dop853: {engine} steps a batch by rk4, semi_implicit_euler or dop853_fixed")
+    return replace(choice, step=how.step)
+
+
+def _skip(engine: str, mechanism: Any, choice: Choice) -> str | None:
+    from gauss_bench.engines import get
+
+    return get(engine).skip(mechanism, choice)
+
+
+def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: int) -> dict[str, Any]:
+    """All that the rows of a sweep depend on, as plain data."""
+    return {
+        "form": FORM,
+        "linkage": family(asked).nominal.digest,
+        "scenario": asked.scenario,
+        "vary": [text.replace(" ", "") for text in vary],
+        "samples": len(some.values),
+        "sampling": sampling,
+        "seed": seed,
+        "until": asked.until,
+        "engines": {name: asdict(choice) for name, choice in asked.choices.items()},
+        "limit": asked.limit,
+        "made_by": fingerprint(),
+    }
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Samples of an engine: the number of their part, the first of them, and the last but one."""
+
+    number: int
+    engine: str
+    first: int
+    end: int
+
+
+def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
+    number = 0
+    for engine in engines:
+        size = BATCH if in_batches(engine) else SINGLES
+        for first in range(0, count, size):
+            yield _Batch(number, engine, first, min(count, first + size))
+            number += 1
+
+
+def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where: Where, tell: Told) -> None:
+    from joblib import Parallel, delayed
+
+    whole = list(_batches(len(some.values), engines))
+    waiting = [x for x in whole if not folder.has(x.number, x.end - x.first)]
+    known = len(whole) - len(waiting)
+    if known:
+        tell(f"{known} of {len(whole)} batches are there already")
+    if not waiting:
+        return
+    told, started, done = (
+        time.monotonic(),
+        time.monotonic(),
+        sum(x.end - x.first for x in whole) - sum(x.end - x.first for x in waiting),
+    )
+    total = sum(x.end - x.first for x in whole)
+    with _spread(where, engines):
+        work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="3*n_jobs")
+        # its arguments travel to wherever batches are run, its rows come back here and are written here
+        for number, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
+            names = some.paths
+            values = some.values
+            for row in rows:
+                row.update(zip(names, values[row["sample"]].tolist(), strict=True))
+            folder.write(number, rows)
+            done += len(rows)
+            if time.monotonic() - told > PAUSE:
+                told = time.monotonic()
+                tell(f"{done} of {total} samples, {told - started:.0f} s")
+
+
+def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[int, list[dict[str, Any]]]:
+    return batch.number, rows_of(asked, batch.engine, batch.first, values)
+
+
+def _tasks(where: Where) -> int:
+    return -1 if where.backend == "dask" else where.jobs
+
+
+@contextmanager
+def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
+    """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask.
+
+    Raises:
+        SweepError: there is no scheduler, or Dask is not installed.
+    """
+    from joblib import parallel_config
+
+    if where.backend == "local":
+        threads = all(in_batches(x) or isolated(x) for x in engines)
+        with parallel_config(backend="threading" if threads else "loky", inner_max_num_threads=None if threads else 1):
+            yield
+        return
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise SweepError("--backend dask: needs the packages dask and distributed: pip install 'gauss-bench[cluster]'") from error
+    if where.scheduler:
+        try:
+            client = Client(where.scheduler, timeout=FIRST)  # type: ignore[no-untyped-call]
+        except (OSError, TimeoutError, ValueError) as error:
+            raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
+        with client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
+            yield
+        return
+    os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
+    with (
+        LocalCluster(n_workers=where.jobs, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster,  # type: ignore[no-untyped-call]
+        Client(cluster) as client,  # type: ignore[no-untyped-call]
+        parallel_config(backend="dask", client=client, wait_for_workers_timeout=60),
+    ):
+        yield

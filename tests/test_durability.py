@@ -1,0 +1,176 @@
+"""What is on disk may be torn, altered, locked, full or read-only: that is told, and no finished row is lost or doubled."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench import cli
+from gauss_bench.bench.journal import Journal, entry_of, line_of
+from gauss_bench.compiler import user_cache
+from gauss_bench.mechanism.load import load
+from gauss_bench.reference import store
+from gauss_bench.reference.store import read_reference, stored_reference
+
+ROWS = {"results": [{"x": 0.1, "y": float("inf")}]}
+
+
+def written(path: Path, count: int = 3) -> bytes:
+    with Journal(path) as journal:
+        for k in range(count):
+            journal.add(f"case {k}", "stamp", {"results": [{"x": k + 0.123456789}]})
+    return path.read_bytes()
+
+
+def test_a_line_says_what_was_written_or_nothing() -> None:
+    entry = {"key": 'a ", "sum": "b', "stamp": "s", "tables": ROWS}
+    line = line_of(entry)
+    assert json.loads(line)["key"] == entry["key"]
+    assert entry_of(line) == entry
+    for at in range(len(line)):
+        assert entry_of(line[:at] + bytes([line[at] ^ 1]) + line[at + 1 :]) is None
+    assert entry_of(b'{"key": "old", "stamp": "s", "tables": {}}\n') is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"1.123456789", b"1.123456780"), (b'{"key": "case 1"', b"garbage\x00\xff{{{"), (b'"x"', b'"z"'), (b'"key"', b'"kez"')],
+)
+def test_an_altered_line_is_told_and_its_task_is_run_again(
+    tmp_path: Path, old: bytes, new: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    lines = written(path).splitlines(keepends=True)
+    lines[1] = lines[1].replace(old, new)
+    path.write_bytes(b"".join(lines) + b'{"key": "torn')
+    with Journal(path) as journal:
+        assert [bool(journal.finished(f"case {k}", "stamp")) for k in range(3)] == [True, False, True]
+        assert "1 of 3 lines are not as they were written" in capsys.readouterr().err
+        journal.add("case 1", "stamp", ROWS)
+    with Journal(path) as journal:
+        assert journal.finished("case 1", "stamp") == ROWS
+        assert journal.finished("case 0", "stamp") == {"results": [{"x": 0.123456789}]}
+
+
+def test_a_disk_that_is_full_keeps_what_was_finished(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the disk: the line that does not fit leaves nothing behind."""
+    path = tmp_path / "journal.jsonl"
+    before = written(path)
+    code = f"""
+import resource, signal
+from pathlib import Path
+from gauss_bench.bench.journal import Journal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+with Journal(Path({str(path)!r})) as journal:
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({len(before) + 40}, resource.RLIM_INFINITY))
+    try:
+        journal.add("more", "stamp", {{"results": [{{"x": "y" * 100}}]}})
+    except OSError as error:
+        print("told", error.errno is not None)
+    assert journal.finished("more", "stamp") is None
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "told True\n"
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("how", ["cut", "altered", "column", "text"])
+def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, capsys: pytest.CaptureFixture[str]) -> None:
+    mechanism = load("four_bar", "torque")
+    true = stored_reference(mechanism, 0.0125, tmp_path)
+    (path,) = tmp_path.iterdir()
+    with np.load(path) as data:
+        content = {name: data[name] for name in data}
+    if how == "cut":
+        path.write_bytes(path.read_bytes()[:-200])
+    elif how == "text":
+        path.write_text("no reference")
+    else:
+        content = content | {"q": content["q"] + 1e-9} if how == "altered" else {k: x for k, x in content.items() if k != "v"}
+        np.savez_compressed(path, **content)
+    assert read_reference(path) is None
+    found = stored_reference(mechanism, 0.0125, tmp_path)
+    assert "built again" in capsys.readouterr().err
+    assert (found.q == true.q).all()
+    assert [x.name for x in tmp_path.iterdir()] == [path.name]
+
+
+def test_what_killed_processes_left_among_object_code_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache.store("first", b"code")
+    left = [user_cache.folder() / f"{name}.part" for name in ("old", "ahead", "new")]
+    for path, age in zip(left, (-7200.0, 7200.0, 0.0), strict=True):
+        path.write_bytes(b"half")
+        os.utime(path, (time.time() + age,) * 2)
+    assert user_cache.store("second", b"code")
+    assert [path.exists() for path in left] == [False, False, True]  # somebody may be writing the last one
+    assert user_cache.load("first") == user_cache.load("second") == b"code"
+
+
+@pytest.mark.parametrize("verb", [["run", "four_bar", "--no-costs"], ["atlas"]])
+def test_folders_above_a_folder_of_results_are_not_invented(
+    tmp_path: Path, verb: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*verb, "--out", str(tmp_path / "typo" / "out")]) == 2
+    assert f"there is no folder {tmp_path / 'typo'}" in capsys.readouterr().err
+    (tmp_path / "file").write_text("mine")
+    assert cli.main([*verb, "--out", str(tmp_path / "file")]) == 2
+    assert "is a file" in capsys.readouterr().err
+    assert [x.name for x in tmp_path.iterdir()] == ["file"]
+
+
+KILLS = 6
+RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
+RUN += ["--engine", "gauss", "--engine", "lagrange", "--engine", "schur"]
+
+
+def accuracy(folder: Path) -> dict[str, bytes]:
+    """Every table of a run whose rows no clock is in."""
+    return {x.name: x.read_bytes() for x in folder.rglob("*.csv") if "times" not in x.parts}
+
+
+@pytest.mark.slow
+def test_kills_at_random_moments_lose_and_double_nothing(tmp_path: Path) -> None:
+    """One run undisturbed, by one worker; another killed again and again, by two: the same bytes."""
+    started = time.monotonic()
+    subprocess.run([*RUN, "--jobs", "1", "--out", str(tmp_path / "whole")], check=True, capture_output=True)
+    lasts, chance, killed = time.monotonic() - started, random.Random(1), 0
+    journal, known = tmp_path / "killed" / ".run" / "journal.jsonl", list[bytes]()
+    for _ in range(KILLS):
+        process = subprocess.Popen(
+            [*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            process.wait(chance.uniform(0.2, 0.9) * lasts)
+        except subprocess.TimeoutExpired:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+            killed += 1
+        there = journal.read_bytes().split(b"\n")[:-1] if journal.exists() else []
+        assert there[: len(known)] == known
+        known = there
+    subprocess.run([*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], check=True, capture_output=True)
+    entries = [entry_of(line + b"\n") for line in journal.read_bytes().split(b"\n")[:-1]]
+    keys = [entry["key"] for entry in entries if entry]
+    assert killed
+    assert len(keys) == len(set(keys)) == len(entries)
+    assert accuracy(tmp_path / "killed") == accuracy(tmp_path / "whole")
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, **_: object) -> None:
+        Path(path).write_bytes(b"half")
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(store.np, "savez_compressed", full)
+    with pytest.raises(OSError, match="No space left"):
+        stored_reference(load("four_bar", "torque"), 0.0125, tmp_path)
+    assert not list(tmp_path.iterdir())

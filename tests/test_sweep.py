@@ -1,0 +1,238 @@
+"""One linkage with many numbers: the plan, starts closed at their own dimensions, rows, and a folder that goes on where it was."""
+
+import json
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench import cli
+from gauss_bench.mechanism.load import document_of, load, load_document, of_one_scenario
+from gauss_bench.sweep.errors import SweepError
+from gauss_bench.sweep.family import Family
+from gauss_bench.sweep.folder import PARTS
+from gauss_bench.sweep.paths import changed, number_at
+from gauss_bench.sweep.plan import plan
+from gauss_bench.sweep.run import How, Where, sweep
+from gauss_bench.sweep.summary import sensitivities
+
+VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
+SHORT = How(scenario="paper", until=0.2, stabilization="projection")
+
+
+def table(folder: Path) -> dict[str, bytes]:
+    return {x.name: x.read_bytes() for x in sorted((folder / PARTS).iterdir())}
+
+
+def rows(folder: Path) -> list[dict[str, object]]:
+    import pyarrow.parquet as pq
+
+    return [row for x in sorted((folder / PARTS).iterdir()) for row in pq.read_table(x).to_pylist()]
+
+
+def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others() -> None:
+    document, _, _ = document_of("crank_slider")
+    assert number_at(document, "links.rod.length") == pytest.approx(0.56)
+    made = changed(document, {"links.rod.length": 0.70})
+    assert made["links"]["rod"]["points"] == {"A": [0.0, 0.0], "B": [pytest.approx(0.70), 0.0], "P": [pytest.approx(0.35), 0.05]}
+    assert document["links"]["rod"]["points"]["B"] == [0.56, 0.0]
+    assert made["links"]["crank"] is document["links"]["crank"]
+    link = load_document(of_one_scenario(made, "paper")).links[1]
+    assert link.com == pytest.approx([0.35, 0.0])
+    assert (link.mass, link.inertia) == (0.77, pytest.approx(0.77 * 0.70**2 / 12))  # a given mass stays, its spread follows the bar
+
+
+@pytest.mark.parametrize(
+    "path", ["links.rod.mas", "links.slider.length", "links.rot.length", "forces.motor.type", "scenarios.paper.start", "gravity.z"]
+)
+def test_a_path_that_names_no_number_is_refused_by_name(path: str) -> None:
+    with pytest.raises(SweepError, match=path):
+        number_at(document_of("crank_slider")[0], path)
+
+
+def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
+    crossed = plan(["a=0:1:3", "b=5:6:2"])
+    assert crossed.values.tolist() == [[0, 5], [0, 6], [0.5, 5], [0.5, 6], [1, 5], [1, 6]]
+    mixed = plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=1)
+    assert mixed.values[:4, 0].tolist() == [0, 0.5, 1, 0]
+    assert mixed.values[:, 1].mean() == pytest.approx(1.5, abs=0.01)
+    assert mixed.values[:, 1].std() == pytest.approx(0.1, rel=0.05)
+    assert (mixed.values == plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=1).values).all()
+    assert (mixed.values != plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=2).values).any()
+
+
+@pytest.mark.parametrize(
+    ("texts", "samples", "said"),
+    [
+        (["a"], 1, "PATH=a:b:n"),
+        (["a=1:2"], 1, "neither"),
+        (["a=1:2:0"], 1, "whole number"),
+        (["a=1:nan:3"], 1, "finite"),
+        (["a=normal(1,-1)"], 1, "positive"),
+        (["a=uniform(2,1)"], 1, "smaller"),
+        (["a=uniform(1,2)"], None, "--samples"),
+        (["a=1:2:3"], 5, "leave it out"),
+        (["a=1:2:3", "a=1:2:3"], None, "twice"),
+        (["a=uniform(1,2)"], 0, "from 1"),
+        (["a=1:2:99999", "b=1:2:99999"], None, "most"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(texts: list[str], samples: int | None, said: str) -> None:
+    with pytest.raises(SweepError, match=said):
+        plan(texts, samples)
+
+
+def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance() -> None:
+    some = plan(["a=uniform(0,1)", "b=uniform(0,1)", "c=normal(0,1)"], 5 * 1024, "sobol", 3)
+    assert (some.base, some.values.shape) == (1024, (5120, 3))
+    y = 2 * some.values[:, 0] + some.values[:, 1]
+    found = sensitivities(some, y)["sobol"]
+    assert [found[x]["first"] for x in "abc"] == pytest.approx([0.8, 0.2, 0.0], abs=0.02)
+    assert [found[x]["total"] for x in "abc"] == pytest.approx([0.8, 0.2, 0.0], abs=0.02)
+    y[3] = np.nan
+    assert "rank_correlation" in sensitivities(some, y)  # a lost sample spoils the design
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "paths", "low", "high"),
+    [
+        ("crank_slider", "paper", ["links.rod.length", "scenarios.paper.start.crank_deg"], [0.4, -40.0], [0.7, 40.0]),
+        ("four_bar", "driven", ["links.coupler.length", "ground.points.D.x"], [0.33, 0.36], [0.4, 0.42]),
+        ("parallelogram", None, ["gravity.y"], [-20.0], [0.0]),
+    ],
+)
+def test_starts_close_at_their_own_dimensions(
+    name: str, scenario: str | None, paths: list[str], low: list[float], high: list[float]
+) -> None:
+    mechanism = load(name, scenario)
+    document = of_one_scenario(document_of(name)[0], mechanism.scenario)
+    family = Family(document, mechanism.scenario, paths, name)
+    values = np.linspace(low, high, 5)
+    found = family.starts(values)
+    assert not found.reasons
+    for k, row in enumerate(values):
+        alone = family.mechanism_of(row)
+        assert found.q[k] == pytest.approx(alone.q0, abs=1e-10)
+        assert found.v[k] == pytest.approx(alone.v0, abs=1e-9)
+
+
+def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> None:
+    """The kernel with open numbers against the reference formulation, which builds every linkage anew."""
+    varied = [*VARIED, "links.crank.mass=uniform(0.3,0.4)"]
+    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=SHORT, where=Where(jobs=1))
+    assert all(x["status"] == {"ok": 3} for x in told["engines"].values())
+    found = rows(tmp_path / "s")
+    for one, other in zip(found[:3], found[3:], strict=True):
+        assert one["sample"] == other["sample"]
+        assert (one["engine"], other["engine"]) == ("gauss-native", "gauss")
+        for key in one.keys() - {"engine", "status", "message", "energy_bar"}:
+            assert one[key] == pytest.approx(other[key], rel=1e-7, abs=1e-8), key
+    assert len({x["measured"] for x in found[:3]}) == 3
+
+
+def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    how = How(scenario="torque", until=0.1)
+    told = sweep("four_bar", ["links.coupler.length=0.3:2.3:2", "links.crank.kg_per_m=-0.8:0.8:2"], tmp_path / "s", how=how)
+    found = rows(tmp_path / "s")
+    assert [x["status"] for x in found] == ["not_assembled", "ok", "not_assembled", "not_assembled"]
+    assert "kg_per_m: must be positive" in str(found[0]["message"])
+    assert "cannot be assembled" in str(found[3]["message"])
+    assert found[3]["measured"] is None
+    assert told["engines"]["gauss-native"]["status"] == {"not_assembled": 3, "ok": 1}
+
+
+@pytest.mark.slow
+def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 8)
+    folder = tmp_path / "s"
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=1))
+    whole = table(folder)
+    assert len(whole) == 3
+    (folder / PARTS / "part-00000.parquet").unlink()
+    damaged = folder / PARTS / "part-00002.parquet"
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    (folder / PARTS / ".part-00001.parquet.1.part").write_bytes(b"left by a sweep that was killed")
+    told: list[str] = []
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=2), tell=told.append)
+    assert "1 of 3 batches are there already" in told
+    assert table(folder) == whole
+    with pytest.raises(SweepError, match="seed was 0, is 1"):
+        sweep("crank_slider", VARIED, folder, samples=24, seed=1, how=SHORT)
+    with pytest.raises(SweepError, match="no folder"):
+        sweep("crank_slider", VARIED, tmp_path / "no" / "s", samples=24, how=SHORT)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    with pytest.raises(SweepError, match="something else"):
+        sweep("crank_slider", VARIED, tmp_path / "mine", samples=24, how=SHORT)
+    assert table(folder) == whole
+
+
+def test_the_verb_says_what_it_cannot_use_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = ["--out", str(tmp_path / "s"), "--until", "0.1"]
+    for arguments, said in {
+        ("crank_slider", "--vary", "links.rod.mas=1:2:3"): "links.rod.mass",
+        ("crank_slider", "--vary", "joints.guide.angle_deg=0:5:2"): "gauss",
+        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--engine", "nosuch"): "nosuch",
+        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--step", "nan"): "step",
+        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--scheduler", "tcp://127.0.0.1:1"): "--backend dask",
+        ("nosuch", "--vary", "links.rod.mass=1:2:3"): "nosuch",
+    }.items():
+        assert cli.main(["sweep", *arguments, *out]) == 2, arguments
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.slow
+def test_the_verb_prints_its_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:8", "--until", "0.1", "--out", str(tmp_path / "s")]
+    assert cli.main([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["engines"]["gauss-native"]["status"] == {"ok": 8}
+    assert set(told["engines"]["gauss-native"]["figures"]["measured"]) == {
+        "count", "mean", "deviation", "quantiles", "rank_correlation"
+    }  # fmt: skip
+    assert (tmp_path / "s" / "summary.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.slow
+def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    how = How(scenario="paper", until=0.05, step=1e-4)
+    sweep("crank_slider", ["links.rod.length=0.5:0.6:2"], tmp_path / "s", ["gauss-native", "mujoco"], how=how)
+    found = rows(tmp_path / "s")
+    assert [x["engine"] for x in found] == ["gauss-native"] * 2 + ["mujoco"] * 2
+    for one, other in zip(found[:2], found[2:], strict=True):
+        assert other["slider.B.x_max"] == pytest.approx(one["slider.B.x_max"], abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scheduler with two worker processes, one of which is killed in the middle of the run."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 16)
+    asked = ("crank_slider", VARIED)
+    sweep(*asked, tmp_path / "local", samples=640, how=SHORT, where=Where(jobs=2))
+    options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+    killed: list[int] = []
+
+    with distributed.LocalCluster(**options) as cluster:
+        address = cluster.scheduler_address
+
+        def kill_one() -> None:
+            parts = tmp_path / "dask" / PARTS
+            while not (parts.is_dir() and any(parts.glob("part-*"))):  # one batch is done, others are under way
+                time.sleep(0.01)
+            pid = cluster.workers[0].pid
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+
+        thread = threading.Thread(target=kill_one, daemon=True)
+        thread.start()
+        sweep(*asked, tmp_path / "dask", samples=640, how=SHORT, where=Where("dask", address))
+        thread.join(10.0)
+    assert killed
+    assert table(tmp_path / "dask") == table(tmp_path / "local")
