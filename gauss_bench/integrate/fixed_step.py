@@ -4,9 +4,10 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1
 semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,3 +128,37 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
         whole = abs(gap - count * step) <= ROUNDING * end
         found.append((count, step if whole else float(gap) / count))
     return found
+
+
+class Stretch(NamedTuple):
+    """Equal steps without a kink in them.
+
+    Attributes:
+        begin: [s] where they begin; steps, size: how many, and how long [s].
+        last: [s] the last time at which accelerations are those of these steps: what jumps at the end of them jumps after it.
+        row: number of the sample that they end at; None where they end at a kink on the way to it.
+    """
+
+    begin: float
+    steps: int
+    size: float
+    last: float
+    row: int | None
+
+
+def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
+    """The steps from sample to sample, none longer than `step`, of which one ends at every kink [s] between the first and last."""
+    for row, (begin, end) in enumerate(pairwise(times), start=1):
+        near = ROUNDING * max(abs(end), abs(begin))
+        ends = [*(t for t in kinks if begin + near < t < end - near), end]
+        jumps = any(abs(t - end) <= near for t in kinks)
+        nodes = np.array([begin, *ends])
+        for k, (count, size) in enumerate(step_counts(nodes, step)):
+            whole = k == len(ends) - 1
+            last = np.inf if whole and not jumps else np.nextafter(nodes[k + 1] - (near if whole else 0.0), nodes[k])
+            yield Stretch(float(nodes[k]), count, size, float(last), row if whole else None)
+
+
+def held_back(acceleration: Acceleration, last: float) -> Acceleration:
+    """The accelerations of steps that end where they jump."""
+    return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)
