@@ -150,7 +150,7 @@ def bars(
     layers = []
     if rule is not None:
         layers.append(
-            alt.Chart(alt.Data(values=[{"rule": rule}])).mark_rule(strokeDash=[4, 3]).encode(x=alt.X("rule:Q", scale=scale))
+            alt.Chart(alt.InlineData(values=[{"rule": rule}])).mark_rule(strokeDash=[4, 3]).encode(x=alt.X("rule:Q", scale=scale))
         )
     if ranged:
         layers.append(base.mark_rule(strokeWidth=5, opacity=0.35, color=fill).encode(y=names, x=alt.X("low:Q"), x2="high:Q"))

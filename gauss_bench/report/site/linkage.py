@@ -127,8 +127,8 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
 def accuracy(settings: Sequence[Setting]) -> Chart | None:
     """Error against time: what no other setting of the same engine beats in both."""
     rows = []
-    for engine, some in grouped(settings, lambda x: x.engine).items():
-        for one in front(some):
+    for engine in dict.fromkeys(x.engine for x in settings):
+        for one in front([x for x in settings if x.engine == engine]):
             rows.append(
                 {
                     "engine": engine,

@@ -72,6 +72,7 @@ def drawn(name: str) -> tuple[Markup, dict[str, Any]] | None:
     if found is None:
         return None
     mechanism, states = found
+    assert mechanism.crank is not None
     states = states.copy()
     states[:, 2::3] = np.unwrap(states[:, 2::3], axis=0)
     rails = [end for joint in slides(mechanism) if joint.guide.link != GROUND for end in rail(joint, states, 0.0)]

@@ -74,7 +74,7 @@ class Setting:
 METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
 
 
-def _method(row: Row) -> tuple[str, ...]:
+def _method(row: Row) -> Any:
     return tuple(str(row[k]) for k in METHOD)
 
 

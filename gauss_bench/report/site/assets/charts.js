@@ -27,7 +27,7 @@
   for (const box of document.querySelectorAll(".toggles")) {
     box.addEventListener("change", () => {
       const name = box.dataset.for;
-      if (views[name]) views[name].remove("rows", () => true).insert("rows", kept(site.data.charts[name], name)).runAsync();
+      if (views[name]) views[name].data("rows", kept(site.data.charts[name], name)).runAsync();
     });
   }
   all();
