@@ -2,11 +2,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 JOBS ?= 2
+OUT ?= reports/local
 BESIDE := -n $(JOBS) --dist worksteal
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench publish report test test-all fuzz check verify certificates lint drawings setup clean
+.PHONY: bench publish report docs test test-all fuzz check verify certificates lint drawings setup clean
 
 bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
 	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
@@ -16,8 +17,11 @@ publish: setup         ## run the suite `full` and write reports/, from a commit
 	  { echo "publish: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
 	$(BIN)/gauss-bench run --suite full --report --jobs $(JOBS) --out reports
 
-report: setup          ## write the pages of reports/local/ again from its tables
-	$(BIN)/gauss-bench report
+report: setup          ## write the summary and the site of OUT again from its tables
+	$(BIN)/gauss-bench report --out $(OUT)
+
+docs: setup            ## write the documentation into the site of OUT
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet -f gauss_bench/docs/mkdocs.yml -d $(abspath $(OUT))/site/docs
 
 test: setup            ## the tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" $(BESIDE)

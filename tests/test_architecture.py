@@ -54,6 +54,7 @@ ALLOWED = {
         *LIGHT,
     },
     "report": {"mechanism", "tables", *LIGHT},
+    "docs": {"api", "mechanism", "engines", "formulations", "integrate", *LIGHT},  # and a template of an engine
     "exchange": {"mechanism", "engines", "compiler", "gauss_bench", *LIGHT},  # files out of the adapters' models, and into linkages
     "atlas": {"mechanism", "engines", "judge", "bench", "exchange", "report", *LIGHT},
     "sweep": {"mechanism", "compiler", "engines", "judge", "metrics", "bench", "report", "tables", *LIGHT},
