@@ -2,11 +2,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 JOBS ?= 2
+OUT ?= reports/local
 BESIDE := -n $(JOBS) --dist worksteal
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench publish report test test-all check verify certificates lint drawings setup clean
+.PHONY: bench publish report docs test test-all fuzz check verify certificates lint drawings setup clean
 
 bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
 	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
@@ -16,14 +17,23 @@ publish: setup         ## run the suite `full` and write reports/, from a commit
 	  { echo "publish: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
 	$(BIN)/gauss-bench run --suite full --report --jobs $(JOBS) --out reports
 
-report: setup          ## write the pages of reports/local/ again from its tables
-	$(BIN)/gauss-bench report
+report: setup          ## write the summary and the site of OUT again from its tables
+	$(BIN)/gauss-bench report --out $(OUT)
+
+docs: setup            ## write the documentation into the site of OUT
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet -f gauss_bench/docs/mkdocs.yml -d $(abspath $(OUT))/site/docs
 
 test: setup            ## the tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
 
 test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
 	$(BIN)/python -m pytest $(BESIDE)
+
+FILES ?= 20000
+LISTS ?= 3000
+SEED ?= 1
+fuzz: setup            ## hostile files and arguments, and random linkages, at length: make fuzz FILES=2000 LISTS=300 SEED=2
+	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --seed $(SEED)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)

@@ -1,7 +1,7 @@
 """The command line: verbs, exit codes, stdout for results and stderr for everything else.
 
-Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 130 interrupted. Rooms are imported inside
-the verbs, so that help answers at once.
+Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 130
+interrupted. Rooms are imported inside the verbs, so that help answers at once.
 """
 
 import argparse
@@ -10,17 +10,20 @@ import json
 import os
 import shlex
 import sys
+import traceback
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gauss_bench.api.options import LOCAL, Verb, parser
+from gauss_bench.mechanism.limits import harmless
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
-BAD_INPUT = 2
+BAD_INPUT, OWN_FAULT = 2, 70  # as sysexits.h has it
+TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
 
@@ -35,7 +38,11 @@ def command() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    options = parser(ACTIONS).parse_args(arguments)
+    given = [*(sys.argv[1:] if arguments is None else arguments)]
+    if bad := next((x for x in given if not is_argument(x)), None):
+        print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
+        return BAD_INPUT
+    options = parser(ACTIONS).parse_args(given)
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
@@ -44,11 +51,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()  # the reader left; nothing more can be said
         return 1
-    except Exception as error:
-        if not is_bad_input(error):
-            raise
-        print(f"error: {error.args[0] if isinstance(error, KeyError) else error}", file=sys.stderr)
+    except MemoryError:
+        print("error: there is not enough memory for what was asked", file=sys.stderr)
         return BAD_INPUT
+    except Exception as error:
+        if is_bad_input(error):
+            print(harmless(f"error: {error.args[0] if isinstance(error, KeyError) else error}"), file=sys.stderr)
+            return BAD_INPUT
+        if TRACE in os.environ:
+            raise
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
+        print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
+        return OWN_FAULT
+
+
+def is_argument(text: str) -> bool:
+    """Whether a text can be given on a command line, and so be the name of a file."""
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeError:
+        return False
 
 
 def is_bad_input(error: Exception) -> bool:
@@ -427,10 +450,11 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(text.format_run(tables, options.out))
     if options.report:
+        from gauss_bench.api.programs import programs
         from gauss_bench.report.build import build_report
 
-        for path in build_report(options.out):
-            if path.suffix in (".md", ".html"):
+        for path in build_report(options.out, programs):
+            if path.name in ("README.md", "index.html"):
                 print(path, file=sys.stderr)
     if options.against:
         print(text.format_differences(differences(options.out, options.against), options.against), file=sys.stderr)
@@ -439,6 +463,7 @@ def run(options: argparse.Namespace) -> int:
 
 def report(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.programs import programs
     from gauss_bench.bench.differences import clocked, differences
     from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
@@ -455,8 +480,9 @@ def report(options: argparse.Namespace) -> int:
         else:
             print(text.format_changes(found, moved, where))
         return 0
-    files = build_report(options.out)
-    print_json([str(path) for path in files]) if options.json else print(*files, sep="\n")
+    files = build_report(options.out, programs)
+    entries = [path for path in files if path.name in ("README.md", "index.html")]
+    print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
     return 0
 
 

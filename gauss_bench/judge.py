@@ -5,7 +5,7 @@ accelerations are those of this linkage, and, where a truth is known, it is wher
 motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -23,6 +23,8 @@ OFF_ENERGY = 1e-2  # of the energy that moves: half a per cent of every speed, m
 OFF_ACCELERATION = 1e-2  # of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # [rad], and of the linkage's size: a link turned by so much has its far end off by 5 % of its length
 HUGE = 1e100  # what is larger has no square, and counts as not finite
+FEWEST = 2.0  # steps in a period of the fastest mode: with fewer, samples of it are those of a slower one, whatever the method
+DIGITS = 1e-9  # of an acceleration: two formulations that differ by more have lost digits that must be told
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
 
@@ -35,6 +37,8 @@ class Subject(StrEnum):
     LOOPS = "loops"
     ENERGY = "energy"
     MOTION = "motion"
+    STIFFNESS = "stiffness"
+    STEP = "step"
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,9 @@ class Evidence:
             moves [J].
         errors: against the truth, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
+        halving: where no truth is known, what the run differs by from one at half the step, or None.
+        steps_a_period: of the fastest mode, where the step is fixed and no truth is known, or None.
+        disagreement: of two own formulations' accelerations at the run's states, relative, or None.
     """
 
     size: float
@@ -84,6 +91,9 @@ class Evidence:
     energy_scale: float
     errors: metrics.Errors | None = None
     acceleration_error: float | None = None
+    halving: metrics.Errors | None = None
+    steps_a_period: float | None = None
+    disagreement: float | None = None
 
 
 def completeness(trajectory: object, times: Array, n: int) -> Judgement:
@@ -175,17 +185,46 @@ def judge(evidence: Evidence) -> Judgement:
         length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
         checks.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
         checks.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
+    if x.steps_a_period is not None:
+        said = f"{x.steps_a_period:.2g} steps in a period of the fastest oscillation, which {FEWEST:g} do not resolve yet"
+        checks.append((Subject.STIFFNESS, FEWEST, x.steps_a_period, said))
+    if x.halving is not None:  # of a method of first order, half of the error shows
+        length, turn = float(x.halving.length.max(initial=0.0)), float(x.halving.angle.max(initial=0.0))
+        checks.append((Subject.STEP, length, OFF_MOTION / 2 * x.size, f"half the step moves a link by {length:.2g} m"))
+        checks.append((Subject.STEP, turn, OFF_MOTION / 2, f"half the step turns a link by {turn:.2g} rad"))
+    if x.disagreement is not None:
+        said = (
+            f"formulations of the same accelerations differ by {x.disagreement:.2g} (median): masses or lengths lie too far apart"
+        )
+        checks.append((Subject.MODEL, x.disagreement, OFF_ACCELERATION, said))
     return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
 
 
-def trusted_until(evaluator: Evaluator, trajectory: Trajectory) -> float:
-    """The last time [s] up to which nothing is objected to in loops and energy; found by halving, to a sample."""
+def remark(evidence: Evidence) -> str:
+    """What must be told of a run that nothing is objected to, or an empty text."""
+    lost = evidence.disagreement
+    if lost is None or not DIGITS < lost <= OFF_ACCELERATION:
+        return ""
+    digits = int(-np.log10(lost))
+    return f"accelerations keep about {digits} digits: formulations differ by {lost:.1e} at the same states"
+
+
+def trusted_until(
+    evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, finer: Reference | None = None
+) -> float:
+    """The last time [s] up to which nothing is objected to in loops, energy and motion; found by halving, to a sample.
+
+    `reference` is the truth and `finer` the same run at half the step, where they are known.
+    """
     good, bad = 0, len(trajectory.t)
     while bad - good > 1:
         middle = (good + bad) // 2
         t, q, v, a = (x[: middle + 1] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
         part = Trajectory(t, q, v, a, 0)
-        good, bad = (middle, bad) if judge(examine(evaluator, part)).valid else (good, middle)
+        evidence = examine(evaluator, part, reference)
+        if finer is not None:
+            evidence = replace(evidence, halving=metrics.state_errors(evaluator.mechanism, part, finer))
+        good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
 
 
@@ -194,7 +233,7 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool) -> 
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         return "no step mends accelerations that are another linkage's: look for another engine or setting"
-    if not subjects & {Subject.LOOPS, Subject.ENERGY}:
+    if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
         return ""
     smaller = f"take a step smaller than {step:g} s"
     project = Subject.LOOPS in subjects and not stabilized

@@ -178,6 +178,103 @@ def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> N
     assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
 
 
+# Implicit steps: a torque against a dashpot that takes speeds away within 1e-4 s
+
+CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
+
+
+@cache
+def closing(stabilization: str = "none", backend: str | None = None) -> tuple[Kernel, Array, Array]:
+    """The kernel, and a state at which the dashpot holds the torque."""
+    m = load(CLOSER, "closing")
+    code = compile_kernel(m, "gauss", stabilization, cache=False, backend=backend)
+    return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
+
+
+@cache
+def kernel_of_closer() -> Kernel:
+    return compile_kernel(load(CLOSER, "closing"), "gauss", cache=False)
+
+
+@cache
+def closed() -> Array:
+    """The state 0.32 s later."""
+    _, q, v = closing()
+    return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(stabilization: str) -> None:
+    """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
+    code, q, v = closing(stabilization)
+    found = np.concatenate(code.rollout(q, v, 0.04, 8, integrator="gauss_legendre"))
+    assert np.abs(found - closed()).max() < 1e-9
+    assert code.switches == code.fallbacks == code.lost == 0
+    explicit = np.concatenate(code.rollout(q, v, 4e-4, 800))
+    assert not np.abs(explicit - closed()).max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_gauss_and_legendre_have_order_six(stabilization: str) -> None:
+    """Stiff or not: errors of 0.32 s in 4 and in 8 steps, and of a free turn."""
+    code, q, v = closing(stabilization)
+    errors = [
+        np.abs(np.concatenate(code.rollout(q, v, 0.32 / n, n, integrator="gauss_legendre")) - closed()).max() for n in (8, 16)
+    ]
+    assert 5.2 < np.log2(errors[0] / errors[1]) < 7.0
+    m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
+    turned = kernel("crank_slider", stabilization)
+    errors = []
+    for count in (20, 40):
+        q, v = turned.rollout(m.q0, m.v0, 0.4 / count, count, every=count // 20, integrator="gauss_legendre")
+        errors.append(max(np.abs(q - exact.q[2::2]).max(), np.abs(v - exact.v[2::2]).max()))
+    assert 5.5 < np.log2(errors[0] / errors[1]) < 6.5
+    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+
+
+@pytest.mark.slow
+def test_implicit_steps_keep_energy() -> None:
+    """Symplectic: over 20 s of free turning in steps of a hundredth of a turn, what is gained and lost does not add up."""
+    m = load(CLOSER, "free")
+    code = compile_kernel(m, "gauss", "projection", cache=False)
+    q, v = code.rollout(m.q0, m.v0, 0.01, 2000, every=10, integrator="gauss_legendre")
+    off = np.abs(code.energy(q, v) / code.energy(m.q0, m.v0) - 1.0)
+    assert off.max() < 1e-6
+    assert off[-20:].max() < 3 * off[:20].max() + 1e-12
+    assert code.lost == 0
+
+
+@pytest.mark.slow
+def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted() -> None:
+    code, q, v = closing("projection")
+    alone = np.concatenate(code.rollout(q, v, 0.02, 8, integrator="gauss_legendre"))
+    many = code.rollout(np.tile(q, (9, 1)), np.tile(v, (9, 1)), 0.02, 8, integrator="gauss_legendre")
+    np.testing.assert_allclose(np.concatenate(many, axis=1), np.tile(alone, (9, 1)), rtol=0, atol=1e-12)
+    arrays = closing("projection", "numpy")[0].rollout(q, v, 0.02, 8, integrator="gauss_legendre")
+    np.testing.assert_allclose(np.concatenate(arrays), alone, rtol=0, atol=1e-12)
+    rank = RankDecision(code.mechanism)
+    for k in range(8):
+        q, v = rank.step("gauss_legendre", 0.02 * k, q, v, 0.02)
+    np.testing.assert_allclose(np.concatenate([q, v]), alone, rtol=0, atol=1e-10)  # another Jacobian, and the same stages
+
+
+@pytest.mark.slow
+def test_an_implicit_step_that_does_not_converge_is_not_counted() -> None:
+    """A fifth of a turn and more in one step: the interpreted step takes over, or the trajectory is lost, never wrong by chance."""
+    m = load(CLOSER, "free")
+    code = compile_kernel(m, "gauss", cache=False)
+    found = np.concatenate(code.rollout(m.q0, m.v0, 0.4, 3, integrator="gauss_legendre"))
+    assert code.fallbacks + code.lost > 0
+    assert code.lost or np.isfinite(found).all()
+
+
+def test_a_loop_has_no_implicit_steps() -> None:
+    m = mechanism("crank_slider")
+    with pytest.raises(KernelError, match="no implicit steps"):
+        compile_kernel(m, form="looped", cache=False).rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
+
+
 def test_fixed_and_adaptive_steps_are_those_of_the_interpreted_formulation() -> None:
     m, times = mechanism("crank_slider"), np.linspace(0.0, 0.3, 31)
     for choice in (Choice(integrator="dop853_fixed", step=2e-3), Choice(integrator="dop853")):

@@ -18,6 +18,7 @@ from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
 from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty, scaled
 from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
+from gauss_bench.diagnosis.planted import longer
 from gauss_bench.diagnosis.selftest import diagnosed
 from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
@@ -112,6 +113,17 @@ VARIATIONS = [  # none of them is one of the catalogue's
     (of("order in a driven linkage", Cause.ORDER, read=faults.links_in_another_order), faults.DRIVEN, {}),
     (of("gravity in a larger linkage", Cause.GRAVITY, linkage=faults.gravity_turned), SIX_BAR, {}),
 ]
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> None:
+    """A coupler that is a millimetre too long: by the file's dimensions its loop is open, and no step or force changes that."""
+    longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(longer, "coupler", 1e-3))
+    found = verdict(longer_one, FOUR_BAR, stabilization=stabilization)
+    assert found.cause is Cause.LENGTH, found.sentence
+    assert found.cause.part is Part.MODEL
+    assert max(found.parts, key=lambda part: found.parts[part]) is Part.MODEL
+    assert "of coupler is elsewhere than the file says, by [1.00e-03" in found.sentence
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
 
-ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0, "dop853_fixed": 8.0}
-STEPS_OF = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16)}  # [s] at smaller ones only rounding is left
+ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0, "dop853_fixed": 8.0, "gauss_legendre": 6.0}
+FEW = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16), "gauss_legendre": (1 / 5, 1 / 10, 1 / 20)}  # [s]: below, only rounding is left
 MARGINS = {"dop853_fixed": 0.7}  # those are large: the term of order 9 is as large as that of order 8
 
 
@@ -35,7 +35,7 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     (q, v), times = np.array([[[1.0], [np.nan]], [[0.5], [np.nan]]]), np.array([0.0, 1.0])
     dop853(pendulum, times, q, v, 1e-13, 1e-13)
     true = q[-1, 0]
-    steps = np.array(STEPS_OF.get(integrator, (1 / 40, 1 / 80, 1 / 160)))
+    steps = np.array(FEW.get(integrator, (1 / 40, 1 / 80, 1 / 160)))
     errors = np.array([abs(end(integrator, h) - true) for h in steps])
     order = metrics.observed_order(steps, errors, np.full(3, 1e-14))
     assert np.isnan(order[0])

@@ -23,6 +23,7 @@ from gauss_bench.exchange.export import KINDS, exported
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.adaptive import dop853
+from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.digest import physics_digest
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -31,10 +32,11 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certify import Uncertified, certify
 from gauss_bench.terms import Array
-from tests.conftest import DATA
+from gauss_bench.trajectory import Trajectory
+from tests.conftest import DATA, needs
 
 VARYING = Path(gauss_bench.__file__).parent / "suites" / "linkages" / "varying.toml"
-OWN = {*FORMULATIONS}
+GIVEN = {*FORMULATIONS, "pinocchio", "mujoco"}  # that have forces which vary
 ARM, LEG, GRIPPER = (DATA / f"{name}.toml" for name in ("excavator_arm", "leg", "gripper"))
 
 
@@ -359,7 +361,9 @@ def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
     mechanism = load(path)
     for name in names():
         said = engine(name).skip(mechanism, Choice())
-        assert name in OWN or "force profile, soft_start, shaker, switch, ratchet varies with time or direction" in str(said), name
+        assert name in GIVEN or "force profile, soft_start, shaker, switch, ratchet varies with time or direction" in str(said), (
+            name
+        )
     with pytest.raises(KernelError, match="force profile varies"):
         compile_kernel(mechanism)
     with pytest.raises(Uncertified, match="force profile varies with time or direction"):
@@ -385,3 +389,35 @@ def test_tables_that_are_none_are_faults_and_nothing_else(value: Any) -> None:
         content = document(ARM) | {key: value}
         with pytest.raises(LinkageError):
             load_document(content)
+
+
+@pytest.mark.parametrize(("name", "settings"), [("gauss", "default"), ("pinocchio", "default"), ("mujoco", "tuned")])
+def test_equal_steps_keep_their_order_through_kinks_and_jumps(name: str, settings: str) -> None:
+    """Tables, a ramp, a switch and a ratchet, at times and by steps that miss all of their kinks; by order four."""
+    if name != "gauss":
+        needs(name)
+    mechanism, times = load(str(VARYING)), np.linspace(0.0, 0.2, 12)
+
+    def moved(by: str, choice: Choice) -> Trajectory:
+        assert engine(by).skip(mechanism, choice) is None
+        model = engine(by).build(mechanism, choice)
+        model.prepare(times)
+        model.run()
+        return model.read()
+
+    true = moved("gauss", Choice("default", "dop853", "none", 0.01, 1e-12))
+    coarse, fine = (moved(name, Choice(settings, "rk4", "none", 0.2 / steps)) for steps in (44, 88))
+    errors = [np.abs(x.q - true.q).max() for x in (coarse, fine)]
+    assert errors[1] < 1e-7
+    assert errors[0] / errors[1] > 12, "steps across a jump would leave order one"
+    np.testing.assert_allclose(fine.a, true.a, rtol=0, atol=1e-6 * np.abs(true.a).max())
+    assert fine.steps > 88, "a step more for every kink that they miss"
+
+
+def test_steps_end_at_kinks_and_what_jumps_there_jumps_after_them() -> None:
+    found = list(stretches(np.array([0.0, 0.5, 1.0]), 0.25, kinks=(0.1, 0.5, 1.0)))
+    assert [(x.begin, x.steps, x.row) for x in found] == [(0.0, 1, None), (0.1, 2, 1), (0.5, 2, 2)]
+    assert [x.size for x in found] == pytest.approx([0.1, 0.2, 0.25])
+    assert all(x.last < end for x, end in zip(found, (0.1, 0.5, 1.0), strict=True))
+    smooth = list(stretches(np.array([0.0, 0.5]), 0.25))
+    assert [(x.begin, x.steps, x.size, x.last, x.row) for x in smooth] == [(0.0, 2, 0.25, np.inf, 1)]

@@ -4,18 +4,25 @@ import argparse
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from gauss_bench import __version__
+from gauss_bench.mechanism.limits import harmless
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
 Verb = Callable[[argparse.Namespace], int]
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose sentences are harmless, whatever was typed."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        super()._print_message(harmless(message), file)
+
+
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
     """All verbs with their options; `actions` maps the name of a verb to what it does."""
-    top = argparse.ArgumentParser(
-        prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics."
-    )
+    top = Parser(prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics.")
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
     for name, (help, options) in VERBS.items():

@@ -1,5 +1,6 @@
 """One linkage, one engine, one run: the object that `gauss-bench simulate --json` prints."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,17 +10,20 @@ from gauss_bench.api.results import Simulation
 from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.bench.one_run import Run, acceleration_error, sampling_through
+from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, disagreement, fastest_rate
 from gauss_bench.bench.worker import Worker
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, advice, examine, judge, trusted_until
+from gauss_bench.judge import Evidence, Judgement, advice, examine, judge, remark, trusted_until
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.welding import spread
+from gauss_bench.reference.store import certified_reference
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Reference, Status, Trajectory
 
+RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # what half the step can tell something of
 LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
 
 
@@ -65,32 +69,82 @@ def simulate(
     if not offered.usable:
         return described(mechanism, engine, choice, offered.status, offered.reason, at[-1])
     wanted = sampling_through(choice.step, at)
+    request = Request(linkage, mechanism.scenario, engine, choice, wanted)
+    fixed = choice.integrator not in offered.adaptive
     with Worker() as worker:
-        run = run_of(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, limit, worker)
-    return judged(mechanism, engine, choice, run, at)
+        run = run_of(request, mechanism, limit, worker)
+        found, truth, finer = run.trajectory or run.reached, None, None
+        if found is not None and run.status in RAN:
+            truth = certified_until(mechanism, at[-1])
+            if truth is None and fixed and len(found.t) > 1:
+                finer = run_of(at_half_the_step(request, run.seconds, found.t), mechanism, limit, worker)
+    return judged(mechanism, engine, choice, run, at, truth, finer)
 
 
-def judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
-    """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached."""
+def certified_until(mechanism: Mechanism, t_end: float) -> Reference | None:
+    """The certified motion of a linkage that nothing has been changed in, or None."""
+    try:
+        return certified_reference(mechanism, t_end)
+    except (OSError, ValueError):
+        return None
+
+
+def judged(
+    mechanism: Mechanism,
+    engine: str,
+    choice: Choice,
+    run: Run,
+    at: list[float],
+    truth: Reference | None = None,
+    finer: Run | None = None,
+) -> Simulation:
+    """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached.
+
+    It is judged by the truth where that is known, else by what the same run at half the step found.
+    """
     with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
-        return _judged(mechanism, engine, choice, run, at)
+        return _judged(mechanism, engine, choice, run, at, truth, finer)
 
 
-def _judged(mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float]) -> Simulation:
+def _second(finer: Run | None) -> Reference | None:
+    """What a run at half the step found, in the place of a truth."""
+    return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
+
+
+def evidence_of(
+    mechanism: Mechanism, choice: Choice, found: Trajectory, truth: Reference | None, finer: Run | None
+) -> tuple[Evidence, str]:
+    """What there is to judge a run by, and a sentence where half the step does not decide."""
+    evidence = examine(Evaluator(mechanism), found, truth, acceleration_error(mechanism, found))
+    evidence = replace(evidence, disagreement=disagreement(mechanism, found))
+    if finer is None:
+        return evidence, ""
+    rate = fastest_rate(mechanism, found)
+    evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
+    other = _second(finer)
+    if other is None:
+        return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
+    part = "" if len(other.t) == len(found.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
+    return replace(evidence, halving=metrics.state_errors(mechanism, found, other)), part
+
+
+def _judged(
+    mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float], truth: Reference | None, finer: Run | None
+) -> Simulation:
     found = run.trajectory or run.reached
     if found is None:
         return described(mechanism, engine, choice, run.status, run.message, at[-1])
     try:
         evaluator = Evaluator(mechanism)
-        evidence = examine(evaluator, found, None, acceleration_error(mechanism, found))
+        evidence, undecided = evidence_of(mechanism, choice, found, truth, finer)
         figures, verdict = measured(evidence, found, run), judge(evidence)
-        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found)
+        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found, truth, _second(finer))
         last, status = float(found.t[-1]), run.status
         chosen = at_times(found, at if run.trajectory else [*(x for x in at if x < last), last])
         if run.trajectory:
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
-        told = "; ".join(filter(None, sentences))
+        told = "; ".join(filter(None, (*sentences, undecided, remark(evidence))))
         return described(mechanism, engine, choice, status, told, at[-1], found, chosen, verdict, figures, until)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
@@ -168,6 +222,10 @@ def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
         "evaluations": found.evaluations,
         "build_time": run.build_time,
         "step_time": run.step_time,
+        "halving_length": None if evidence.halving is None else float(evidence.halving.length.max(initial=0.0)),
+        "halving_angle": None if evidence.halving is None else float(evidence.halving.angle.max(initial=0.0)),
+        "steps_a_period": evidence.steps_a_period,
+        "acceleration_disagreement": evidence.disagreement,
     }
 
 

@@ -87,8 +87,9 @@ def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
             for found in _apart(row, other[key], words, ratios) if key in other else ():
                 compared += 1
                 if found is not None:
-                    column, *values = found
-                    apart.append(Clocked(f"{name}: {' '.join(x for x in key if x not in ('', 'nan'))}: {column}", *values))
+                    column, own, others, matters, factor = found
+                    what = f"{name}: {' '.join(x for x in key if x not in ('', 'nan'))}: {column}"
+                    apart.append(Clocked(what, own, others, matters, factor))
     return compared, tuple(sorted(apart, key=lambda x: (not x.matters, -abs(math.log(x.factor)), x.what)))
 
 

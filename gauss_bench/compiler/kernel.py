@@ -22,7 +22,7 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
+from gauss_bench.compiler.stepping.driver import IMPLICIT, INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.model import Mechanism
@@ -213,15 +213,21 @@ class Kernel:
             parameters: (n_parameters,) or (batch, n_parameters); those of the file where None.
             every: steps between samples; only the last state where None.
             threads: that share a batch.
-            integrator: "rk4", "semi_implicit_euler" or "dop853_fixed".
+            integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit, of order 6, for stiff
+                forces along free motions.
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
             2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
             `lost`.
+
+        Raises:
+            KernelError: an implicit step of a looped program.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
+        if integrator == IMPLICIT and isinstance(self._programs, LoopedPrograms):
+            raise KernelError("a looped program has no implicit steps; straight-line code has")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)

@@ -20,6 +20,7 @@ class Cause(StrEnum):
     NONE = "no dominant cause"
     INERTIA = "inertia"
     MASS = "mass"
+    LENGTH = "length"
     GRAVITY = "gravity"
     FORCE = "force"
     SEVERAL = "several parameters"

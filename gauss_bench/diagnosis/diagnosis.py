@@ -17,6 +17,7 @@ import numpy as np
 from gauss_bench.bench.one_run import sampling_at
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
+from gauss_bench.diagnosis.dimensions import misplaced
 from gauss_bench.diagnosis.explanations import Explained, Explanation, explained, of_all, of_constraints, of_parameters
 from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
 from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
@@ -186,7 +187,7 @@ class Case:
         matters = not self.error <= max(SMALL, 3 * self.bar)
         if not matters:
             return self._small()
-        for asked in (self._order, self._still, self._jump, self._other_times):
+        for asked in (self._order, self._still, self._jump, self._length, self._other_times):
             if found := asked():
                 return (*found, [])
         return self._by_steps()
@@ -245,6 +246,16 @@ class Case:
         where = "back to its start" if self.jumped.to_start else "elsewhere"
         said = f"the state jumps {where} at t = {self.jumped.t:.6g} s, by {self.jumped.size:.2g} (m, rad) in one step"
         return Cause.RESET, f"{said}, as an engine does that resets itself after an error"
+
+    def _length(self) -> tuple[Cause, str] | None:
+        """A pin elsewhere than in the file: gaps that turn with its link, whatever the step."""
+        if len(self.bursts) < 2 or not self.closure.opened[-1] > SMALL / 10:
+            return None
+        found = misplaced(self.own, self.bursts[0].at, self.bursts[-1].at)
+        if found is None or self.closure.held**2 >= found.share:
+            return None
+        gap = f"loops stay open by {self.closure.opened[-1]:.1e} (m, rad) by the file's dimensions, whatever the step"
+        return Cause.LENGTH, f"{found.sentence}: {gap}; that explains {share_words(found.share)} of it"
 
     def _other_times(self) -> tuple[Cause, str] | None:
         """A start that is another, or samples of other times: both with steps that are sound."""
@@ -503,7 +514,13 @@ class Case:
         """
         found = dict.fromkeys(Part, 0.0)
         whole = split.size(self.off[: self.steps.horizon])
-        if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE):
+        if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in (
+            Cause.RESET,
+            Cause.ORDER,
+            Cause.START,
+            Cause.STALE,
+            Cause.LENGTH,
+        ):
             part = cause.part or Part.MODEL
             left = self.map.left if self.map and cause.part is Part.SAMPLING else 0.0
             found[part], found[Part.INTEGRATOR] = whole * (1 - left), whole * left

@@ -13,7 +13,7 @@ from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, step_counts
+from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import JAMMED
@@ -137,15 +137,17 @@ class InterpretedModel:
         step = STEPS[self.choice.integrator]
         projected = self.choice.stabilization == "projection"
         q, v = self.mechanism.q0, self.mechanism.v0
-        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+        for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
+            rate = held_back(self.stabilized, last)
             for i in range(count):
-                t = float(self.times[k]) + i * h
-                q, v = step(self.stabilized, t, q, v, h)
+                t = begin + i * h
+                q, v = step(rate, t, q, v, h)
                 if projected:
                     q, v = self.evaluator.project(t + h, q, v)
             if not np.isfinite(q).all():
-                raise RunFailure(Status.NAN, f"not finite at t = {self.times[k + 1]:.6g} s; a smaller step may help")
-            self.q[k + 1], self.v[k + 1] = q, v
+                raise RunFailure(Status.NAN, f"not finite at t = {begin + count * h:.6g} s; a smaller step may help")
+            if row is not None:
+                self.q[row], self.v[row] = q, v
             self.steps += count
 
     def read(self) -> Trajectory:

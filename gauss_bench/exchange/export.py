@@ -7,6 +7,7 @@ from importlib import import_module
 from gauss_bench import __version__
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import unsteady
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, in_a_sentence
@@ -65,7 +66,7 @@ def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, .
     kind = KINDS[name]
     choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
     where = f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}"
-    if reason := get(kind.engine).skip(mechanism, choice):
+    if reason := unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice):
         raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(reason)}")
     module, _, function = kind.writer.partition(":")
     write: Callable[[Mechanism, Choice, list[str]], str] = getattr(import_module(f"gauss_bench.exchange.{module}"), function)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import unsteady
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import OWNED
 from gauss_bench.exchange.text import python_comment
@@ -45,6 +46,8 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
     """
     if engine not in WRITERS:
         return _ours(mechanism, linkage, engine, choice, until, remarks)
+    if reason := unsteady(mechanism, "such a program"):
+        raise ExchangeError(f"{mechanism.source}: no program for {engine}: {reason}")
     write: Callable[[Mechanism, Choice, list[str]], str]
     write = import_module(f"gauss_bench.exchange.{WRITERS[engine]}").written
     head = [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]

@@ -4,13 +4,16 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1
 semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+DIFFERENCE = 1e-7  # [rad, m and per second] for a Jacobian that Newton's method can do with
+NEWTON_STEPS, CONVERGED = 20, 1e-13  # and the change of velocities, relative, at which stages are found
 ROUNDING = 4 * np.finfo(float).eps  # of two times and what they were made of
 Array = NDArray[np.floating[Any]]
 Acceleration = Callable[[float, Array, Array], Array]
@@ -68,7 +71,49 @@ def dop853_estimates() -> tuple[Array, Array]:
     return np.ascontiguousarray(DOP853.E5[:s]), np.ascontiguousarray(DOP853.E3[:s])
 
 
-STEPS: dict[str, Step] = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853_fixed}
+def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    """Gauss's collocation with three stages, order 6, implicit: as stiff as springs and dampers may be, steps are stable.
+
+    Newton's method for all stages at once, with one Jacobian by differences at the beginning of the step.
+
+    Raises:
+        LinAlgError: it does not converge.
+    """
+    (c, A, b), n = gauss_tableau(), len(q)
+    a = acceleration(t, q, v)
+    moved = DIFFERENCE * np.eye(n)
+    stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in moved])
+    damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in moved])
+    matrix = np.eye(len(c) * n) - h * h * np.kron(A @ A, stiffness) - h * np.kron(A, damping)
+    stages = np.tile(a, (len(c), 1))
+    for _ in range(NEWTON_STEPS):
+        places, speeds = q + h * np.outer(c, v) + h * h * A @ A @ stages, v + h * A @ stages
+        off = np.array([acceleration(t + x * h, *y) for x, *y in zip(c, places, speeds, strict=True)]) - stages
+        change = np.linalg.solve(matrix, off.ravel()).reshape(off.shape)
+        stages = stages + change
+        if h * np.abs(change).max() <= CONVERGED * (1.0 + np.abs(v).max()):
+            return q + h * v + h * h * b @ A @ stages, v + h * b @ stages
+    raise np.linalg.LinAlgError("the stages of an implicit step do not converge")
+
+
+@cache
+def gauss_tableau(stages: int = 3) -> tuple[Array, Array, Array]:
+    """Nodes (s,), matrix (s, s) and weights (s,) of Gauss's collocation: exact for polynomials of degree s - 1 through the stages.
+
+    Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), section IV.5.
+    """
+    c = (1 + np.polynomial.legendre.leggauss(stages)[0]) / 2
+    powers = np.arange(1, stages + 1)
+    inverse = np.linalg.inv(c[:, None] ** (powers - 1))
+    return c, c[:, None] ** powers / powers @ inverse, 1 / powers @ inverse
+
+
+STEPS: dict[str, Step] = {
+    "rk4": rk4,
+    "semi_implicit_euler": semi_implicit_euler,
+    "dop853_fixed": dop853_fixed,
+    "gauss_legendre": gauss_legendre,
+}
 EVALUATIONS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # of accelerations in a step
 
 
@@ -83,3 +128,37 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
         whole = abs(gap - count * step) <= ROUNDING * end
         found.append((count, step if whole else float(gap) / count))
     return found
+
+
+class Stretch(NamedTuple):
+    """Equal steps without a kink in them.
+
+    Attributes:
+        begin: [s] where they begin; steps, size: how many, and how long [s].
+        last: [s] the last time at which accelerations are those of these steps: what jumps at the end of them jumps after it.
+        row: number of the sample that they end at; None where they end at a kink on the way to it.
+    """
+
+    begin: float
+    steps: int
+    size: float
+    last: float
+    row: int | None
+
+
+def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
+    """The steps from sample to sample, none longer than `step`, of which one ends at every kink [s] between the first and last."""
+    for row, (begin, end) in enumerate(pairwise(times), start=1):
+        near = ROUNDING * max(abs(end), abs(begin))
+        ends = [*(t for t in kinks if begin + near < t < end - near), end]
+        jumps = any(abs(t - end) <= near for t in kinks)
+        nodes = np.array([begin, *ends])
+        for k, (count, size) in enumerate(step_counts(nodes, step)):
+            whole = k == len(ends) - 1
+            last = np.inf if whole and not jumps else np.nextafter(nodes[k + 1] - (near if whole else 0.0), nodes[k])
+            yield Stretch(float(nodes[k]), count, size, float(last), row if whole else None)
+
+
+def held_back(acceleration: Acceleration, last: float) -> Acceleration:
+    """The accelerations of steps that end where they jump."""
+    return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

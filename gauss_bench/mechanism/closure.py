@@ -36,6 +36,7 @@ RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far 
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
+MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought near by whole turns first, or by longer steps
 
 Residual = Callable[[Array], tuple[Array, Array]]
 
@@ -157,10 +158,12 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
-    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|."""
+    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|, or infinity."""
     q = q.copy()
     for _ in range(iterations):
         F, J = residual(q)
+        if not (np.isfinite(F).all() and np.isfinite(J).all()):
+            return q, np.inf
         step = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)[0]
         size = float(np.abs(step).max(initial=0.0))
         q += step if size < 0.5 else step * (0.5 / size)
@@ -268,7 +271,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
         """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
         gap, error = held.of(state)[0] - held.target, np.inf
-        for part in np.linspace(1.0, 0.0, 2 + int(np.abs(gap).max(initial=0.0) / STEP))[1:]:
+        for part in np.linspace(1.0, 0.0, 2 + min(MOST_STEPS, int(np.abs(gap).max(initial=0.0) / STEP)))[1:]:
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
@@ -280,7 +283,9 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 break
         return state, error
 
-    for start, closed in ((q, True), (turned(mechanism, held, q), True), (q, False)):
+    near = turned(mechanism, held, q)
+    far = bool(np.abs(held.of(q)[0] - held.target).max(initial=0.0) > MOST_STEPS * STEP)
+    for start, closed in ((near, True), (near, False)) if far else ((q, True), (near, True), (q, False)):
         reached, error = follow(start, closed)
         if error <= CLOSED:
             break

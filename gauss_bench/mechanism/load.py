@@ -5,18 +5,23 @@ import hashlib
 import json
 import re
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gauss_bench.mechanism.build import build_mechanism
 from gauss_bench.mechanism.closure import assemble, sketched
 from gauss_bench.mechanism.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.mechanism.generate import generated
+from gauss_bench.mechanism.limits import limit_faults
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.references import items, reference_faults, table
 from gauss_bench.mechanism.schema import schema_faults
+from gauss_bench.trajectory import in_a_sentence
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
 KEPT = 64  # mechanisms that are remembered
@@ -24,7 +29,6 @@ FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
 
 _known: dict[tuple[str, str, str | None], Mechanism] = {}  # by path, digest of the content, scenario; the last asked for comes last
-DEEPEST = 20  # tables in tables: the grammar needs 5
 
 
 def built_in_folder() -> Path | None:
@@ -88,23 +92,41 @@ def load_document(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load`, for a document that is already parsed."""
-    mechanism, merged = _checked(document, scenario, source, sha256, stem)
-    try:
-        return assemble(mechanism, merged)
-    except AssemblyError as error:
-        raise LinkageError(source, [error.fault]) from error
+    return _placed(document, scenario, source, sha256, stem, assemble)
 
 
 def load_sketched(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load_document`, but at rest where the sketch has it, whatever the scenario holds: that may be too little for a start."""
-    mechanism, merged = _checked(document, scenario, source, sha256, stem)
-    try:
+
+    def at_rest(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
         q = sketched(mechanism, merged)
+        return replace(mechanism, q0=q, v0=0.0 * q)
+
+    return _placed(document, scenario, source, sha256, stem, at_rest)
+
+
+def _placed(
+    document: dict[str, Any],
+    scenario: str | None,
+    source: str,
+    sha256: str,
+    stem: str | None,
+    place: Callable[[Mechanism, dict[str, Any]], Mechanism],
+) -> Mechanism:
+    """The mechanism of a document, placed; what its numbers make of it is a fault too, and no warning of a library."""
+    try:
+        with np.errstate(all="ignore"):
+            mechanism, merged = _checked(document, scenario, source, sha256, stem)
+            found = place(mechanism, merged)
     except AssemblyError as error:
         raise LinkageError(source, [error.fault]) from error
-    return replace(mechanism, q0=q, v0=0.0 * q)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise LinkageError(source, [Fault("", f"its numbers cannot be computed with ({in_a_sentence(error)})")]) from error
+    if not all(np.isfinite(x).all() for x in (found.q0, found.v0, found.mass)):
+        raise LinkageError(source, [Fault("", "its numbers lead to a start that is not finite")])
+    return found
 
 
 def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
@@ -113,8 +135,8 @@ def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str,
     Raises:
         LinkageError: the document has faults, or no such scenario.
     """
-    if place := too_deep(document):
-        raise LinkageError(source, [Fault(place, f"tables lie more than {DEEPEST} deep")])
+    if beyond := limit_faults(document):
+        raise LinkageError(source, beyond)
     faults = document_faults(document, stem)
     if faults:
         raise LinkageError(source, faults)
@@ -143,18 +165,6 @@ def _checked(
         return build_mechanism(merged, scenario, source, sha256), merged
     except BuildError as error:
         raise LinkageError(source, [error.fault]) from error
-
-
-def too_deep(document: dict[str, Any]) -> str:
-    """Where tables lie deeper than any of the grammar, or an empty text; no recursion, which such a file would exhaust."""
-    waiting: list[tuple[str, Any]] = [("", document)]
-    while waiting:
-        path, item = waiting.pop()
-        if isinstance(item, dict):
-            if path.count(".") >= DEEPEST:
-                return ".".join(path.split(".")[:4])
-            waiting += [(f"{path}.{key}" if path else str(key), x) for key, x in item.items()]
-    return ""
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:

@@ -70,6 +70,11 @@ class Algebra(Protocol):
         ...
 
     @property
+    def directions(self) -> list[Right]:
+        """Free motions by coordinate: of each independent coordinate the one in which the others rest; none if they are unknown."""
+        ...
+
+    @property
     def guards(self) -> list[tuple[Node, float]]:
         """Expressions that are divided by, and how large they must be."""
         ...
@@ -141,6 +146,10 @@ class Gauss:
                 parts.append(-(terms.mass[p.column] * a[p.column]))
             forces[p.column] = terms.graph.total(parts)
         return self.factors.solve_transposed(forces)
+
+    @property
+    def directions(self) -> list[Right]:
+        return self.N
 
     @property
     def guards(self) -> list[tuple[Node, float]]:
@@ -220,6 +229,10 @@ class Lagrange:
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
+
+    @property
+    def directions(self) -> list[Right]:
+        return []
 
     @property
     def guards(self) -> list[tuple[Node, float]]:

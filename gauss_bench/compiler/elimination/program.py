@@ -179,6 +179,7 @@ class Program:
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
             the shortest one under gauss, and the shortest in the mass metric under lagrange.
         velocity_correction: (t, q, v, p) -> dv (n,).
+        directions: (t, q, v, p) -> (n,) of each independent coordinate: the free motion along it; none under lagrange.
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
@@ -197,6 +198,7 @@ class Program:
     acceleration: Function
     position_correction: Function
     velocity_correction: Function
+    directions: Function
     multipliers: Function
     energy: Function
     residual: Function
@@ -298,6 +300,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),
+        directions=function(at, [vector(graph, N, n) for N in algebra.directions], shared),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from gauss_bench.terms import Array
 
 STRIDE = 1e-4  # of all times: a step past a singular position
-INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed")
+IMPLICIT = "gauss_legendre"
+INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", IMPLICIT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,9 @@ order of the method; what is stored and what the step goes on from is corrected.
 Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
 (1996), section VII.2 (projection).
 
+Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
+which are found in a fixed number of passes. Whether that was enough is a guard like the others.
+
 Where a step is too long to be written out, it is a loop over its stages. With the stage at x, u and the step begun at q, v; the
 sums X, U; the way c to the next stage and the weight w of this one:
 
@@ -29,7 +32,7 @@ at the uncorrected q', and for the first stage, which already has the corrected 
 leaves: a loop goes on where a step in one piece does not reach.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import inf, isfinite
@@ -39,10 +42,12 @@ import numpy as np
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
-from gauss_bench.integrate.fixed_step import dop853_estimates, dop853_tableau
+from gauss_bench.integrate.fixed_step import DIFFERENCE, dop853_estimates, dop853_tableau, gauss_tableau
+from gauss_bench.terms import Array
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 TINY = 1e-300
+PASSES, CONVERGED = 8, 2.0**-28  # of an implicit step, and the largest last change of velocities: a pass leaves less than a tenth
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
 
 
@@ -104,6 +109,7 @@ EXACT = Reach(inf, inf, inf, 4)
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "dop853_fixed": (EXACT,),
+    "gauss_legendre": (EXACT,),
     "semi_implicit_euler": (Reach(0.0065, inf, 1.5e-4, 3), Reach(0.0625, inf, 6.5e-3, 5), Reach(inf, inf, inf, 6)),
 }
 
@@ -225,6 +231,70 @@ class Builder:
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
         self._watch(guard)
         return a
+
+    def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
+        """The free motion along each independent coordinate, which moves by 1."""
+        g, free = self.g, self.code.program.independent
+        motions = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
+        return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=False)]
+
+    def held(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
+        """Accelerations that the rows allow, whose independent ones are z; a are any such."""
+        for k, x, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
+            a = self.along(a, self.g.sub(x, a[k]), motion)
+        return a
+
+    def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:
+        """Solves for changes (s, f) of independent accelerations of all stages, with one Jacobian: at q, v, where they are a."""
+        g, free = self.g, self.code.program.independent
+        moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)
+        motions = self.directions(self.t, q, v)
+
+        def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
+            columns = [self.acceleration(self.t, *state) for state in states]
+            return [[g.mul(per, g.sub(x[k], a[k])) for x in columns] for k in free]
+
+        K = derivatives((self.along(q, moved, N), v) for N in motions)
+        D = derivatives((q, self.along(v, moved, N)) for N in motions)
+        places = [(i, k) for i in range(len(A)) for k in range(len(free))]
+
+        def entry(i: int, k: int, j: int, l: int) -> int:
+            stiff = g.add(g.mul(self.times_h(float((A @ A)[i, j]), 2), K[k][l]), g.mul(self.times_h(float(A[i, j])), D[k][l]))
+            return g.sub(g.const(float((i, k) == (j, l))), stiff)
+
+        matrix = [[entry(*row, *column) for column in places] for row in places]
+        factors = self.eliminated(matrix)
+
+        def solved(off: list[list[int]]) -> list[list[int]]:
+            x = factors([y for row in off for y in row])
+            return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
+
+        return solved
+
+    def eliminated(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
+        """Solves with a matrix (k, k) whose pivots are those of its diagonal."""
+        g, size = self.g, len(matrix)
+        U, L = [list(row) for row in matrix], [[0] * size for _ in range(size)]
+        inverse: list[int] = []
+        for k in range(size):
+            inverse.append(g.div(g.const(1.0), U[k][k]))
+            for i in range(k + 1, size):
+                L[i][k] = g.mul(U[i][k], inverse[k])
+                for j in range(k + 1, size):
+                    U[i][j] = g.sub(U[i][j], g.mul(L[i][k], U[k][j]))
+
+        def solved(right: list[int]) -> list[int]:
+            x = list(right)
+            for i in range(size):
+                for k in range(i):
+                    x[i] = g.sub(x[i], g.mul(L[i][k], x[k]))
+            for i in reversed(range(size)):
+                for j in range(i + 1, size):
+                    x[i] = g.sub(x[i], g.mul(U[i][j], x[j]))
+                x[i] = g.mul(x[i], inverse[i])
+            return x
+
+        return solved
 
     def _watch(self, guard: list[int]) -> None:
         g = self.g
@@ -376,7 +446,49 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     return g.div(g.mul(g.mul(b.h, b.h), g.mul(fifth, fifth)), g.mul(both, g.const(float(len(new)))))
 
 
-STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853}
+def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
+    """One step of Gauss's collocation with three stages, order 6: implicit, for springs and dampers that bind explicit steps.
+
+    What is stiff is so along the free motions N alone, since the others are held by rows and not by forces. The unknowns of a
+    stage are its independent accelerations z; the others follow from the rows at the stage, A = a + N (z - a), and each pass takes
+
+        (1 - h^2 A A x K - h A x D) dz = a - z        K, D = derivatives of a along N by positions and velocities, independent part
+
+    with K and D by differences at the beginning of the step. A step whose last change of velocities is not below CONVERGED is not
+    counted. Where a program knows no free motions, passes without K and D take what is not stiff. Source: Hairer and Wanner,
+    Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
+    """
+    b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()
+    g, q, h, c, free = b.g, b.q, b.times_h(1.0), nodes.tolist(), code.program.independent
+    s = len(c)
+    v = b.corrected_velocity()
+    start = b.acceleration(b.t, q, v)
+    out_pivots = list(b.pivots)
+    newton = b.newton(q, v, start, A) if b.directions(b.t, q, v) else None
+
+    def along(weights_v: Coefficients, twice: Coefficients, c: float) -> tuple[list[int], list[int]]:
+        moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(stages, twice))
+        return [g.add(x, y) for x, y in zip(q, moved, strict=True)], b.along(v, h, b.weighted(stages, weights_v))
+
+    stages, z = [start] * s, [[start[k] for k in free]] * s
+    for _ in range(PASSES):
+        at = [along(A[i].tolist(), (A @ A)[i].tolist(), c[i]) for i in range(s)]
+        found = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
+        off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(found, z, strict=True)]
+        if newton is None:
+            changes = [[g.sub(x, y) for x, y in zip(a, old, strict=True)] for a, old in zip(found, stages, strict=True)]
+            stages = found
+            continue
+        changes = newton(off)
+        z = [[g.add(x, y) for x, y in zip(row, change, strict=True)] for row, change in zip(z, changes, strict=True)]
+        stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], found[i], z[i]) for i in range(s)]
+    b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
+    q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
+    q_new, _ = b.corrected_position(g.add(b.t, h), q_new, [], q_new)
+    return b.step(q_new, v_new, [], v, out_pivots)
+
+
+STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853, "gauss_legendre": gauss_legendre}
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ compares at equal steps.
 
 Exudyn's initial accelerations ignore the second rate of a motion law, and what they lack stays in the accelerations of the
 trapezoidal rule for the whole run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings, and
-where the law's rate varies there is no answer of Exudyn's own to report as an acceleration at a given state.
+where the law's rate varies the acceleration at a given state is that system's too.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite, finite_acceleration, refused
+from gauss_bench.engines.shared import finite, finite_acceleration, refused, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -70,7 +70,7 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := refused(mechanism, "Exudyn"):
+        if reason := unsteady(mechanism, "Exudyn") or refused(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
@@ -156,21 +156,15 @@ class ExudynModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
-            if VARIANTS.options(self.choice.settings)["acceleration"] == KKT:
-                a = self._kkt(t, q, v)
-            else:
-                self._require_even_laws(t)
-                a = self.built_in(q, v)
+            uneven = any(law(t)[2] != 0 for law in self.readout.laws)
+            kkt = uneven or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
+            a = self._kkt(t, q, v) if kkt else self.built_in(q, v)
         except (np.linalg.LinAlgError, self.exu.SolverError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
     def _kkt(self, t: float, q: Array, v: Array) -> Array:
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
-
-    def _require_even_laws(self, t: float) -> None:
-        if any(law(t)[2] != 0 for law in self.readout.laws):
-            raise RunFailure(Status.SKIP, "Exudyn's initial accelerations ignore the second rate of the motion law")
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only Exudyn's own loop, whatever `native` says."""

@@ -132,6 +132,7 @@ def write_equation(
         acceleration=function(at, [a, [x for x, _ in guards]], uses([*a, *(x for x, _ in guards)])),
         position_correction=NOTHING,
         velocity_correction=NOTHING,
+        directions=NOTHING,
         multipliers=NOTHING,
         energy=NOTHING,
         residual=NOTHING,

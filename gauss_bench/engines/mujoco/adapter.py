@@ -8,11 +8,14 @@ MuJoCo has no prescribed motion of a joint. A hinge on the ground, or a slide, w
 masses, under the torque or force A law''(t), moves so up to the share of the linkage's load in that torque:
 
     (A + m) theta'' = A law''(t) + load
+
+A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
 """
 
 import contextlib
 import copy
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +37,11 @@ from gauss_bench.engines.shared import (
     with_accelerations,
 )
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -138,27 +142,48 @@ class MujocoModel:
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
         self.drives: list[tuple[int, float, MotionLaw]] = []
+        self.cylinders: list[tuple[int, float, MotionLaw]] = []
+        self.drawn = [(tendon.id, motor.id) for tendon, motor in draft.cylinders]
+        self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
+        self.last = np.inf  # [s] up to where forces are those of the steps that are being taken
         verify(self)
         self._drive()
 
     def _drive(self) -> None:
-        """Give driven hinges and slides their armatures, as if they had been compiled into the model."""
+        """Give driven hinges, slides and lengths their armatures, as if they had been compiled into the model."""
         laws = [d.law for d in jointed(self.mechanism)]
         at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
-        if not laws:
+        lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
+        if not (laws or lengths):
             return
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
         self.drives = [(k, share * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
+        masses = [share / float(self.model.tendon_invweight0[tendon]) for tendon, _ in self.drawn]
+        self.cylinders = [(motor, mass, law) for (_, motor), mass, law in zip(self.drawn, masses, lengths, strict=True)]
         for model in (self.model, self.still):
             for k, armature, _ in self.drives:
                 model.dof_armature[k] = armature
+            for (tendon, _), mass in zip(self.drawn, masses, strict=True):
+                model.tendon_armature[tendon] = mass
             self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
             configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
 
+    @property
+    def pushed(self) -> bool:
+        """Whether forces are set from Python at every stage."""
+        return bool(self.drives or self.cylinders or self.varying.varying)
+
     def _push(self, data: Any, t: float) -> None:
-        """The driving torques at time t [s]."""
+        """The driving torques, and the forces that vary, at time t [s]."""
+        if self.varying.varying:
+            y, dy = np.array(data.qpos), np.array(data.qvel)
+            q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
+            data.qfrc_applied[:] = self.torque + self.tree.forces(q, self.varying.generalised(q, v, t))
         for k, armature, law in self.drives:
-            data.qfrc_applied[k] = self.torque[k] + armature * float(law(t)[2])
+            at_rest = data.qfrc_applied[k] if self.varying.varying else self.torque[k]
+            data.qfrc_applied[k] = at_rest + armature * float(law(t)[2])
+        for motor, mass, law in self.cylinders:
+            data.ctrl[motor] = mass * float(law(t)[2])
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """MuJoCo's data at tree state y, dy (n,)."""
@@ -177,7 +202,7 @@ class MujocoModel:
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.native = times, native
-        self.plan = step_counts(times, self.choice.step)
+        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
         self.y[0], self.dy[0] = self.y0, self.dy0
         self.complaints: list[str] = []
@@ -188,8 +213,8 @@ class MujocoModel:
 
     def run(self) -> None:
         control = self.mujoco.get_mjcb_control()
-        if self.drives:  # called at every stage of a step, with the time of that stage
-            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, data.time))
+        if self.pushed:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, min(data.time, self.last)))
         try:
             with heard(self.mujoco, self.complaints):
                 self._run()
@@ -198,14 +223,17 @@ class MujocoModel:
 
     def _run(self) -> None:
         step, model, data = self.mujoco.mj_step, self.model, self.data
-        for k, (count, size) in enumerate(self.plan):
-            model.opt.timestep = size
+        for begin, count, size, last, row in self.plan:
+            model.opt.timestep, self.last = size, last
+            if self.mechanism.kinks:
+                data.time = begin  # MuJoCo adds steps up, and would be before a kink where a new stretch begins
             if self.native:
                 step(model, data, nstep=count)
             else:
                 for _ in range(count):
                     step(model, data)
-            self.y[k + 1], self.dy[k + 1] = data.qpos, data.qvel
+            if row is not None:
+                self.y[row], self.dy[row] = data.qpos, data.qvel
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """A call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread: last tree states (k, 2, n).
@@ -215,8 +243,8 @@ class MujocoModel:
         """
         from mujoco import rollout
 
-        if self.drives:
-            raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set the torque of a motion law at every stage")
+        if self.pushed:
+            raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
         here = slice(1, 1 + 2 * self.tree.n)  # after the time
@@ -233,9 +261,10 @@ class MujocoModel:
 
     def read(self) -> Trajectory:
         said = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        note = "the motion law is evaluated in Python at every stage, which takes longer than MuJoCo does" if self.drives else ""
+        what = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
+        note = f"{what} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        steps = sum(count for count, _ in self.plan)
+        steps = sum(stretch.steps for stretch in self.plan)
 
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
@@ -282,7 +311,7 @@ def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) ->
     data = built.forward(y, dy)
     q, v, a0 = tree.absolute(y, dy, np.zeros(n))
     speeds = tree.absolute(np.tile(y, (n, 1)), np.eye(n), np.zeros((n, n)))[1]
-    Q, inertial = evaluator.applied.generalised(q, v), evaluator.mass * a0
+    Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
     mass, own_mass = np.zeros((n, n)), (speeds * evaluator.mass) @ speeds.T
     built.mujoco.mj_fullM(built.still, data, mass)

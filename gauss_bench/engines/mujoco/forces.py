@@ -16,7 +16,7 @@ import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
 from gauss_bench.mechanism.coordinates import rate, rotated, unit, value
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, factor_of
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -96,13 +96,14 @@ def turning(tree: Tree) -> Turning:
 
 
 def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
-    """All forces in MuJoCo's terms.
+    """All forces but those that vary, in MuJoCo's terms.
 
     Raises:
         RunFailure: a skip, naming the force that has no exact form and why.
     """
     turns = turning(tree)
-    return [x for f in mechanism.forces for load in f.lowered() for x in native(f.name, load, mechanism, tree, turns)]
+    steady = [f for f in mechanism.forces if not factor_of(f)]
+    return [x for f in steady for load in f.lowered() for x in native(f.name, load, mechanism, tree, turns)]
 
 
 def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:

@@ -25,7 +25,7 @@ from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, step_counts
+from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -88,12 +88,12 @@ class ConstrainedDynamics:
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         self.evaluations += 1
-        tau = self.forces(y, dy)
+        tau = self.forces(y, dy, t)
         return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
         """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
-        tau = np.ascontiguousarray(self.forces(y, dy))
+        tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 
     def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
@@ -167,21 +167,23 @@ class PinocchioModel:
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         try:
-            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances)
+            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances, kinks=self.mechanism.kinks)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
     def _fixed(self) -> None:
-        step, dynamics = STEPS[self.choice.integrator], self.stabilized
+        step = STEPS[self.choice.integrator]
         projected = self.choice.stabilization == "projection"
         y, dy = self.y[0], self.dy[0]
-        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+        for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
+            dynamics = held_back(self.stabilized, last)
             for i in range(count):
-                t = float(self.times[k]) + i * h
+                t = begin + i * h
                 y, dy = step(dynamics, t, y, dy, h)
                 if projected:
                     y, dy = self._projected(t + h, y, dy)
-            self.y[k + 1], self.dy[k + 1] = y, dy
+            if row is not None:
+                self.y[row], self.dy[row] = y, dy
             self.steps += count
 
     def _projected(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:

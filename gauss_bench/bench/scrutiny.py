@@ -1,0 +1,92 @@
+"""What can be found out of a run without knowing the truth: by half the step, by the fastest mode, by a second formulation.
+
+A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine; the own
+linearisation shows whether any step of that length could follow the motion; two formulations of the same accelerations show how
+many digits the linkage leaves them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gauss_bench import metrics
+from gauss_bench.bench.apart import Request
+from gauss_bench.bench.one_run import JUDGED, sampling_at
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Reference, RunFailure, Trajectory
+
+LONGEST = 60.0  # [s] of processor time for a run at half the step: of a longer run a first part is repeated
+LARGEST = 40  # freedoms beyond which no mode is looked for: half the step decides alone
+LOOKED_AT = 5  # states, of whose fastest modes the median counts: next to a singular position one is anything
+MOVED = 1e-6  # of 1 rad and 1 m: large for rounding, small for the curvature of any motion
+FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
+
+
+def at_half_the_step(request: Request, seconds: float, times: Array) -> Request:
+    """The run asked for again at half the step and these times (k,); of one that took too many seconds, the first part of it."""
+    if seconds > LONGEST / 2:
+        times = times[: max(2, int(len(times) * LONGEST / 2 / seconds))]
+    step = request.choice.step / 2
+    return replace(request, choice=replace(request.choice, step=step), wanted=sampling_at(step, times))
+
+
+def as_truth(found: Trajectory) -> Reference:
+    """A second run in the place of a truth, without error bars of its own."""
+    none = np.zeros(len(found.t))
+    return Reference(found.t, found.q, found.v, found.a, none, none, none, none, none, none, "half the step")
+
+
+def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
+    """Angular frequency [rad/s] of the fastest oscillation that the linkage can make about its motion, or None if not to be told.
+
+    At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'; the
+    largest imaginary part of that system's eigenvalues is the rate.
+    """
+    model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
+    found = []
+    for k in np.unique(np.linspace(0, len(trajectory.t) - 1, LOOKED_AT).round().astype(int)):
+        t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
+        try:
+            N = _free(evaluator.constraints(t, q, v).J, mechanism.n)
+            if N.shape[1] > LARGEST:
+                return None
+            a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
+            a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
+            found.append(_fastest(*(N.T @ np.array(x).T / (2 * MOVED) for x in (a_q, a_v))) if N.size else 0.0)
+        except FAILURES:
+            continue
+    return float(np.median(found)) if found else None
+
+
+def _free(J: Array, n: int) -> Array:
+    """(n, k) orthonormal directions that constraint rows (m, n) leave free."""
+    if not len(J):
+        return np.eye(n)
+    _, sizes, rows = np.linalg.svd(J)
+    return np.asarray(rows[int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum()) :].T)
+
+
+def _fastest(by_place: Array, by_speed: Array) -> float:
+    """The largest imaginary part of the eigenvalues of x'' = K x + C x'."""
+    k = len(by_place)
+    system = np.block([[np.zeros((k, k)), np.eye(k)], [by_place, by_speed]])
+    return float(np.abs(np.linalg.eigvals(system).imag).max())
+
+
+def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
+    """Median relative difference of the accelerations that two own formulations find at the run's own states; None if one cannot.
+
+    One solves for the free directions, the other for the multipliers: they lose their digits in different places.
+    """
+    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, JUDGED).round().astype(int))
+    states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]
+    try:
+        models = [get(name).build(mechanism, Choice("default", "rk4")) for name in ("gauss", "lagrange")]
+        first, second = (np.array([model.acceleration(*x) for x in states]) for model in models)
+    except FAILURES:
+        return None
+    return float(np.median(metrics.relative_acceleration_error(first, second)))

@@ -1,0 +1,73 @@
+"""Heun's method on Lagrange's equations: an engine for gauss_bench."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from gauss_bench.formulations.lagrange import lagrange
+from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+
+class Heun:
+    """What the suite asks before there is a model: names, choices, refusals."""
+
+    name = "heun"
+    integrators = ("heun",)
+    stabilizations = ("none",)
+    settings: ClassVar = {"default": {}}  # label -> the library's options, printed in full in every report
+    native_loop = False  # whether run() never returns to Python between steps
+    python_loop = True
+
+    def version(self):
+        """Of the library, for the report."""
+        return "my_engine 0.1"
+
+    def skip(self, mechanism, choice):
+        """Why this linkage cannot be run with these choices, or None. Refuse rather than be wrong."""
+        if mechanism.has_friction or mechanism.redundant:
+            return "neither dry friction nor redundant rows are modelled here"
+        return None
+
+    def build(self, mechanism, choice):
+        """Translate the linkage into the library's terms; nothing else happens here."""
+        return Model(mechanism, choice)
+
+
+class Model:
+    """A linkage in the engine. q, v, a hold x, y [m] and angle [rad] of every link, shape (3 * links,)."""
+
+    def __init__(self, mechanism, choice):
+        self.mechanism, self.choice, self.evaluator = mechanism, choice, Evaluator(mechanism)
+
+    def acceleration(self, t, q, v):
+        """At a given state, before any integration: tells another model from another integrator."""
+        return lagrange(self.evaluator.terms(t, q, v)).a
+
+    def prepare(self, times, native=True):
+        """Get ready for samples at these times [s], the first of them 0, and start anew."""
+        start = np.concatenate([self.mechanism.q0, self.mechanism.v0])
+        self.times, self.y, self.steps = times, np.tile(start, (len(times), 1)), 0
+
+    def run(self):
+        """Integrate; this alone is timed."""
+        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+            y = self.y[k]
+            for i in range(count):
+                t = self.times[k] + i * h
+                slope = self._rate(t, y)
+                y = y + h / 2 * (slope + self._rate(t + h, y + h * slope))
+            self.y[k + 1], self.steps = y, self.steps + count
+
+    def read(self):
+        """The samples of the last run."""
+        if not np.isfinite(self.y).all():
+            raise RunFailure(Status.NAN, "not finite; a smaller step may help")
+        q, v = np.split(self.y, 2, axis=1)
+        a = np.array([self.acceleration(*state) for state in zip(self.times, q, v, strict=True)])
+        return Trajectory(self.times, q, v, a, self.steps)
+
+    def _rate(self, t, y):
+        q, v = np.split(y, 2)
+        return np.concatenate([v, self.acceleration(t, q, v)])

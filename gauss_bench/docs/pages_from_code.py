@@ -1,0 +1,53 @@
+"""Pages that follow from code: the grammar of linkage files, and the commands. MkDocs calls `on_page_markdown`."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import PydanticUndefined
+
+from gauss_bench.api.options import VERBS
+from gauss_bench.mechanism import schema
+
+GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
+BEGINS = "## A complete example"
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """What stands on a page: what was written, and after it what code says."""
+    more = {"grammar.md": grammar, "commands.md": commands}.get(page.file.src_uri)
+    return f"{markdown}\n{more()}" if more else markdown
+
+
+def grammar() -> str:
+    """The guide from its complete example on, and every key of the schema with its default and edition."""
+    text = GUIDE.read_text(encoding="utf-8")
+    lines = ["## Every key", "", "| table | key | default | edition |", "| --- | --- | --- | --- |"]
+    for name, table in tables().items():
+        for field, info in table.model_fields.items():
+            key = info.alias or field
+            default = info.default
+            told = "required" if default is PydanticUndefined else "-" if default in (None, {}, []) else f"`{default}`"
+            if isinstance(default, schema.Table):
+                told = "-"
+            lines.append(f"| {name} | `{key}` | {told} | {2 if key in table.second else 1} |")
+    return "\n".join([text[text.index(BEGINS) :], *lines, ""])
+
+
+def tables() -> dict[str, type[schema.Table]]:
+    """Every table of the grammar that a file may have, by the name of its class in words."""
+    found = {n: x for n, x in vars(schema).items() if isinstance(x, type) and issubclass(x, schema.Table)}
+    bases = {schema.Table, schema.VaryingTable, schema.DrivenTable}
+    return {"".join(f" {c.lower()}" if c.isupper() else c for c in n).strip(): x for n, x in found.items() if x not in bases}
+
+
+def commands() -> str:
+    """Every verb with its help."""
+    os.environ["COLUMNS"] = "100"
+    lines = []
+    for name, (summary, options) in VERBS.items():
+        verb = argparse.ArgumentParser(prog=f"gauss-bench {name}")
+        options(verb)
+        lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", "", "```text", verb.format_help().rstrip(), "```", ""]
+    return "\n".join(lines)

@@ -1,0 +1,115 @@
+"""The documentation: every example in it runs, every key and verb is in it, and it builds without a request to other machines."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from gauss_bench.api.options import VERBS
+from gauss_bench.cli import main
+from gauss_bench.docs import pages_from_code
+from gauss_bench.mechanism import schema
+from tests.conftest import needs
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "gauss_bench" / "docs"
+PAGES = sorted((DOCS / "pages").glob("*.md"), key=lambda p: (p.name != "tutorial.md", p.name))
+FENCE = re.compile(r"(?:<!-- ([^>]*?) -->\n)?```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)```", re.DOTALL)
+
+
+class Block(NamedTuple):
+    remark: str
+    language: str
+    title: str
+    text: str
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    for found in FENCE.findall(page.read_text(encoding="utf-8")):
+        yield Block(*found)
+
+
+def written(block: Block, folder: Path) -> None:
+    """A file that a page asks its reader to save."""
+    text = re.sub(r'--8<-- "([^"]+)"', lambda x: (DOCS / "pages" / x[1]).read_text(encoding="utf-8"), block.text)
+    if block.remark.startswith("added to"):
+        whole = (folder / block.remark.split()[2].rstrip(",")).read_text(encoding="utf-8").replace("linkage/1", "linkage/2")
+        name = Path(block.title).stem
+        text = (
+            whole.replace('name   = "rocker"', f'name   = "{name}"').replace('["motor", "brake"]', f'["motor", "brake", "{name}"]')
+            + text
+        )
+    path = folder / block.title
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a reader of the tutorial stands at its end."""
+    folder = tmp_path_factory.mktemp("reader")
+    for block in blocks(DOCS / "pages" / "tutorial.md"):
+        if block.title:
+            written(block, folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place / "my_engine"), str(ROOT)]))
+    monkeypatch.syspath_prepend(str(place / "my_engine"))
+    for block in blocks(page):
+        if block.remark.startswith("needs"):
+            needs(block.remark.split()[1])
+        if block.title:
+            written(block, place)
+        elif block.language == "python":
+            exec(compile(block.text, page.name, "exec"), {})
+        elif block.language == "sh":
+            for line in block.text.splitlines():
+                program, *arguments = shlex.split(line)
+                assert program == "gauss-bench"
+                assert main(arguments) == 0, f"{line}: {capsys.readouterr()}"
+        else:
+            assert block.language == "text", f"{page.name}: a block that nobody runs: {block.language}"
+
+
+def test_every_key_and_every_verb_is_told() -> None:
+    grammar, commands = pages_from_code.grammar(), pages_from_code.commands()
+    for table in pages_from_code.tables().values():
+        assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
+    assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
+    assert "| scenario table | `hold` | - | 2 |" in grammar
+    assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", grammar))
+    assert all(f"## {name}\n" in commands for name in VERBS)
+
+
+def test_pages_name_files_that_are_there() -> None:
+    for page in PAGES:
+        for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", page.read_text(encoding="utf-8")):
+            assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+@pytest.mark.slow
+def test_it_builds_and_asks_nothing_of_other_machines(tmp_path: Path) -> None:
+    if find_spec("mkdocs") is None:
+        needs("mkdocs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(tmp_path / "docs")]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert done.returncode == 0, done.stderr
+    built = list((tmp_path / "docs").rglob("*.html"))
+    assert {x.stem for x in PAGES} <= {x.stem for x in built}
+    for page in built:
+        asked = re.findall(
+            r"<(?:link|script|img|iframe)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"> ]+)", page.read_text(encoding="utf-8")
+        )
+        assert not [x for x in asked if "canonical" not in x], f"{page.name}: {asked}"

@@ -1,0 +1,118 @@
+"""Hostile files and lists of arguments, a few of each: `make fuzz` throws many. What once broke a verb is held here by its kind."""
+
+import copy
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gauss_bench import cli
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.limits import harmless, limit_faults
+from gauss_bench.mechanism.load import built_in, document_of, load, load_document
+from tests.fuzz.__main__ import over_files, over_lists
+from tests.fuzz.files import CHANGES, damaged_file
+
+FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
+
+
+def changed(**keys: Any) -> dict[str, Any]:
+    """The four-bar with values under paths, whose dots are written as two underscores."""
+    document = copy.deepcopy(document_of("four_bar")[0])
+    for path, value in keys.items():
+        *way, last = path.split("__")
+        place = document
+        for key in way:
+            place = place[key]
+        place[last] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ("document", "said"),
+    [
+        (changed(links__crank__points__B=[1e160, 0.0]), r"links\.crank\.points\.B\[0\]: 1e\+160 is larger than 100000: joints are"),
+        (changed(links__crank__kg_per_m=1e300), r"links\.crank\.kg_per_m: 1e\+300 is larger"),
+        (changed(links__crank__kg_per_m=10**400), r"a number of 401 digits is larger"),
+        (changed(scenarios__torque__start__crank_deg=1e12), r"scenarios\.torque\.start\.crank_deg: .* whole turns"),
+        (changed(scenarios__cycloid__driver__time=1e-300), r"scenarios\.cycloid\.driver\.time: 1e-300 is smaller than 1e-09"),
+        (changed(assembly__sketch={"B": [1e9, 0.0], "C": [0.3, 0.3]}), r"assembly\.sketch\.B\[0\]: 1e\+09 is larger"),
+        (changed(title="a\x00\x1b[31m"), r"title: 'a\\x00\\x1b\[31m' holds characters that cannot be printed"),
+        (changed(forces={"a\x1b": 1.0}), r"forces: a key 'a\\x1b'"),
+        (changed(links={f"l{i}": {} for i in range(1001)}), "links: 1001 entries, and 1000 are the most"),
+        (
+            changed(ground__points={f"p{i}": {"from": f"p{i + 1}", "r": 0.1} for i in range(300)} | {"p300": [0, 0]}),
+            "more than 100",
+        ),
+        (changed(scenarios={f"s{i}": {"duration": 1.0} for i in range(101)}), "scenarios: 101 entries"),
+    ],
+)
+def test_what_is_beyond_the_limits_is_refused_by_its_place_and_reason(document: dict[str, Any], said: str) -> None:
+    with pytest.raises(LinkageError, match=said):
+        load_document(document)
+
+
+@pytest.mark.parametrize("name", [*built_in(), "n_four_bar_400", "pendulums_400"])
+def test_nothing_that_comes_with_the_suite_is_beyond_the_limits(name: str) -> None:
+    assert limit_faults(document_of(name)[0]) == []
+
+
+def test_points_that_follow_from_each_other_in_a_circle_are_told_as_that() -> None:
+    points = {f"p{i}": {"from": f"p{(i + 1) % 300}", "r": 0.1} for i in range(300)}
+    with pytest.raises(LinkageError, match="circular"):
+        load_document(changed(ground__points=points))
+
+
+def test_a_start_many_turns_away_is_reached_by_whole_turns() -> None:
+    turns = 27_000
+    far = load_document(changed(scenarios__torque__start__crank_deg=360.0 * turns + 30.0))
+    near = load_document(changed(scenarios__torque__start__crank_deg=30.0))
+    assert far.q0[2] - near.q0[2] == pytest.approx(2 * 3.141592653589793 * turns, abs=1e-9)
+    assert far.q0[:2] == pytest.approx(near.q0[:2], abs=1e-9)
+
+
+def test_harmless_text_drives_no_terminal() -> None:
+    assert harmless("a\x1b[31m\u202eb\ufffe\nc é 😀") == "a\\x1b[31m\\u202eb\\ufffe\nc é 😀"
+
+
+@pytest.mark.parametrize("argument", ["\x1b[2J", "a\x00b", "\ud800"])
+def test_no_argument_comes_back_as_it_was(argument: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["show", argument]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert argument not in told
+
+
+def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(cli.TRACE, raising=False)
+    monkeypatch.setitem(cli.ACTIONS, "list", lambda options: 1 // 0)
+    assert cli.main(["list"]) == 70
+    assert "a fault of gauss-bench, not of what it was given: ZeroDivisionError" in capsys.readouterr().err
+    monkeypatch.setenv(cli.TRACE, "1")
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["list"])
+
+
+def test_the_same_numbers_make_the_same_files() -> None:
+    assert [damaged_file(7, i) for i in range(20)] == [damaged_file(7, i) for i in range(20)]
+    assert len({damaged_file(7, i) for i in range(20)}) == 20
+    assert len(set(CHANGES)) > 10
+
+
+def test_damaged_files_are_refused_or_run(tmp_path: Path) -> None:
+    assert [x for x in over_files(3, 0, 12, tmp_path) if x[1].fault] == []
+
+
+@pytest.mark.slow
+def test_hostile_arguments_are_refused_or_done(tmp_path: Path) -> None:
+    made = over_lists(3, 0, 16, tmp_path, only=("show", "kinematics", "import", "export"))
+    assert [x for x in made if x[1].fault] == []
+
+
+def test_a_scenario_may_not_replace_what_is_sound_by_what_is_beyond(tmp_path: Path) -> None:
+    path = tmp_path / "four_bar.toml"
+    path.write_text(FOUR_BAR + "\n[scenarios.torque.override.forces.motor]\nvalue = 1e300\n", encoding="utf-8")
+    tomllib.loads(path.read_text(encoding="utf-8"))
+    with pytest.raises(LinkageError, match=r"scenarios\.torque\.override\.forces\.motor\.value: 1e\+300 is larger"):
+        load(str(path))
