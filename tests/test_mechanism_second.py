@@ -416,8 +416,8 @@ def test_equal_steps_keep_their_order_through_kinks_and_jumps(name: str, setting
 
 def test_steps_end_at_kinks_and_what_jumps_there_jumps_after_them() -> None:
     found = list(stretches(np.array([0.0, 0.5, 1.0]), 0.25, kinks=(0.1, 0.5, 1.0)))
-    assert [(x.begin, x.count, x.row) for x in found] == [(0.0, 1, None), (0.1, 2, 1), (0.5, 2, 2)]
+    assert [(x.begin, x.steps, x.row) for x in found] == [(0.0, 1, None), (0.1, 2, 1), (0.5, 2, 2)]
     assert [x.size for x in found] == pytest.approx([0.1, 0.2, 0.25])
     assert all(x.last < end for x, end in zip(found, (0.1, 0.5, 1.0), strict=True))
     smooth = list(stretches(np.array([0.0, 0.5]), 0.25))
-    assert [(x.begin, x.count, x.size, x.last, x.row) for x in smooth] == [(0.0, 2, 0.25, np.inf, 1)]
+    assert [(x.begin, x.steps, x.size, x.last, x.row) for x in smooth] == [(0.0, 2, 0.25, np.inf, 1)]

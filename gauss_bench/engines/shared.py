@@ -66,7 +66,7 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
 
 
 def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
-    """The drivers that prescribe a link's angle or a slide, in order; there are no others once `beyond_a_tree` has been asked."""
+    """The drivers that prescribe a link's angle or a slide, in order; lengths are no coordinates of a tree."""
     return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
 
@@ -83,9 +83,6 @@ def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
         return reason
     if mechanism.knife_edges:
         return f"{library} has no constraint on velocities alone (knife edge)"
-    length = next((d.name for d in mechanism.drivers if isinstance(d, LengthDriver)), None)
-    if length:
-        return f"{library} is given prescribed angles of links and slides only here, not the length {length}"
     slide = next((j.name for j in spanning_tree(mechanism).closures if isinstance(j, Prismatic)), None)
     return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
 

@@ -134,13 +134,13 @@ class Stretch(NamedTuple):
     """Equal steps without a kink in them.
 
     Attributes:
-        begin: [s] where they begin; count, size: how many, and how long [s].
+        begin: [s] where they begin; steps, size: how many, and how long [s].
         last: [s] the last time at which accelerations are those of these steps: what jumps at the end of them jumps after it.
         row: number of the sample that they end at; None where they end at a kink on the way to it.
     """
 
     begin: float
-    count: int
+    steps: int
     size: float
     last: float
     row: int | None

@@ -190,7 +190,7 @@ class Search(OnLinkages):
     force: tuple[Positive, ...] = ()
     budget: Count
     most_steps: Count
-    processes: Count = 5
+    processes: Count = 7
     rounds: Count
     lead: Positive
     aims: Mapping[str, Positive] = {}

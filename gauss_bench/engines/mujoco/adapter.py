@@ -8,6 +8,8 @@ MuJoCo has no prescribed motion of a joint. A hinge on the ground, or a slide, w
 masses, under the torque or force A law''(t), moves so up to the share of the linkage's load in that torque:
 
     (A + m) theta'' = A law''(t) + load
+
+A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
 """
 
 import contextlib
@@ -39,7 +41,7 @@ from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -140,29 +142,36 @@ class MujocoModel:
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
         self.drives: list[tuple[int, float, MotionLaw]] = []
+        self.cylinders: list[tuple[int, float, MotionLaw]] = []
+        self.drawn = [(tendon.id, motor.id) for tendon, motor in draft.cylinders]
         self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] up to where forces are those of the steps that are being taken
         verify(self)
         self._drive()
 
     def _drive(self) -> None:
-        """Give driven hinges and slides their armatures, as if they had been compiled into the model."""
+        """Give driven hinges, slides and lengths their armatures, as if they had been compiled into the model."""
         laws = [d.law for d in jointed(self.mechanism)]
         at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
-        if not laws:
+        lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
+        if not (laws or lengths):
             return
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
         self.drives = [(k, share * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
+        masses = [share / float(self.model.tendon_invweight0[tendon]) for tendon, _ in self.drawn]
+        self.cylinders = [(motor, mass, law) for (_, motor), mass, law in zip(self.drawn, masses, lengths, strict=True)]
         for model in (self.model, self.still):
             for k, armature, _ in self.drives:
                 model.dof_armature[k] = armature
+            for (tendon, _), mass in zip(self.drawn, masses, strict=True):
+                model.tendon_armature[tendon] = mass
             self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
             configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
 
     @property
     def pushed(self) -> bool:
         """Whether forces are set from Python at every stage."""
-        return bool(self.drives or self.varying.varying)
+        return bool(self.drives or self.cylinders or self.varying.varying)
 
     def _push(self, data: Any, t: float) -> None:
         """The driving torques, and the forces that vary, at time t [s]."""
@@ -173,6 +182,8 @@ class MujocoModel:
         for k, armature, law in self.drives:
             at_rest = data.qfrc_applied[k] if self.varying.varying else self.torque[k]
             data.qfrc_applied[k] = at_rest + armature * float(law(t)[2])
+        for motor, mass, law in self.cylinders:
+            data.ctrl[motor] = mass * float(law(t)[2])
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """MuJoCo's data at tree state y, dy (n,)."""
@@ -250,10 +261,10 @@ class MujocoModel:
 
     def read(self) -> Trajectory:
         said = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        what = "the motion law is" if self.drives else "forces that vary are"
+        what = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
         note = f"{what} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        steps = sum(stretch.count for stretch in self.plan)
+        steps = sum(stretch.steps for stretch in self.plan)
 
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])

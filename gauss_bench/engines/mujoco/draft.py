@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.engines.mujoco.forces import AtSite, Native, OnJoints, Steady, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.mechanism.coordinates import rotated
-from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, LengthDriver, Link, Mechanism, Point
 from gauss_bench.mechanism.tree import Branch, Tree
 from gauss_bench.terms import Array
 
@@ -43,6 +43,7 @@ class Draft:
             self._closure(*pin)
         springs = [self._force(x) for x in native_forces(mechanism, tree)]
         self._joint_springs([x for x in springs if x is not None])
+        self.cylinders = [self._cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
 
     def _link(self, b: Branch, link: Link, y: Array) -> None:
         """A body without geometry, placed at the tree coordinates y (n,), with its joints."""
@@ -110,6 +111,15 @@ class Draft:
         tendon.springlength = [f.law.rest] * 2
         if f.law.bias:
             self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+
+    def _cylinder(self, driver: LengthDriver) -> tuple[Any, Any]:
+        """A tendon of driven length, and the motor that pulls it by its control."""
+        tendon = self.spec.add_tendon(name=self._name("tendon", driver.name))
+        tendon.wrap_site(self._site(driver.a))
+        tendon.wrap_site(self._site(driver.b))
+        motor = self._actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+        motor.gainprm = [1.0, *np.zeros(len(motor.gainprm) - 1)]
+        return tendon, motor
 
     def hold_torque(self) -> None:
         """Have the model itself hold what MuJoCo keeps outside it, for those who have the model alone."""

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.pinocchio.tree import Multibody
-from gauss_bench.engines.shared import jointed
+from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import AngleDriver, Force, Mechanism, SlideDriver, factor_of
+from gauss_bench.mechanism.model import AngleDriver, Driver, Force, LengthDriver, Mechanism, factor_of
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -42,7 +42,7 @@ class TreeForces:
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
         self.motion = Motion(tree, body)
-        self.drivers = jointed(mechanism)
+        self.drivers = mechanism.drivers
         y = tree.relative(mechanism.q0, mechanism.v0)[0]
         self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
@@ -69,29 +69,53 @@ class TreeForces:
 
 
 class DrivingTorques:
-    """Torques on driven links, and forces along driven slides, under which they have their prescribed accelerations.
+    """Torques on driven links, and forces along driven slides and lengths, under which they have their prescribed accelerations.
 
-    Accelerations are affine in torques. With R the rows of x = x0 + R y that are driven (a slide is a coordinate of the tree), a0
-    the accelerations without any driving torque and a_j those with a probe torque on driver j alone,
+    Accelerations are affine in torques. With R the rows of x' = R y' that are driven, a0 the accelerations without any driving
+    torque and a_j those with a probe torque on driver j alone,
 
-        y'' = a0 + sum s_j (a_j - a0),    R y'' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
+        y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
-    where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels.
+    where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels. Angles and
+    slides are sums of coordinates of the tree; the row of a length, G T with G = dL/dq, is another at every state, and what its
+    second derivative has besides, G dT/dt y' + dG/dt v, is read off the linkage's own constraint row.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
+        self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
         rows = [self._row(forces, d) for d in forces.drivers]
         self.rows, self.origin = np.array([row for row, _ in rows]).reshape(-1, forces.tree.n), np.array([x for _, x in rows])
-        self.gains = gains
-        self.inertias = np.einsum("ij,jk,ik->i", self.rows, forces.inertia, self.rows)  # that the opened tree has at the start
+        self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
+        self.constraints = Constraints(forces.weightless)
+        y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
+        start = self._rows_at(0.0, y, dy)[0]
+        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # that the opened tree has at the start
 
-    def _row(self, forces: TreeForces, driver: AngleDriver | SlideDriver) -> tuple[Array, float]:
-        """A driven coordinate as row . y + constant."""
+    def _row(self, forces: TreeForces, driver: Driver) -> tuple[Array, float]:
+        """A driven coordinate as row . y + constant; zeros for a length, which is none."""
         if isinstance(driver, AngleDriver):
             return forces.motion.turns[driver.link], float(forces.motion.theta0[driver.link])
+        if isinstance(driver, LengthDriver):
+            return np.zeros(forces.tree.n), 0.0
         (at,) = [b.at for b in forces.tree.branches if b.joint and b.joint.name == driver.joint.name]
         return np.eye(forces.tree.n)[at], 0.0
+
+    def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
+        """R (k, n), x (k,) and R' y' (k,) at a tree state."""
+        x, bias = self.origin + self.rows @ y, np.zeros(len(self.laws))
+        if not self.lengths:
+            return self.rows, x, bias
+        R = self.rows.copy()
+        q, T = self.forces.motion(y)
+        at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy))[2]
+        found = self.constraints(t, q, T @ dy)
+        for k in self.lengths:
+            row, law = self.constraints.joint_rows + k, self.laws[k](t)
+            R[k] = found.J[row] @ T
+            x[k] = float(found.phi[row]) + float(law[0])
+            bias[k] = float(found.J[row] @ at_rest) + float(law[2]) - float(found.gamma[row])
+        return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
         """The accelerations (n,) that `solve` finds at t, y, dy under tau (n,) and the driving torques.
@@ -101,13 +125,14 @@ class DrivingTorques:
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
-        wanted = second - kd * (self.rows @ dy - rate) - kp * (self.origin + self.rows @ y - value)
+        rows, x, bias = self._rows_at(t, y, dy)
+        wanted = second - bias - kd * (rows @ dy - rate) - kp * (x - value)
         free = solve(t, y, dy, tau)
-        missing = wanted - self.rows @ free
+        missing = wanted - rows @ free
         probes = self.inertias * np.maximum(1.0, np.abs(missing))
-        effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * self.rows])
+        effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * rows])
         try:
-            found: Array = free + np.linalg.solve(self.rows @ effects.T, missing) @ effects
+            found: Array = free + np.linalg.solve(rows @ effects.T, missing) @ effects
         except np.linalg.LinAlgError as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no driving torque gives the prescribed acceleration") from error
         return found
