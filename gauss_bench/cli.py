@@ -450,10 +450,11 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(text.format_run(tables, options.out))
     if options.report:
+        from gauss_bench.api.programs import programs
         from gauss_bench.report.build import build_report
 
-        for path in build_report(options.out):
-            if path.suffix in (".md", ".html"):
+        for path in build_report(options.out, programs):
+            if path.name in ("README.md", "index.html"):
                 print(path, file=sys.stderr)
     if options.against:
         print(text.format_differences(differences(options.out, options.against), options.against), file=sys.stderr)
@@ -462,6 +463,7 @@ def run(options: argparse.Namespace) -> int:
 
 def report(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.programs import programs
     from gauss_bench.bench.differences import clocked, differences
     from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
@@ -478,8 +480,9 @@ def report(options: argparse.Namespace) -> int:
         else:
             print(text.format_changes(found, moved, where))
         return 0
-    files = build_report(options.out)
-    print_json([str(path) for path in files]) if options.json else print(*files, sep="\n")
+    files = build_report(options.out, programs)
+    entries = [path for path in files if path.name in ("README.md", "index.html")]
+    print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
     return 0
 
 

@@ -234,7 +234,7 @@ def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_
     said_by(folder, "-c", write + f"write_table('weather', [{row}], d)")
     said_by(folder, "-m", "gauss_bench", "report", "--out", str(run))
     assert "**Weather.** It was dry in Bonn." in (run / "README.md").read_text(encoding="utf-8")
-    page = (run / "index.html").read_text(encoding="utf-8")
+    page = (run / "site" / "method.html").read_text(encoding="utf-8")
     assert all(word in page for word in ("Bonn", "dry", "281.5"))
 
 

@@ -21,27 +21,15 @@ def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path: Path, ca
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_figures_of_others_are_never_taken_away(tmp_path: Path) -> None:
+def test_files_of_others_are_never_taken_away(tmp_path: Path) -> None:
     write_table("agreement", [ROW], tmp_path)
     write_schema(tmp_path)
-    figures = tmp_path / "figures"
-    figures.mkdir()
-    (figures / "mine.svg").write_text("<svg/>")
-    (figures / "manifest.json").write_text('{"figures": ["../agreement.csv", "old.svg", 3]}')
-    (figures / "old.svg").write_text("<svg/>")
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "mine.html").write_text("<p>mine</p>")
     build_report(tmp_path)
-    assert (figures / "mine.svg").read_text() == "<svg/>"
-    assert not (figures / "old.svg").exists()  # which an earlier report had listed as its own
+    assert (site / "mine.html").read_text() == "<p>mine</p>", "a folder that was not ours was emptied"
+    (site / "engine-gone.html").write_text("")
+    build_report(tmp_path)
+    assert not (site / "engine-gone.html").exists(), "a page of an earlier report stayed"
     assert (tmp_path / "agreement.csv").exists()
-
-
-@pytest.mark.parametrize("manifest", ["", "[]", '{"figures": "mine.svg"}', '{"figures": null}'])
-def test_a_damaged_list_of_figures_takes_nothing_away(manifest: str, tmp_path: Path) -> None:
-    write_table("agreement", [ROW], tmp_path)
-    write_schema(tmp_path)
-    figures = tmp_path / "figures"
-    figures.mkdir()
-    (figures / "mine.svg").write_text("<svg/>")
-    (figures / "manifest.json").write_text(manifest)
-    build_report(tmp_path)
-    assert (figures / "mine.svg").exists()

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from gauss_bench.report.content import Picture, Table
+from gauss_bench.report.content import Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 
@@ -112,6 +112,4 @@ def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
     assert section is not None
     (table,) = (block for block in section.blocks if isinstance(block, Table))
     assert len(table.rows) == 14
-    (drawn,) = (block for block in section.blocks if isinstance(block, Picture))
-    assert all(f">{x}<" in drawn.svg for x in ("four_bar", "six_bar", "cannot", "40.0", "7.00", "1.30"))
     assert search.section(run()) is None

@@ -81,7 +81,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
             assert f"pip install 'gauss-bench[{EXTRA_OF[row['engine']]}]'" in row["message"]
     reported = environment.run("report", "--out", "made")
     assert reported.returncode == 0, reported.stderr
-    assert (environment.folder / "made" / "index.html").exists()
+    assert (environment.folder / "made" / "site" / "index.html").exists()
 
 
 @pytest.mark.slow

@@ -1,35 +1,26 @@
-"""Builds the report of a run: README.md, a summary for the forge, and for the browser index.html with its figures, and the site.
+"""Builds the report of a run: README.md, a summary beside the rows for the forge, and the site for the browser.
 
-The page is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names the
-tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has something
-to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte for byte.
-What was written is listed in `figures/manifest.json`, and nothing else is ever taken away.
+What both say is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names
+the tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has
+something to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte
+for byte.
 """
 
-import json
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
 from gauss_bench.report import sections as room
-from gauss_bench.report.content import AUTHORS, Block, Finding, Findings, Picture, Section, Text, count, listed
+from gauss_bench.report.content import AUTHORS, Finding, Findings, Section, Text, count, listed
 from gauss_bench.report.errors import NoRun
-from gauss_bench.report.pages import html_page, markdown_page
+from gauss_bench.report.pages import markdown_page
+from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, ok, order
+from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import FORMAT, TABLES, files_of, format_of, read_environment, read_table, write_text
-
-MANIFEST = "manifest.json"
-
-
-def parts_of(package: ModuleType) -> list[ModuleType]:
-    """The sections and chapters of a room, in order."""
-    names = (module.name for module in iter_modules(package.__path__))
-    return sorted((import_module(f"{package.__name__}.{name}") for name in names), key=lambda m: (m.PLACE, m.__name__))
+from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, write_text
 
 
 def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
@@ -56,7 +47,7 @@ def read_run(folder: Path) -> Run:
     if not written:
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     format_of(folder)
-    tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in tables_read()}
+    tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in TABLES if name != "baseline"}
     return Run(read_environment(folder), tables)
 
 
@@ -68,11 +59,11 @@ def sections(run: Run) -> tuple[Section, ...]:
 def _section(module: ModuleType, run: Run) -> Section | None:
     """A section, or a chapter with the sections of its room."""
     if not hasattr(module, "__path__"):
-        return _made(module.section(run))
+        return _made(module.section(run)) if hasattr(module, "section") else None
     if module.__name__.endswith(".linkage"):
         chapters = []
         for name in run.linkages:
-            inside = [part for m in parts_of(module) if (part := _made(m.section(run, name))) is not None]
+            inside = [part for m in parts_of(module) if hasattr(m, "section") and (part := _made(m.section(run, name))) is not None]
             chapters.append(Section(name, name, parts=tuple(inside)))
     else:
         chapters = [part for m in parts_of(module) if (part := _section(m, run)) is not None]
@@ -107,43 +98,17 @@ def all_findings(run: Run) -> Iterator[Finding]:
             yield from module.findings(run)
 
 
-def build_report(folder: Path) -> list[Path]:
-    """Write README.md, index.html, figures/*.svg and the site into the folder of a run; returns what was written.
+def build_report(folder: Path, programs: Programs | None = None) -> list[Path]:
+    """Write README.md and the site into the folder of a run; returns what was written.
 
-    Figures that an earlier report wrote there and this one does not are taken away; other files are left alone.
+    Args:
+        programs: choices -> programs that run them, for the first screen; without it calls of this package stand there.
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.
     """
     run = read_run(folder)
-    content = sections(run)
-    pictures = {picture.name: picture.svg for section in content for picture in _pictures(section)}
-    figures = folder / "figures"
-    files = {figures / f"{name}.svg": svg for name, svg in sorted(pictures.items())}
-    files[folder / "README.md"] = markdown_page(run, summary(run, all_findings(run)))
-    files[folder / "index.html"] = html_page(run, content)
-    before = manifest(figures)
-    for path, text in files.items():
-        write_text(path, text)
-    names = sorted(path.name for path in files if path.parent == figures)
-    if names or before:
-        write_text(figures / MANIFEST, json.dumps({"format": FORMAT, "figures": names}, indent=1) + "\n")
-    for stale in before - set(names):
-        (figures / stale).unlink(missing_ok=True)
-    return [*files, *write_site(folder, run)]
-
-
-def manifest(figures: Path) -> set[str]:
-    """Names of the figures that an earlier report says to have written; none where it does not say so clearly."""
-    try:
-        names = json.loads((figures / MANIFEST).read_text(encoding="utf-8"))["figures"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return set()
-    return (
-        {x for x in names if isinstance(x, str) and Path(x).name == x and x.endswith(".svg")} if isinstance(names, list) else set()
-    )
-
-
-def _pictures(section: Section) -> list[Picture]:
-    blocks: list[Block] = [*section.blocks]
-    return [b for b in blocks if isinstance(b, Picture)] + [p for part in section.parts for p in _pictures(part)]
+    found = list(all_findings(run))
+    page = folder / "README.md"
+    write_text(page, markdown_page(run, summary(run, found)))
+    return [page, *write_site(folder, run, found, programs)]

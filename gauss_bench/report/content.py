@@ -3,7 +3,8 @@
 Number formats are fixed, so that two runs differ in a line only where a number does.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -89,17 +90,53 @@ class Findings:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """An SVG file beside the page; its text goes inline in the browser's page."""
+class Chart:
+    """A figure: what it is called, what it shows in a sentence, how it is drawn and of which rows.
+
+    Attributes:
+        head: column of `rows` -> heading of the table of its numbers.
+        toggles: values of the column `engine` that a reader may take away and bring back; none where that has no sense.
+        shown: those of them that are there at first.
+    """
 
     name: str
-    svg: str
-    alt: str
-    caption: str = ""
-    kind: Literal["picture"] = "picture"
+    title: str
+    description: str
+    spec: Mapping[str, Any]
+    rows: tuple[Mapping[str, Any], ...]
+    head: Mapping[str, str]
+    toggles: tuple[str, ...] = ()
+    shown: tuple[str, ...] = ()
+    small: bool = False
+    kind: Literal["chart"] = "chart"
+
+    def table(self) -> Table:
+        """The numbers that are drawn."""
+        rows = tuple(tuple(_figure(row.get(column)) for column in self.head) for row in self.rows)
+        numeric = {i for i, c in enumerate(self.head) if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
+        return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
+
+    def data(self) -> dict[str, Any]:
+        """What the page draws."""
+        return {"spec": self.spec, "rows": [{k: seen(v) for k, v in row.items()} for row in self.rows], "shown": list(self.shown)}
 
 
-Block = Text | Bullets | Table | Findings | Picture
+def seen(x: Any) -> Any:
+    """A value as JSON has it: no NaN, and digits that can be seen."""
+    if isinstance(x, bool) or not isinstance(x, float):
+        return x
+    return float(f"{x:.6g}") if math.isfinite(x) else None
+
+
+def _figure(x: Any) -> Cell:
+    if isinstance(x, bool):
+        return Cell("yes" if x else "no")
+    if isinstance(x, (int, float)):
+        return Cell(f"{x:.4g}", float(x)) if known(x) else Cell(NOTHING)
+    return Cell(str(x) if x not in ("", None) else NOTHING, str(x or ""))
+
+
+Block = Text | Bullets | Table | Findings | Chart
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,46 @@ def engine_colours(engines: Iterable[str], controls: Iterable[str] = ()) -> dict
     return {name: CONTROL if name in grey else ENGINES.get(name) or own[name] for name in names}
 
 
+HUES = {  # engine -> (light, dark); told apart in pairs by whoever sees red, green or neither, and legible on either page
+    "gauss-native": ("#cb3e02", "#ec8341"),
+    "lagrange-native": ("#1a6ed0", "#5cabff"),
+    "mujoco": ("#81288b", "#b883c0"),
+    "exudyn": ("#787a49", "#d7d449"),
+    "pinocchio": ("#d95a95", "#fe96b6"),
+    "casadi": ("#2e696e", "#2bcab9"),
+    "minimal": ("#4726e0", "#8270fc"),
+    "by_hand": ("#33393f", "#ececec"),
+    "gauss": ("#d77c02", "#b86b1e"),
+    "lagrange": ("#3e98de", "#2f70b1"),
+}
+PAPERS = ("#ffffff", "#15181d")  # behind them
+SHAPES = (
+    "circle",
+    "square",
+    "triangle-up",
+    "diamond",
+    "cross",
+    "triangle-down",
+    "triangle-right",
+    "triangle-left",
+    "stroke",
+    "arrow",
+)
+
+
+def slots(engines: Iterable[str]) -> dict[str, str]:
+    """Engine -> name of the CSS variable of its hue; strangers take hues that are not in use, and grey when none is left."""
+    names = list(dict.fromkeys(engines))
+    free = [f"hue-{i}" for i, name in enumerate(HUES) if name not in names]
+    own = {name: f"hue-{i}" for i, name in enumerate(HUES)}
+    return {name: own.get(name) or (free.pop(0) if free else "control") for name in names}
+
+
+def hues(dark: bool) -> str:
+    """The hues as CSS."""
+    return "".join(f"--hue-{i}:{pair[dark]};" for i, pair in enumerate(HUES.values()))
+
+
 def cycle(names: Iterable[str], values: tuple[T, ...]) -> Mapping[str, T]:
     """Name -> value; "default" and "rk4" come first so that the commonest case looks the same everywhere."""
     ordered = sorted(set(names), key=lambda x: (x not in ("default", "rk4"), x))

@@ -1,18 +1,15 @@
 """How every figure is set: type, grid, legend, and SVG text that is the same each time."""
 
 import io
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from gauss_bench.report.palette import GRID, INK, LINES, MARKERS, MUTED, PAPER, cycle, engine_colours
-from gauss_bench.report.rows import Row, known
+from gauss_bench.report.palette import GRID, INK, MUTED, PAPER
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -113,83 +110,3 @@ def _grown(figure: Figure, least: float) -> tuple[float, float]:
 
 def titled(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=10, fontweight="bold", loc="left", color=INK)
-
-
-def decades(low: float, high: float) -> tuple[float, float]:
-    """Limits of a logarithmic axis around positive values, at least a decade apart."""
-    lower, upper = math.floor(math.log10(low) - 0.15), math.ceil(math.log10(high) + 0.15)
-    return 10.0**lower, 10.0 ** max(upper, lower + 1)
-
-
-def band(axes: Axes, bar: float, text: str) -> None:
-    """A marked band from the bottom of a logarithmic axis up to the reference's bar."""
-    low, _ = axes.get_ylim()
-    axes.axhspan(low, bar, color=GRID, alpha=0.6, linewidth=0, zorder=0)
-    if text:
-        axes.text(0.985, bar, text, transform=axes.get_yaxis_transform(), ha="right", va="top", fontsize=8, color=MUTED, zorder=1)
-
-
-class Looks:
-    """Colour, marker and line of each case among the given rows."""
-
-    def __init__(self, rows: Sequence[Row]):
-        controls = {row["engine"] for row in rows if row.get("control")}
-        self.colours = engine_colours((row["engine"] for row in rows), controls)
-        self.markers = cycle((row["settings"] for row in rows), MARKERS)
-        self.lines = cycle((row["integrator"] for row in rows), LINES)
-
-    def of(self, row: Row, marker: bool = True) -> dict[str, Any]:
-        style = {"color": self.colours[row["engine"]], "linestyle": self.lines[row["integrator"]]}
-        return style | {"marker": self.markers[row["settings"]], "markeredgewidth": 0} if marker else style
-
-    def keys(self, rows: Sequence[Row], marker: bool = True) -> list[tuple[str, Entries]]:
-        """Legends for what is drawn of the rows."""
-        drawn = [sorted({row[key] for row in rows}) for key in ("engine", "settings", "integrator")]
-        engines: Entries = [(name, {"color": self.colours[name], "linewidth": 3}) for name in drawn[0]]
-        settings: Entries = [(name, {"color": MUTED, "marker": self.markers[name], "linestyle": ""}) for name in drawn[1]]
-        integrators: Entries = [(name or "own", {"color": MUTED, "linestyle": self.lines[name]}) for name in drawn[2]]
-        return [("engine", engines), ("settings", settings if marker else []), ("integrator", integrators)]
-
-
-def logarithmic(axes: Axes, which: str = "both") -> None:
-    """Logarithmic axes with a label every decade or, over a wide range, every few; written as tables write it."""
-    if which in ("x", "both"):
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(FuncFormatter(_power))
-    if which in ("y", "both"):
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(FuncFormatter(_power))
-        axes.yaxis.set_major_locator(LogLocator(numticks=9))
-        axes.yaxis.set_minor_locator(NullLocator())
-
-
-def _power(value: float, _: int | None) -> str:
-    return f"{value:.0e}"
-
-
-def striped(axes: Axes, lines: Sequence[Line]) -> None:
-    """Draw lines; of several that coincide the later are thinner, so that all of them are seen, as stripes."""
-    for i, (x, y, look) in enumerate(lines):
-        under = sum(coincide((x, y), (a, b)) for a, b, _ in lines[i + 1 :])
-        width = 1.5 + 1.6 * min(under, 5)
-        axes.plot(x, y, **look, linewidth=width, markersize=3.6 + width, zorder=2 + i / len(lines))
-
-
-def coincide(one: tuple[Sequence[float], Sequence[float]], other: tuple[Sequence[float], Sequence[float]]) -> bool:
-    """Whether two lines of a logarithmic figure cannot be told apart by eye: within 5 percent at all places."""
-    (a, b), (c, d) = one, other
-    if len(a) != len(c):
-        return False
-    pairs = [*zip(a, c, strict=True), *zip(b, d, strict=True)]
-    return all(abs(x - y) <= 0.05 * max(abs(x), abs(y)) for x, y in pairs if known(x) and known(y))
-
-
-def label_at(axes: Axes, places: Sequence[float]) -> None:
-    """Ticks at the given places of a logarithmic x axis, at most six of them."""
-    chosen = places[:: 1 + (len(places) - 1) // 6]
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xticks(chosen, [f"{x:g}" for x in chosen])
-
-
-def stabilizations(rows: Iterable[Row]) -> list[str]:
-    return sorted({row["stabilization"] for row in rows}, key=lambda x: (x != "none", x))

@@ -151,7 +151,7 @@ def moving(mechanism: Mechanism, film: Film, canvas: Canvas, acting: Sequence[Ma
     blocks = {joint.block.link for joint in slides(mechanism)}
     for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
         shapes += carried(
-            mechanism.links[i], i, film, canvas, [*_slide_parts(mechanism, i, film, canvas), *_bars(mechanism, i, canvas)]
+            mechanism.links[i], i, film, canvas, [*slide_parts(mechanism, i, film, canvas), *bars(mechanism, i, canvas)]
         )
     shapes += [part for mark in acting for part in marked(mark, film)]
     pins = {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}
@@ -164,12 +164,12 @@ def moving(mechanism: Mechanism, film: Film, canvas: Canvas, acting: Sequence[Ma
     return shapes
 
 
-def _bars(mechanism: Mechanism, i: int, canvas: Canvas) -> list[str]:
+def bars(mechanism: Mechanism, i: int, canvas: Canvas) -> list[str]:
     link = mechanism.links[i]
     return link_shape(link, {name: canvas.offset(x - link.com) for name, x in link.points.items()}, i == mechanism.crank)
 
 
-def _slide_parts(mechanism: Mechanism, i: int, film: Film, canvas: Canvas) -> list[str]:
+def slide_parts(mechanism: Mechanism, i: int, film: Film, canvas: Canvas) -> list[str]:
     """Guides and blocks fixed in link i, in its frame."""
     shapes = []
     for joint in slides(mechanism):

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from matplotlib.axes import Axes
-
 from gauss_bench.report.content import (
     Block,
     Bullets,
     Cell,
+    Chart,
     Finding,
-    Picture,
     Section,
     Table,
     Text,
@@ -19,27 +17,19 @@ from gauss_bench.report.content import (
     listed,
     text_cell,
 )
-from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE
-from gauss_bench.report.plotting import (
-    panels,
-    svg,
-    titled,
-)
 from gauss_bench.report.rows import (
     Row,
     Run,
     known,
     number,
 )
+from gauss_bench.report.site.charts import labelled, over_time
 
 PLACE = 60
 TABLES = ("reproduction", "paper_motion")
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6
-CAPTION = (
-    "The paper's figures 2 to 9 by their numbers, drawn from the reference: the crank's centre, its angle and the slider, each "
-    "with its speed, from the printed start with the printed data."
-)
+CAPTION = "The motion that the paper draws in its figures 2 to 9, from the reference: from the printed start with the printed data."
 WHY = (
     "The equation of motion has no time in it, so two motions cannot cross in the plane of crank angle and speed: a crank that "
     "has come round once from rest is ahead of its first turn in every later one. A crank that turns back before that is caught "
@@ -54,8 +44,7 @@ def section(run: Run) -> Section:
     if "stops" not in rows:
         return Section(TITLE, ANCHOR, (Text("The run did not repeat the example."),))
     blocks: list[Block] = [Text(verdict(rows)), Bullets(tuple(holding(rows))), Text(WHY)]
-    if svg := paper_figures(run.table("paper_motion")):
-        blocks.append(Picture("paper_motion", svg, "Crank and slider of the paper's example against time", CAPTION))
+    blocks += paper_figures(run.table("paper_motion"))
     claims = [row for row in run.table("reproduction") if row["group"] == "claims"]
     omitted = [row for row in run.table("reproduction") if row["group"] == "left out"]
     blocks += [said("What the paper says of its example", claims), left_out(omitted), quantities(run.table("reproduction"))]
@@ -150,45 +139,21 @@ def quantities(rows: Sequence[Row]) -> Table:
     return Table("All quantities of the example", head, lines, numeric - {3}, folded=True, note=note)
 
 
-PANELS = (
-    ("x1", "crank's centre, x", "m", CRANK_EDGE),
-    ("y1", "crank's centre, y", "m", CRANK_EDGE),
-    ("theta1", "crank's angle", "rad", CRANK_EDGE),
-    ("x3", "slider, x", "m", BODY_EDGE),
+CURVES = (
+    ("theta1_rate", "The crank's speed", "speed of the crank [rad/s]"),
+    ("x3", "The slider", "place of the slider [m]"),
 )
 
 
-FIRST = 2  # the paper's figure 1 is the drawing
-
-
-MARGIN = 0.2  # [inch] at the right, where these panels have no legend
-
-
-def paper_figures(rows: Sequence[Row]) -> str:
-    """SVG text of eight panels numbered as in the paper: a position and its speed in each row; empty without rows."""
-    if not rows:
-        return ""
-    figure, grid = panels(2, len(PANELS), width=3.7, height=1.75, share=False)
-    t = [number(row, "t") for row in rows]
-    for k, ((column, name, unit, colour), pair) in enumerate(zip(PANELS, grid, strict=True)):
-        rates = ((column, name, unit), (f"{column}_rate", f"{name}: speed", f"{unit}/s"))
-        for i, (axes, (key, title, label)) in enumerate(zip(pair, rates, strict=True)):
-            draw(axes, t, [number(row, key) for row in rows], colour)
-            titled(axes, f"{FIRST + 2 * k + i}  {title}")
-            axes.set_ylabel(label)
-    for axes in grid[-1]:
-        axes.set_xlabel("t [s]")
-    width = float(figure.get_size_inches()[0])
-    figure.subplots_adjust(right=1 - MARGIN / width, hspace=0.55, wspace=0.28)
-    figure.align_ylabels()
-    return svg(figure)
-
-
-def draw(axes: Axes, t: Sequence[float], y: Sequence[float], colour: str) -> None:
-    """One curve over the whole time."""
-    axes.plot(t, y, color=colour, linewidth=1.1)
-    axes.set_xlim(t[0], t[-1])
-    axes.locator_params(axis="y", nbins=5)
+def paper_figures(rows: Sequence[Row]) -> list[Chart]:
+    """What the paper draws and says of its example, out of the reference; nothing without rows."""
+    found = []
+    for column, title, axis in CURVES if rows else ():
+        line = [{"engine": "reference", "line": "reference", "name": "", "x": number(r, "t"), "y": number(r, column)} for r in rows]
+        drawn = labelled([line], logarithmic=False)
+        spec = over_time(drawn, axis, logarithmic=False, height=220)
+        found.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
+    return found
 
 
 def findings(run: Run) -> Iterator[Finding]:

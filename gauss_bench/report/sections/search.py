@@ -5,13 +5,10 @@ Every figure is the searched best of its engine; what was searched, with which b
 
 from collections.abc import Iterator, Sequence
 
-from matplotlib.axes import Axes
-
 from gauss_bench.report.content import (
     Block,
     Cell,
     Finding,
-    Picture,
     Section,
     Text,
     count,
@@ -28,8 +25,6 @@ from gauss_bench.report.content import (
     times,
     titled_table,
 )
-from gauss_bench.report.palette import INK, engine_colours
-from gauss_bench.report.plotting import legend, logarithmic, panels, svg, titled
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
 PLACE = 15
@@ -47,13 +42,8 @@ HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
     *("step [s] or tolerance", "steps", "error", "time", "ratio", "range", "target", "met", "tried", "passing", "remark"),
 )
-CAPTION = (
-    "Each engine's searched best with its multiple of our own; cannot: no variant reached it within the budget. Bars are the range "
-    "of the processes that raced."
-)
 KINDS = ("position", "angle", "force")
 OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
-LANES = 0.85  # of a linkage's height is for its engines
 SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
 KNOBS = ("engine", "knob", "meaning", "source")
 
@@ -64,8 +54,6 @@ def section(run: Run) -> Section | None:
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
-    if drawn := figure_of([r for r in rows if r["required"] == "position"]):
-        blocks.append(Picture("search_winners", drawn, "Time of the searched best of every engine", CAPTION))
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
         blocks.append(
             titled_table(f"Searched best, by error of {kind}", HEAD, 6, in_order(group), winner, folded=kind != "position")
@@ -191,50 +179,3 @@ def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
         yield f" Left out: {engines} on {listed(sorted({str(r['mechanism']) for r in rows}))} ({message})."
     if rest := sorted(set(run.linkages) - {str(r["mechanism"]) for r in group}):
         yield f" Not searched: {listed(rest)}."
-
-
-# The figure
-
-
-def figure_of(rows: Sequence[Row]) -> str:
-    """SVG text: the time each engine's winner takes, a panel for each requirement of positions; empty without rows."""
-    drawn = [row for row in rows if row["status"] == OK and known(row.get("seconds"))]
-    if not drawn:
-        return ""
-    targets = sorted({number(row, "accuracy") for row in rows}, reverse=True)
-    linkages = sorted({str(row["mechanism"]) for row in rows}, reverse=True)
-    engines = sorted({str(row["engine"]) for row in rows}, key=lambda x: (not x.endswith("-native"), x))
-    colours = engine_colours(engines)
-    figure, (grid,) = panels(len(targets), width=4.1, height=0.24 * len(engines) * len(linkages) + 0.5)
-    seconds = [number(row, "seconds") for row in drawn]
-    for target, axes in zip(targets, grid, strict=True):
-        for place, linkage in enumerate(linkages):
-            for lane, engine in enumerate(engines):
-                y = place + LANES * ((len(engines) - 1) / 2 - lane) / len(engines)
-                here = [r for r in rows if (r["mechanism"], r["engine"], number(r, "accuracy")) == (linkage, engine, target)]
-                if here:
-                    _reached(axes, y, here[0], colours[engine], max(seconds))
-        logarithmic(axes, "x")
-        axes.set_xlim(min(seconds) / 2, max(seconds) * 12)
-        titled(axes, f"within {target:.0e} m")
-        axes.set_xlabel("time of the run [s], and its multiple")
-        axes.grid(False, axis="y")
-    grid[0].set_yticks(range(len(linkages)), linkages)
-    grid[0].set_ylim(-0.55, len(linkages) - 0.45)
-    figure.subplots_adjust(left=1.1 / figure.get_size_inches()[0])
-    marks = [(name, {"color": colours[name], "marker": "o", "linestyle": ""}) for name in engines]
-    legend(figure, [("engine, its searched best", marks)])
-    return svg(figure)
-
-
-def _reached(axes: Axes, y: float, row: Row, colour: str, longest: float) -> None:
-    """A mark with the multiple of our own best at height y, or the word that there is none; nothing of what does not run."""
-    if row["status"] == CANNOT:
-        axes.text(longest * 11, y, CANNOT_WORD, color=colour, va="center", ha="right", fontsize=8)
-    if row["status"] != OK:
-        return
-    x, low, high = (number(row, f"seconds{end}") for end in ("", "_low", "_high"))
-    if known(low) and known(high):
-        axes.plot([low, high], [y, y], color=colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
-    axes.plot(x, y, marker="o", markersize=5, color=colour)
-    axes.annotate(times(number(row, "ratio")), (x, y), (6, 0), textcoords="offset points", va="center", fontsize=8, color=INK)

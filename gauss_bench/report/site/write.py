@@ -1,16 +1,89 @@
-"""Writes the whole site of a run into one folder; built twice from the same rows, every file is the same byte for byte."""
+"""Writes the whole site of a run into one folder; built twice from the same rows, every file is the same byte for byte.
 
+Pages carry their text and tables; what their scripts draw stands in classic scripts beside them, so that a page opens from a folder
+as from any address, and asks nobody for anything.
+"""
+
+import shutil
+from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
+from gauss_bench.report.content import Finding
+from gauss_bench.report.pages import facts
+from gauss_bench.report.palette import hues
 from gauss_bench.report.rows import Run
+from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page
+from gauss_bench.report.site.charts import CONFIG
+from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
+from gauss_bench.report.site.first import Programs, first_page
+from gauss_bench.report.site.linkage import linkage_page, rows_page
+from gauss_bench.report.site.page import Page, document, script_text
+from gauss_bench.report.site.scripts import drawing_script
+from gauss_bench.report.site.settings import all_settings, linkages, scenario_of
+from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.tables import write_text
 
 SITE = "site"
+SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js")
 
 
-def write_site(out: Path, run: Run) -> list[Path]:
-    """Write the site of a run under `out`/site; returns what was written."""
-    page = out / SITE / "index.html"
-    page.parent.mkdir(parents=True, exist_ok=True)
-    write_text(page, '<!doctype html><html lang="en"><title>gauss_bench</title></html>\n')
-    return [page]
+def write_site(
+    out: Path,
+    run: Run,
+    findings: Sequence[Finding] = (),
+    programs: Programs | None = None,
+) -> list[Path]:
+    """Write the site of a run under `out`/site, in the place of an earlier one; returns what was written.
+
+    Args:
+        findings: what the sections found.
+        programs: choices -> programs that run them; without it the first screen has calls of this package.
+    """
+    folder = out / SITE
+    if (folder / "site.css").is_file():  # ours: nothing else of the reader's is taken away
+        shutil.rmtree(folder)
+    pages = all_pages(run, list(findings), programs)
+    written: list[Path] = []
+    for page in pages:
+        written.append(folder / page.file)
+        write_text(written[-1], document(page, pages, facts(run)))
+        if page.data:
+            data = dict(page.data) | ({"config": CONFIG} if page.data.get("charts") else {})
+            written.append(folder / "data" / f"{page.name}.js")
+            write_text(written[-1], f"site.put({script_text(data)});\n")
+        for name, later in page.later.items():
+            written.append(folder / "data" / f"{name}.js")
+            write_text(written[-1], f"site.put({script_text(later)});\n")
+    assets = files("gauss_bench.report.site") / "assets"
+    for name in SCRIPTS:
+        written.append(folder / name)
+        write_text(written[-1], (assets / name).read_text(encoding="utf-8"))
+    style = (assets / "site.css").read_text(encoding="utf-8").replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
+    for name, text in (
+        ("vega.js", drawing_script()),
+        ("THIRD_PARTY.md", (assets / "THIRD_PARTY.md").read_text(encoding="utf-8")),
+        ("site.css", style),
+    ):
+        written.append(folder / name)
+        write_text(written[-1], text)
+    return [*written, *write_data(folder / FOLDER, run.tables)]
+
+
+def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
+    """Every page, in the order of the contents."""
+    settings, names = all_settings(run), linkages(run)
+    found: list[Page | None] = [first_page(run, findings, programs)]
+    found += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
+    found += [rows_page(run, name) for name in names]
+    found += [engines_page(run, settings)]
+    found += [engine_page(run, name, settings) for name in engine_names(run)]
+    found += [
+        papers_page(run),
+        kernel_page(run),
+        method_page(run),
+        findings_page(findings),
+        data_page(run.tables),
+        cite_page(run),
+    ]
+    return [page for page in found if page is not None]

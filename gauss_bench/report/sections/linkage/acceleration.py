@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from gauss_bench.report.content import (
     Cell,
     Finding,
-    Picture,
     Section,
     Table,
     Text,
@@ -19,8 +18,6 @@ from gauss_bench.report.content import (
     text_cell,
     time_cell,
 )
-from gauss_bench.report.palette import INK
-from gauss_bench.report.plotting import FLOOR, Looks, decades, logarithmic, panels, svg
 from gauss_bench.report.rows import (
     SAME_ACCELERATION,
     Row,
@@ -32,7 +29,6 @@ from gauss_bench.report.rows import (
     label,
     measured,
     method,
-    named,
     number,
     ok,
     own_steps,
@@ -72,36 +68,7 @@ def section(run: Run, name: str) -> Section | None:
     baseline = run.environment.get("baseline_engine", "")
     note = f"Relative errors; same model: median <= {error(SAME_ACCELERATION)}. Ratio: the cost of one to that of `{baseline}`."
     table = Table(f"{name}: same state in, acceleration out", head, tuple(lines), numeric - {4}, note=note)
-    svg = acceleration_errors(run, name)
-    picture = Picture(f"acceleration_{name}", svg, f"Acceleration errors of {name}")
-    return Section("Same state in, acceleration out", f"{name}-acceleration", (Text(WORDS), picture, table))
-
-
-def acceleration_errors(run: Run, name: str) -> str:
-    """Median (bar) and maximum (tick) of the relative acceleration error at the same states, with the gate."""
-    rows = sorted(accelerations(run.of(name)), key=lambda r: -number(r, "acceleration_error_median"))
-    looks = Looks(run.results)
-    figure, ((axes,),) = panels(1, width=6.4, height=0.27 * len(rows) + 0.5)
-    middle = [max(number(r, "acceleration_error_median"), FLOOR) for r in rows]
-    most = [max(number(r, "acceleration_error_max"), FLOOR) for r in rows]
-    low, high = decades(min(middle), max(*most, run.acceleration_gate))
-    for i, row in enumerate(rows):
-        colour = looks.colours[row["engine"]]
-        axes.barh(i, middle[i] - low / 10, left=low / 10, height=0.62, color=colour)
-        axes.plot([middle[i], most[i]], [i, i], color=colour, linewidth=1)
-        axes.plot(most[i], i, marker="|", markersize=9, color=colour, markeredgewidth=1.6)
-        axes.annotate(f"{middle[i]:.0e}", (most[i], i), (7, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
-    for place, word in ((SAME_ACCELERATION, "same model"), (run.acceleration_gate, "validity gate")):
-        axes.axvline(place, color=INK, linewidth=1, linestyle=(0, (4, 3)))
-        axes.text(place, len(rows) - 0.42, word, fontsize=8.5, va="bottom", ha="center", color=INK)
-    axes.set_yticks(range(len(rows)), [named(row) for row in rows])
-    axes.set_ylim(-0.6, len(rows) - 0.4)
-    logarithmic(axes, "x")
-    axes.set_xlim(low, high * 30)
-    axes.grid(False, axis="y")
-    axes.set_xlabel("relative error of the acceleration: bar = median (printed), tick = maximum")
-    figure.subplots_adjust(left=0.22, right=0.97)
-    return svg(figure)
+    return Section("Same state in, acceleration out", f"{name}-acceleration", (Text(WORDS), table))
 
 
 def findings(run: Run) -> Iterator[Finding]:

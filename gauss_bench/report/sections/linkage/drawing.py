@@ -2,8 +2,7 @@
 
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.report.content import Picture, Section, Text, count
-from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.content import Section, Text, count
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.report.rows import Run
 
@@ -12,11 +11,11 @@ TABLES = ()
 
 
 def section(run: Run, name: str) -> Section | None:
-    """A drawing of a linkage that comes with the suite; nothing of others, whose file the report does not have."""
+    """The size of a linkage that comes with the suite; nothing of others, whose file the report does not have."""
     if name not in built_in():
         return None
     try:
-        mechanism, q, trace = posed(name)
+        mechanism, _, _ = posed(name)
     except LinkageError:
         return None
     loops = len(mechanism.joints) - len(mechanism.links)
@@ -25,6 +24,4 @@ def section(run: Run, name: str) -> Section | None:
         f"{count(loops, 'loop')}; {mechanism.n} coordinates, {mechanism.n - mechanism.dof + mechanism.redundant} constraint rows, "
         f"{count(mechanism.dof, 'degree')} of freedom."
     )
-    caption = "Crank in orange; dotted: paths of the observed points over a turn."
-    picture = Picture(name, draw(mechanism, q, trace), f"Drawing of {name}", caption)
-    return Section("The linkage", f"{name}-linkage", (Text(words), picture))
+    return Section("The linkage", f"{name}-linkage", (Text(words),))

@@ -1,14 +1,13 @@
 """Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import (
     BELOW_LEGEND,
     Block,
     Cell,
     Finding,
-    Picture,
     Section,
     Table,
     columns,
@@ -22,21 +21,6 @@ from gauss_bench.report.content import (
     text_cell,
     tied,
     times,
-)
-from gauss_bench.report.palette import MUTED
-from gauss_bench.report.plotting import (
-    FLOOR,
-    Looks,
-    band,
-    decades,
-    label_at,
-    legend,
-    logarithmic,
-    panels,
-    stabilizations,
-    striped,
-    svg,
-    titled,
 )
 from gauss_bench.report.rows import (
     MEASURED_ERRORS,
@@ -53,7 +37,6 @@ from gauss_bench.report.rows import (
     method,
     number,
     ok,
-    own_steps,
     ranked,
     run_time,
     unit,
@@ -78,10 +61,6 @@ AFTER = (
     "order",
     "status",
 )
-COSTED = (
-    "Cost is the measured time of a step, in the engine's own loop where it has one, times the steps. Lines that coincide show as "
-    "stripes."
-)
 NOTE = (
     "Errors against the reference: of the measured coordinate at three times, and the worst over the run of any link's centre of "
     "mass [m], of any link's angle [rad] and of any velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. "
@@ -92,30 +71,10 @@ NOTE = (
 def section(run: Run, name: str) -> Section | None:
     blocks: list[Block] = []
     for scenario, rows in grouped(run.of(name), lambda r: str(r["scenario"])).items():
-        tag = f"{name}_{scenario}"
         if any(known(end_error(row)) for row in rows):
-            svg = work_precision(rows)
-            if svg:
-                blocks.append(
-                    Picture(f"work_precision_{tag}", svg, f"Error against cost, {name} {scenario}", COSTED + left_out(rows, True))
-                )
-            caption = "Only valid rows are drawn; lines that coincide show as stripes." + left_out(rows)
-            blocks.append(Picture(f"convergence_{tag}", convergence(rows), f"Error against step, {name} {scenario}", caption))
             blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
         blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
     return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
-
-
-def left_out(rows: list[Row], costs: bool = False) -> str:
-    """How many rows no figure draws, in a sentence."""
-    failed = sum(row["status"] not in ("ok", "invalid", "skip") for row in rows)
-    skipped = sum(row["status"] == "skip" for row in rows)
-    invalid = sum(row["status"] in ("ok", "invalid") and not ranked(row) for row in rows)
-    reasons = [(failed, "failed"), (skipped, "skipped"), (invalid, "not valid or a control")]
-    if costs:
-        reasons.append((sum(ranked(row) and not known(run_time(row)) for row in rows), "without a measured cost"))
-    parts = [f"{n} {word}" for n, word in reasons if n]
-    return f" Left out: {', '.join(parts)}." if parts else ""
 
 
 def line(row: Row) -> tuple[Cell, ...]:
@@ -155,47 +114,6 @@ def best(title: str, rows: list[Row]) -> Table:
     lines = [line(min(group, key=rank)) for group in grouped(usable, lambda r: method(r)[:2]).values()]
     head, numeric = columns(heading(rows), 4, last_text=1)
     return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
-
-
-def work_precision(rows: Sequence[Row]) -> str:
-    """Error of the measured coordinate at the end against the time of the whole run; empty without costs."""
-    timed = [row for row in rows if known(run_time(row))]
-    return _errors(timed, run_time, "time of the run [s]") if any(ranked(row) for row in timed) else ""
-
-
-def convergence(rows: Sequence[Row]) -> str:
-    """Error of the measured coordinate at the end against the step, one panel for each stabilisation."""
-    return _errors([row for row in rows if not own_steps(row)], lambda row: number(row, "step"), "step [s]", ticks=True)
-
-
-def _errors(rows: Sequence[Row], x: Callable[[Row], float], xlabel: str, ticks: bool = False) -> str:
-    drawn = [r for r in rows if ranked(r) and known(end_error(r)) and known(x(r)) and x(r) > 0]
-    looks, names = Looks(rows), stabilizations(drawn)
-    figure, grid = panels(max(len(names), 1), width=max(2.4, min(5.6, 8.6 / max(len(names), 1))))
-    bar = max((end_bar(row) for row in drawn), default=0.0)
-    values = [max(end_error(r), bar, FLOOR) for r in drawn] or [1e-6]
-    low, high = decades(min(values) / (30 if bar and min(values) <= bar else 1), max(values))
-    for i, axes in enumerate(grid[0]):
-        if not drawn:
-            axes.text(0.5, 0.5, "no valid row to draw", transform=axes.transAxes, ha="center", color=MUTED)
-            continue
-        lines = []
-        for group in grouped((r for r in drawn if r["stabilization"] == names[i]), method).values():
-            line = sorted(group, key=x)
-            y = [bar / 3 if bar and end_error(r) < bar else max(end_error(r), FLOOR) for r in line]
-            lines.append(([x(r) for r in line], y, looks.of(line[0])))
-        striped(axes, lines)
-        logarithmic(axes)
-        if ticks:
-            label_at(axes, sorted({x(r) for r in drawn}))
-        axes.set_ylim(low, high)
-        titled(axes, f"stabilisation: {names[i]}")
-        axes.set_xlabel(xlabel if len(names) < 3 or i == 1 else "")
-        if bar > low:
-            band(axes, bar, "below reference" if i == len(names) - 1 else "")
-    grid[0][0].set_ylabel(f"error of {measured(drawn)} at the end [{unit(drawn)}]")
-    legend(figure, looks.keys(drawn))
-    return svg(figure)
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -1,0 +1,67 @@
+"""Programs for a report's settings: each choice as a program in its engine's own language, written where the engine is."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.snippets import holds, snippet
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import load
+from gauss_bench.trajectory import RunFailure
+
+LIMIT = 300.0  # [s] for all programs of an engine
+LARGEST = 30_000  # characters: what is longer is a file for `gauss-bench export`, not for a page
+BEATS = 50
+
+Wanted = tuple[str, str, str, str, str, str, float, float, float]  # linkage, scenario, engine, settings, integrator, ..., until
+
+
+def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
+    """Choice -> its program; those that cannot be written, or whose engine is not here, are left out.
+
+    A choice is linkage, scenario, engine, settings, integrator, stabilisation, step, tolerance and end of the run [s].
+    """
+    found: dict[tuple[Any, ...], str] = {}
+    with Worker() as worker:
+        for engine in dict.fromkeys(x[2] for x in wanted):
+            some = [x for x in wanted if x[2] == engine]
+            try:
+                texts = worker.call(written_there, ([list(x) for x in some],), LIMIT)
+            except WorkerFailure:
+                continue
+            found |= {x: text for x, text in zip(some, texts, strict=True) if text}
+    return found
+
+
+def written_there(wanted: list[list[Any]]) -> list[str]:
+    """The programs of one engine; empty where there is none."""
+    return [_written(*x) for x in wanted]
+
+
+def _written(
+    linkage: str,
+    scenario: str,
+    engine: str,
+    settings: str,
+    integrator: str,
+    stabilization: str,
+    step: float,
+    tolerance: float,
+    until: float,
+) -> str:
+    if not holds(engine, integrator, stabilization):
+        return ""
+    adaptive = math.isfinite(tolerance)
+    choice = Choice(
+        settings, integrator, stabilization, step if math.isfinite(step) else until / BEATS, tolerance if adaptive else None
+    )
+    try:
+        mechanism = replace(load(linkage, scenario), duration=until)
+        text = snippet(mechanism, linkage, engine, choice, until)
+    except (ExchangeError, LinkageError, RunFailure, ImportError, ValueError, KeyError):
+        return ""
+    return text if len(text) <= LARGEST else ""

@@ -1,0 +1,228 @@
+"""An engine's page: as shipped, as this suite would set it, the best that was found, what breaks it, and how to object."""
+
+from collections.abc import Sequence
+
+from markupsafe import Markup
+
+from gauss_bench.report.content import (
+    BELOW_LEGEND,
+    Cell,
+    Table,
+    columns,
+    count,
+    error,
+    error_cell,
+    listed,
+    ratio_cells,
+    small,
+    text_cell,
+    time_of,
+)
+from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
+from gauss_bench.report.site.page import Page, file_name, heading, joined, link, paragraph, rich, table
+from gauss_bench.report.site.settings import POSITIONS, Setting, cheapest_stored, linkages
+
+OBJECT = (
+    "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
+    "knob that was searched stands below with where it is documented. A better variant is one line of `variants.toml` in the "
+    "engine's room; the search then tries it beside the others, and a changed result is published like any other."
+)
+COST = "Times of a step called from Python include the adapter's translation; in the engine's own loop they do not."
+
+
+def engine_names(run: Run) -> tuple[str, ...]:
+    return tuple(
+        sorted({str(r["engine"]) for r in (*run.results, *run.table("search_winners"), *run.table("search_ladder"))} - {""})
+    )
+
+
+def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
+    rows = [r for r in run.results if r["engine"] == name]
+    found = run.environment.get("engines", {}).get(name, {})
+    version = str(found.get("version", "")) if isinstance(found, dict) else ""
+    body: list[Markup] = []
+    if rows:
+        body += [
+            heading("As shipped and as set here", "default"),
+            paragraph("One line for each linkage, setting and integrator: its most accurate case."),
+            table(cases(rows)),
+        ]
+    if best := [x for x in settings if x.engine == name]:
+        body += [
+            heading("Best found", "best"),
+            paragraph("The cheapest setting within each tolerance, of all that were tried on a linkage."),
+            table(bests(run, name, settings)),
+        ]
+    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and known(r.get("ratio"))]:
+        body.append(table(raced(winners)))
+    body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
+    body += [
+        heading("What its authors may object to", "object"),
+        paragraph(OBJECT if best else OBJECT.partition(" Every")[0] + "."),
+        *knobs(run, name),
+    ]
+    control = any(r["control"] for r in rows)
+    lead = (
+        "A negative control, wrong on purpose: it must never pass."
+        if control
+        else f"{version or name}: as shipped, as set here, and the best that was found."
+    )
+    return Page(f"engine-{file_name(name)}", name, lead, joined(body))
+
+
+def cases(rows: Sequence[Row]) -> Table:
+    def least(some: Sequence[Row]) -> Row:
+        return min(some, key=lambda r: (not ok(r), number(r, "position_error") if known(r.get("position_error")) else 1e99))
+
+    lines = []
+    for group in grouped(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
+        row = least(group)
+        tone = "good" if row["valid"] else "bad"
+        names = (
+            text_cell(row["mechanism"]),
+            text_cell(row["settings"]),
+            text_cell(row["integrator"]),
+            text_cell(row["stabilization"]),
+        )
+        step = Cell(f"{number(row, 'step'):g}", number(row, "step")) if known(row.get("step")) else Cell("own")
+        numbers = (
+            error_cell(row, "position_error", number(row, "position_error_bar")),
+            error_cell(row, "position_drift"),
+            error_cell(row, "energy_error"),
+        )
+        status = "valid" if row["valid"] else str(row.get("flag") or row["message"] or row["status"])
+        lines.append((*names, step, *numbers, text_cell(status, tone)))
+    head, numeric = columns(
+        ("linkage", "settings", "integrator", "stabilization", "step [s]", "position error", "drift", "energy [J]", "outcome"),
+        4,
+        last_text=1,
+    )
+    return Table("Cases", head, tuple(lines), numeric, note=BELOW_LEGEND)
+
+
+def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
+    lines = []
+    for linkage in linkages(run):
+        own = [x for x in settings if x.mechanism == linkage]
+        for position in POSITIONS[1::2] if own else ():
+            one = cheapest_stored(run, linkage, own, position, float("inf")).get(name)
+            if one is None:
+                lines.append(
+                    (
+                        text_cell(linkage),
+                        Cell(f"{1e3 * position:g}", position),
+                        text_cell("cannot", "warn"),
+                        Cell("-"),
+                        Cell("-"),
+                        Cell("-"),
+                    )
+                )
+                continue
+            size = f"{one.step:.3g} s" if known(one.step) else f"tolerance {one.tolerance:.0e}" if known(one.tolerance) else "own"
+            lines.append(
+                (
+                    text_cell(linkage),
+                    Cell(f"{1e3 * position:g}", position),
+                    text_cell(one.words),
+                    text_cell(size),
+                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds),
+                    Cell(f"{1e3 * one.position:.1e}", one.position),
+                )
+            )
+    return Table(
+        "Best found",
+        ("linkage", "within [mm]", "setting", "step or tolerance", "time [µs]", "error [mm]"),
+        tuple(lines),
+        frozenset({1, 4, 5}),
+    )
+
+
+def raced(rows: Sequence[Row]) -> Table:
+    lines = tuple(
+        (
+            text_cell(r["mechanism"]),
+            text_cell(f"{r['required']} within {small(number(r, 'accuracy'))} {r['unit']}"),
+            text_cell(" ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))),
+            time_of(r),
+            *ratio_cells(r, "ratio"),
+        )
+        for r in rows
+    )
+    head, numeric = columns(("linkage", "required", "setting", "time", "ratio", "spread"), 3)
+    return Table(
+        "Raced against the others",
+        head,
+        lines,
+        numeric,
+        note="Ratio: its time over that of this suite's cheapest own way at the same accuracy; below 1 it is faster.",
+    )
+
+
+def broken(run: Run, name: str) -> list[str]:
+    """Sentences: where it failed, and what it was told off for."""
+    rows = [r for r in run.results if r["engine"] == name]
+    failed = [r for r in rows if not ok(r) and r["status"] != "skip"]
+    invalid = [r for r in rows if ok(r) and not r["valid"] and not r["control"]]
+    ladder = [r for r in run.table("search_ladder") if r["engine"] == name]
+    lost = [r for r in ladder if r["status"] not in ("ok", "skip")]
+    said = []
+    if failed:
+        said.append(
+            f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: "
+            f"{listed(sorted({str(r['status']) for r in failed}))}, on {listed(sorted({str(r['mechanism']) for r in failed}))}."
+        )
+    if invalid:
+        worst = max(invalid, key=lambda r: number(r, "position_drift") if known(r.get("position_drift")) else 0.0)
+        said.append(
+            f"{count(len(invalid), 'case')} of {len(rows)} ended and may not be used; the loosest opened a loop "
+            f"by {error(number(worst, 'position_drift'))} ({worst['mechanism']}, {worst['settings']} "
+            f"{worst['integrator']} at step {worst['step']:g} s)."
+        )
+    if lost:
+        said.append(
+            f"In the search {len(lost)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
+            "that are too large; the smallest such step was "
+            f"{min((number(r, 'step') for r in lost if known(r.get('step'))), default=0):.2g} s."
+        )
+    skipped = sorted(
+        {
+            str(r["message"])
+            for r in (*rows, *run.table("search_winners"))
+            if r["engine"] == name and r["status"] == "skip" and r["message"]
+        }
+    )
+    said += [f"Not modelled: {x}." for x in skipped[:4]]
+    said = said or ["Nothing of this run did."]
+    return [
+        *said,
+        f"`gauss-bench atlas {name}` maps where it fails, along stiffness, speed, mass and other axes; this run stored none.",
+    ]
+
+
+def knobs(run: Run, name: str) -> list[Markup]:
+    rows = [r for r in run.table("search_knobs") if r["engine"] == name]
+    if not rows:
+        return []
+    lines = tuple((text_cell(r["knob"]), text_cell(r["meaning"]), text_cell(r["source"])) for r in rows)
+    return [table(Table("Knobs that were searched", ("knob", "meaning", "documented at"), lines))]
+
+
+def engines_page(run: Run, settings: Sequence[Setting]) -> Page:
+    """All engines, one line each."""
+    lines = []
+    for name in engine_names(run):
+        rows = [r for r in run.results if r["engine"] == name]
+        valid = sum(bool(r["valid"]) for r in rows)
+        lines.append(
+            Markup("<li>{}: {}</li>").format(
+                link(f"engine-{file_name(name)}.html", name),
+                rich(f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"),
+            )
+        )
+    return Page(
+        "engines",
+        "Engines",
+        "Each as shipped, as set here, and at the best that was found.",
+        Markup("<ul>{}</ul>").format(joined(lines)),
+        group="Engines",
+    )

@@ -1,0 +1,267 @@
+"""A linkage's page: how it moves, what accuracy costs on it, how runs drift, and the best of each engine."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import built_in
+from gauss_bench.report.content import Chart, Table, count
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.palette import inline
+from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
+from gauss_bench.report.sections.linkage.trajectories import best, whole
+from gauss_bench.report.site.charts import FLOOR, MOST_LINES, labelled, over_time, points
+from gauss_bench.report.site.first import millimetres
+from gauss_bench.report.site.motion import side_by_side, turning
+from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
+from gauss_bench.report.site.settings import METHOD, Setting, cheapest_stored
+
+STEP = 1e-3  # [s] of the runs whose drift is drawn
+PLAYED = 50  # points of a line in a figure
+TOP = 10
+
+
+def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]) -> Page:
+    own = [x for x in settings if x.mechanism == name]
+    moved = turning(name, name.replace("_", " "))
+    data: dict[str, Any] = {}
+    body: list[Markup] = []
+    if moved:
+        body.append(moved[0])
+        data["turn"] = moved[1]
+    elif still := drawing(name):
+        body.append(still)
+    charts = [x for x in (accuracy(own), drift(run, name), energy(run, name), forces(run, name)) if x]
+    body += [leaders(run, name, own)]
+    titles = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
+    for one in charts:
+        body += [heading(titles[one.name], one.name), chart(one)]
+        data.setdefault("charts", {})[one.name] = one.data()
+    rows = [r for r in run.of(name) if r["scenario"] == scenario]
+    if rows:
+        first = best(f"Most accurate case of each engine and setting, {scenario}", rows)
+        body += [heading("Cases", "cases"), table(Table(first.title, first.head, first.rows, first.numeric, note=first.note))]
+        body.append(Markup("<p>{}</p>").format(link(rows_file(name), f"All {len(rows)} cases of {name}")))
+    if moved and (pair := side_by_side(run, name, scenario, moved[0].split('<div class="pair">')[1].split("</div>")[0])):
+        body += [
+            heading("Two engines side by side", "side-by-side"),
+            paragraph(
+                "Each run's stored error of the crank's angle, added to the true angle and magnified; the rest of the linkage "
+                "follows from its loops. Errors are stored without their sign and drawn ahead of the truth."
+            ),
+            pair[0],
+        ]
+        data["pair"] = pair[1]
+    scripts = ("player.js",) if moved else ()
+    return Page(f"linkage-{file_name(name)}", name.replace("_", " "), told(name, scenario), joined(body), data, "Linkages", scripts)
+
+
+def rows_file(name: str) -> str:
+    return f"linkage-{file_name(name)}-rows.html"
+
+
+def rows_page(run: Run, name: str) -> Page | None:
+    """Every case of a linkage."""
+    scenarios = grouped(run.of(name), lambda r: str(r["scenario"]))
+    if not scenarios:
+        return None
+    tables = [table(whole(f"{name}, {scenario}", list(rows)), most=10_000) for scenario, rows in scenarios.items()]
+    back = Markup("<p>{}</p>").format(link(f"linkage-{file_name(name)}.html", f"Back to {name}"))
+    return Page(
+        rows_file(name).removesuffix(".html"),
+        f"{name.replace('_', ' ')}: all cases",
+        "Every case that was run, as it ended.",
+        joined([back, *tables]),
+    )
+
+
+def told(name: str, scenario: str) -> str:
+    """What it is, in a sentence."""
+    if name not in built_in():
+        return f"Scenario {scenario}."
+    try:
+        mechanism, _, _ = posed(name)
+    except LinkageError:
+        return f"Scenario {scenario}."
+    loops = len(mechanism.joints) - len(mechanism.links)
+    return (
+        f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, "
+        f"{count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
+        f"{count(mechanism.dof, 'degree')} of freedom. Scenario {scenario}."
+    )
+
+
+def drawing(name: str) -> Markup | None:
+    """A still one, where the crank does not come round."""
+    if name not in built_in():
+        return None
+    try:
+        text = draw(*posed(name))
+    except LinkageError:
+        return None
+    return Markup('<div class="player"><div class="stage">{}</div></div>').format(Markup(inline(text, "still")))
+
+
+def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
+    """Who is cheapest within a tenth of a millimetre, in a sentence."""
+    if not settings:
+        return Markup("")
+    found = sorted(cheapest_stored(run, name, settings, 1e-4, math.inf).values(), key=lambda x: x.seconds)
+    if not found:
+        return paragraph(f"No setting that was tried stays within {millimetres(1e-4)}.")
+    said = ", ".join(f"`{x.engine}` {x.seconds / found[0].seconds:.3g} x" for x in found[1:5])
+    rest = f"; then {said}" if said else ""
+    return Markup("<p>{} {}</p>").format(
+        paragraph(
+            f"Cheapest within {millimetres(1e-4)} over the whole run: `{found[0].engine}` ({found[0].words}){rest}."
+        ).striptags(),
+        link(f"index.html#linkage={name}", "Choose another tolerance"),
+    )
+
+
+def accuracy(settings: Sequence[Setting]) -> Chart | None:
+    """Error against time: what no other setting of the same engine beats in both."""
+    rows = []
+    for engine, some in grouped(settings, lambda x: x.engine).items():
+        for one in front(some):
+            rows.append(
+                {
+                    "engine": engine,
+                    "line": engine,
+                    "name": f"{engine} {one.words}",
+                    "x": one.seconds,
+                    "y": 1e3 * max(one.position, FLOOR),
+                }
+            )
+    if not rows:
+        return None
+    spec = points(rows, "processor time of the whole run [s]", "largest position error [mm]")
+    words = (
+        "Largest error of any link's centre of mass over the run, against its time; of each engine the settings "
+        "that none of its others beats in both, projection and other stabilisation included."
+    )
+    head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
+    return Chart("accuracy", "Error against cost", words, spec, tuple(rows), head, *toggled(rows))
+
+
+def toggled(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    engines = tuple(dict.fromkeys(str(r["engine"]) for r in rows))
+    return (engines, engines[:most]) if len(engines) > 1 else ((), ())
+
+
+def front(settings: Sequence[Setting]) -> list[Setting]:
+    """Settings that none is both as cheap and as exact as, cheapest first."""
+    kept: list[Setting] = []
+    for one in sorted(settings, key=lambda x: (x.seconds, x.position)):
+        if not kept or one.position < 0.98 * kept[-1].position:
+            kept.append(one)
+    return kept
+
+
+def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
+    """One line for each engine: its case at STEP with the fewest additions, the first engines of MOST_LINES first."""
+    cases = {_case(r): r for r in run.of(name) if ranked(r) or (ok(r) and not r["control"])}
+    series = grouped((r for r in run.table("series") if r["mechanism"] == name), _case)
+    chosen: dict[str, tuple[Any, list[Row]]] = {}
+    for key, rows in series.items():
+        row = cases.get(key)
+        if row is None or not any(known(r.get(column)) for r in rows):
+            continue
+        order = (
+            abs(math.log10(number(row, "step") / STEP)),
+            row["stabilization"] not in ("none", ""),
+            row["settings"] != "default",
+            str(row["integrator"]) != "rk4",
+        )
+        engine = str(row["engine"])
+        if engine not in chosen or order < chosen[engine][0]:
+            chosen[engine] = (order, rows)
+    lines = []
+    for engine, (_, rows) in sorted(
+        chosen.items(), key=lambda x: (x[0] not in FIRST, FIRST.index(x[0]) if x[0] in FIRST else 0, x[0])
+    ):
+        some = sorted((r for r in rows if known(r.get(column))), key=lambda r: number(r, "t"))
+        kept = [some[i] for i in sorted({round(float(x)) for x in np.linspace(0, len(some) - 1, PLAYED)})]
+        first = cases[_case(rows[0])]
+        said = " ".join(
+            str(first[k]) for k in ("settings", "integrator", "stabilization") if first[k] not in ("", "default", "none")
+        )
+        lines.append(
+            [
+                {"engine": engine, "line": engine, "name": engine, "said": said, "x": number(r, "t"), "y": number(r, column)}
+                for r in kept
+            ]
+        )
+    return lines
+
+
+FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
+
+
+def _case(row: Row) -> tuple[Any, ...]:
+    return tuple(row[k] for k in (*METHOD, "step"))
+
+
+def history(run: Run, name: str, column: str, kind: str, title: str, words: str, axis: str) -> Chart | None:
+    lines = histories(run, name, column)
+    lines = [[r | {"y": max(abs(r["y"]), FLOOR)} for r in line] for line in lines if line]
+    if not lines:
+        return None
+    rows = labelled(lines)
+    spec = over_time(rows, axis)
+    toggles, _ = toggled(rows)
+    shown = tuple(line[0]["engine"] for line in lines)[:MOST_LINES]
+    said = "; ".join(f"{line[0]['engine']} {line[0]['said']}".strip() for line in lines)
+    head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
+    return Chart(kind, title, f"{words} Cases at a step of {STEP:g} s where there are: {said}.", spec, rows, head, toggles, shown)
+
+
+def drift(run: Run, name: str) -> Chart | None:
+    words = "Largest residual of the constraints over time, nothing added to hold the loops where an engine can do without."
+    return history(run, name, "position_drift", "drift", "Drift of the loops", words, "residual [m, rad]")
+
+
+def energy(run: Run, name: str) -> Chart | None:
+    return history(
+        run,
+        name,
+        "energy_error",
+        "energy",
+        "Error of the energy balance",
+        "Energy, work and losses against what they should sum to.",
+        "energy error [J]",
+    )
+
+
+def forces(run: Run, name: str) -> Chart | None:
+    """Error of joint forces against the step, of each engine's best variant there."""
+    rows = []
+    ladder = [
+        r
+        for r in run.table("search_ladder")
+        if r["mechanism"] == name and r["status"] == "ok" and known(r.get("force_error")) and number(r, "steps") > 0
+    ]
+    for engine, some in grouped(ladder, lambda r: str(r["engine"])).items():
+        least: list[tuple[float, float, Row]] = []
+        for row in sorted(some, key=lambda r: (number(r, "steps"), number(r, "force_error"))):
+            if not least or number(row, "force_error") < 0.98 * least[-1][1]:
+                least.append((number(row, "steps"), number(row, "force_error"), row))
+        for steps, error, row in least:
+            rows.append(
+                {"engine": engine, "line": engine, "name": f"{engine} {row['settings']}", "x": steps, "y": max(error, FLOOR)}
+            )
+    if not rows:
+        return None
+    spec = points(rows, "steps of the run", "largest error of a joint force [N]")
+    words = (
+        "Of each engine the variants that no other of it beats with as few steps; forces are those that its "
+        "motion needs, computed by one code for all."
+    )
+    return Chart(
+        "forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggled(rows)
+    )

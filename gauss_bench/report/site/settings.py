@@ -1,0 +1,229 @@
+"""Settings that hold a requirement, and what each costs: what the first screen answers from.
+
+A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
+raced at that step, or follows from the time of a step of the same variant that was raced at another one; then it is `estimated`.
+Where a linkage was not searched, its settings are the cases of the accuracy suite. The cheapest of each engine that holds what is
+required is picked here, for every requirement that can be chosen, so that a page only has to look it up.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.report.rows import Row, Run, grouped, known, number, own_steps, ranked, run_time
+
+POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
+FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
+USUAL = 1e-4  # [m]
+HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One way to run an engine, whose errors are known.
+
+    Attributes:
+        seconds, low, high: processor time of the whole run, with its spread where it was raced.
+        position, force: largest errors over the whole run [m, N]; force NaN where it was not measured.
+        until: end of that run [s].
+    """
+
+    mechanism: str
+    scenario: str
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+    tolerance: float
+    steps: float
+    seconds: float
+    low: float
+    high: float
+    estimated: bool
+    position: float
+    force: float
+    until: float
+
+    def holds(self, position: float, force: float) -> bool:
+        return self.position <= position and (math.isinf(force) or self.force <= force)
+
+    @property
+    def choice(self) -> tuple[Any, ...]:
+        """Everything that a program of it depends on."""
+        return (
+            self.mechanism,
+            self.scenario,
+            self.engine,
+            self.settings,
+            self.integrator,
+            self.stabilization,
+            self.step,
+            self.tolerance,
+            self.until,
+        )
+
+    @property
+    def words(self) -> str:
+        """Variant, integrator and stabilisation, without what says nothing."""
+        said = [self.settings, self.integrator, "" if self.stabilization in ("none", "") else self.stabilization]
+        return " · ".join(dict.fromkeys(x for x in said if x))
+
+
+METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
+
+
+def _method(row: Row) -> tuple[str, ...]:
+    return tuple(str(row[k]) for k in METHOD)
+
+
+def _size(row: Row) -> tuple[float, float]:
+    return tuple(-1.0 if not known(row.get(k)) else float(f"{row[k]:.6g}") for k in ("step", "tolerance"))  # type: ignore[return-value]
+
+
+def all_settings(run: Run) -> tuple[Setting, ...]:
+    """Every setting with known errors and a known time, of all linkages."""
+    searched = {str(r["mechanism"]) for r in run.table("search_ladder")}
+    return (*_searched(run), *(x for x in _cases(run) if x.mechanism not in searched))
+
+
+def _searched(run: Run) -> Iterable[Setting]:
+    raced = grouped((r for r in run.table("search_times") if r["status"] == "ok" and known(r.get("seconds"))), _method)
+    steps_of: dict[tuple[Any, ...], float] = {(_method(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
+    for row in run.table("search_ladder"):
+        times = raced.get(_method(row), [])
+        if row["status"] != "ok" or not known(row.get("position_error")) or not times or not number(row, "steps") > 0:
+            continue
+        same = next((t for t in times if _size(t) == _size(row)), None)
+        if same is not None:
+            seconds, low, high = (number(same, f"seconds{end}") for end in ("", "_low", "_high"))
+        else:
+            near = min(
+                times, key=lambda t: abs(math.log(max(steps_of.get((_method(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
+            )
+            each = number(near, "seconds") / max(steps_of.get((_method(near), _size(near)), math.nan), 1.0)
+            seconds, low, high = each * number(row, "steps"), math.nan, math.nan
+        if not known(seconds):
+            continue
+        numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"), seconds, low, high)
+        errors = (number(row, "position_error"), number(row, "force_error"), number(row, "until"))
+        yield Setting(*_method(row), *numbers, same is None, *errors)
+
+
+def _cases(run: Run) -> Iterable[Setting]:
+    for row in run.results:
+        error = number(row, "length_error") if known(row.get("length_error")) else number(row, "position_error")
+        if not ranked(row) or not known(error) or not known(run_time(row)):
+            continue
+        step = math.nan if own_steps(row) else number(row, "step")
+        numbers = (step, math.nan, number(row, "steps"), run_time(row), math.nan, math.nan)
+        yield Setting(*_method(row), *numbers, True, error, math.nan, number(row, "t_end"))
+
+
+def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
+    """Engine -> its cheapest setting that holds; of equally cheap ones the first by name."""
+    found: dict[str, Setting] = {}
+    for one in sorted(settings, key=lambda x: (x.seconds, x.words)):
+        if one.holds(position, force):
+            found.setdefault(one.engine, one)
+    return found
+
+
+def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float) -> dict[str, Setting]:
+    """The same, with the winner of a race where just this was raced: it alone was told from what ties it."""
+    found = cheapest(settings, position, force)
+    if not math.isinf(force):
+        return found
+    for row in run.table("search_winners"):
+        exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
+        if row["mechanism"] == mechanism and exact and row["status"] == "ok" and known(row.get("seconds")):
+            like = next(
+                (
+                    x
+                    for x in settings
+                    if _method(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization)
+                    and _size(row) == _size({"step": x.step, "tolerance": x.tolerance})
+                ),
+                None,
+            )
+            numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"))
+            times = (number(row, "seconds"), number(row, "seconds_low"), number(row, "seconds_high"))
+            errors = (number(row, "error"), like.force if like else math.nan, like.until if like else math.nan)
+            found[str(row["engine"])] = Setting(*_method(row), *numbers, *times, False, *errors)
+    return found
+
+
+OURS = ("gauss-native", "lagrange-native", "gauss", "lagrange", "gauss_pinv", "schur", "udwadia_kalaba")
+
+
+def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
+    """What the first screen needs of a linkage: settings, each engine's pick for each requirement, or why there is none."""
+    own = [x for x in settings if x.mechanism == mechanism]
+    listed: list[Setting] = []
+    picks: dict[str, list[Any]] = {}
+    for i, position in enumerate(POSITIONS):
+        for j, force in enumerate(FORCES):
+            chosen = cheapest_stored(run, mechanism, own, position, force)
+            best = min((x for x in chosen.values() if x.engine in OURS), key=lambda x: x.seconds, default=None)
+            line: list[Any] = []
+            for one in sorted(chosen.values(), key=lambda x: (x.seconds, x.engine)):
+                if one not in listed:
+                    listed.append(one)
+                line.append([listed.index(one), one.seconds / best.seconds if best else None])
+            picks[f"{i},{j}"] = line
+    told = [_told(x) for x in listed]
+    until = max((x.until for x in own if known(x.until)), default=math.nan)
+    horizons = [h for h in HORIZONS if h < until] + ([until] if known(until) else [])
+    return {
+        "settings": told,
+        "picks": picks,
+        "none": cannot(run, mechanism, own),
+        "until": until,
+        "horizons": horizons,
+        "chosen": listed,
+    }
+
+
+def _told(x: Setting) -> dict[str, Any]:
+    numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")}
+    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {
+        k: v if known(v) else None for k, v in numbers.items()
+    }
+
+
+def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, dict[str, Any]]:
+    """Engine -> how near it came at best [m, N], with which budget, or why it does not run there."""
+    found: dict[str, dict[str, Any]] = {}
+    for engine, rows in grouped(
+        (r for r in run.table("search_ladder") if r["mechanism"] == mechanism), lambda r: str(r["engine"])
+    ).items():
+        fine = [r for r in rows if r["status"] == "ok" and known(r.get("position_error"))]
+        steps = max((number(r, "steps") for r in fine), default=math.nan)
+        least = {
+            k: min((number(r, f"{k}_error") for r in fine if known(r.get(f"{k}_error"))), default=math.nan)
+            for k in ("position", "force")
+        }
+        skipped = next((str(r["message"]) for r in rows if r["status"] == "skip"), "") if not fine else ""
+        tried = {"tried": len(rows), "most": steps if known(steps) else None, "skipped": skipped}
+        found[engine] = tried | {k: v if known(v) else None for k, v in least.items()}
+    for engine in sorted({x.engine for x in settings} - found.keys()):
+        some = [x for x in settings if x.engine == engine]
+        found[engine] = {
+            "tried": len(some),
+            "most": max(x.steps for x in some),
+            "skipped": "",
+            "force": None,
+            "position": min(x.position for x in some),
+        }
+    return found
+
+
+def linkages(run: Run) -> tuple[str, ...]:
+    """Those that were searched or run, in order of their names."""
+    return tuple(sorted({str(r["mechanism"]) for r in (*run.results, *run.table("search_ladder"))}))
+
+
+def scenario_of(run: Run, mechanism: str) -> str:
+    rows: Iterable[Mapping[str, Any]] = (r for r in (*run.results, *run.table("search_ladder")) if r["mechanism"] == mechanism)
+    return next((str(r["scenario"]) for r in rows), "")

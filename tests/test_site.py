@@ -1,0 +1,398 @@
+"""The site in a real browser, opened from a folder and under an address alike; and its numbers, recomputed from the rows."""
+
+import functools
+import http.server
+import json
+import math
+import os
+import re
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
+from gauss_bench.report.rows import Run
+from gauss_bench.report.site.cards import CARDS, HOLDS
+from gauss_bench.report.site.first import headlines, packed
+from gauss_bench.report.site.page import rich, script_text
+from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
+
+REPORTS = Path(__file__).parents[1] / "reports"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
+BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("published") / "run"
+    shutil.copytree(REPORTS, folder, ignore=shutil.ignore_patterns("site", "local", ".run"))
+    build_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return read_run(REPORTS)
+
+
+# Numbers, a second way
+
+
+def table(name: str) -> pd.DataFrame:
+    """A published table as pandas reads it, its times beside it."""
+    parts = [REPORTS / f"{name}.{kind}" for kind in ("csv", "parquet")] + [
+        REPORTS / "times" / f"{name}.{kind}" for kind in ("csv", "parquet")
+    ]
+    frames = [
+        pd.read_csv(p, keep_default_na=False, na_values=[""]) if p.suffix == ".csv" else pd.read_parquet(p)
+        for p in parts
+        if p.exists()
+    ]
+    rows = frames[0]
+    for more in frames[1:]:
+        rows = rows.merge(more, on=[c for c in more.columns if c in rows.columns], how="left")
+    return rows
+
+
+def cards(run: Run) -> dict[str, Any]:
+    return {made.question: made for make in CARDS if (made := make(run)) is not None}
+
+
+def test_every_number_of_the_cards_follows_from_the_published_files(run: Run) -> None:
+    said = cards(run)
+    results = table("results")
+    fine = results[results.status.isin(["ok", "invalid"]) & ~results.control.astype(bool) & (results.settings == "default")]
+    fine = fine[fine.stabilization.fillna("").isin(["none", ""]) & np.isclose(fine.step, 1e-3) & fine.position_drift.notna()]
+    best = fine.groupby(["engine", "integrator"]).position_drift.max().groupby("engine").min()
+    loops = said["Do loops hold by default?"]
+    assert loops.number == f"{(best <= HOLDS).sum()} of {len(best)}"
+    assert f"`{best.idxmax()}`, opens one by {best.max():.1e}" in loops.sentence
+
+    audit = table("audit")
+    paper = said["Is the paper right?"]
+    assert paper.number == f"{(audit.verdict == 'ok').sum()} of {len(audit)}"
+    assert f"and {(audit.verdict == 'wrong').sum()} wrong" in paper.sentence
+
+    digits = table("certificates").query("status == 'ok'").digits
+    assert said["Why trust this?"].number == f"{digits.min():g}"
+    assert f"{len(digits)} scenarios" in said["Why trust this?"].sentence
+
+
+def test_is_gauss_faster_than_lagrange_agrees_with_every_table(run: Run) -> None:
+    card = cards(run)["Gauss or Lagrange?"]
+    claim = table("kernel_claim").dropna(subset=["ratio"])
+    counts = [int((claim.verdict == x).sum()) for x in ("holds", "reversed", "open")]
+    faster, slower, open_ = map(int, re.findall(r"on (\d+)", card.sentence))
+    assert [faster, slower, open_] == counts
+    assert (faster, slower) == ((claim.ratio_low > 1).sum(), (claim.ratio_high < 1).sum())
+    assert float(card.number) == pytest.approx(claim.ratio.median(), abs=0.005)
+
+
+def test_headlines_say_where_we_lose_as_the_winners_have_it(run: Run) -> None:
+    winners = table("search_winners")
+    ours = winners.ours.astype(str).str.lower().isin(["true", "1", "1.0"])
+    lost = winners[~ours & (winners.ratio_high < 1)]
+    said = " ".join(x.text for x in headlines(list(all_findings(run))))
+    assert len(lost)
+    for row in lost.itertuples():
+        decimals = 3 if row.ratio >= 0.1 else 4
+        assert re.search(rf"`{row.engine}` on {row.mechanism} {row.ratio:.{decimals}f}", said), row
+
+
+def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
+    """The setting for MuJoCo's eight-bar within a tenth of a millimetre, looked for in the rows themselves."""
+    settings = [x for x in all_settings(run) if x.mechanism == "eight_bar"]
+    one = cheapest(settings, 1e-4)["mujoco"]
+    ladder = table("search_ladder").query("mechanism == 'eight_bar' and engine == 'mujoco' and status == 'ok'")
+    passing = ladder[ladder.position_error <= 1e-4]
+    assert ((passing.settings == one.settings) & np.isclose(passing.step, one.step)).any()
+    rivals = [x for x in settings if x.engine == "mujoco" and x.position <= 1e-4]
+    assert one.seconds == min(x.seconds for x in rivals)
+    assert not cheapest(settings, 0.0)
+
+
+def test_where_it_was_raced_the_race_has_the_word(run: Run) -> None:
+    winners = table("search_winners").query("required == 'position' and status == 'ok'")
+    settings = all_settings(run)
+    for row in winners.dropna(subset=["seconds"]).itertuples():
+        own = [x for x in settings if x.mechanism == row.mechanism]
+        one = cheapest_stored(run, row.mechanism, own, row.accuracy, math.inf)[row.engine]
+        assert one.seconds == pytest.approx(row.seconds, rel=1e-6)
+        assert one.settings == row.settings
+
+
+# Colours
+
+
+def linear(colour: str) -> Any:
+    x = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+VISIONS = {  # Machado, Oliveira and Fernandes (2009), severity 1
+    "usual": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+}
+
+
+def lab(rgb: Any) -> tuple[float, float, float]:
+    x = TO_XYZ @ rgb / [0.95047, 1.0, 1.08883]
+    f = np.where(x > 216 / 24389, np.cbrt(x), (24389 / 27 * x + 16) / 116)
+    return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])
+
+
+def ciede2000(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+    """Sharma, Wu and Dalal (2005)."""
+    (l1, a1, b1), (l2, a2, b2) = one, other
+    c = (math.hypot(a1, b1) + math.hypot(a2, b2)) / 2
+    g = 0.5 * (1 - math.sqrt(c**7 / (c**7 + 25.0**7)))
+    a1, a2 = (1 + g) * a1, (1 + g) * a2
+    c1, c2 = math.hypot(a1, b1), math.hypot(a2, b2)
+    h1, h2 = (math.degrees(math.atan2(b, a)) % 360 if a or b else 0.0 for a, b in ((a1, b1), (a2, b2)))
+    dh = 0.0 if c1 * c2 == 0 else (h2 - h1 + 180) % 360 - 180
+    dl, dc, dh = l2 - l1, c2 - c1, 2 * math.sqrt(c1 * c2) * math.sin(math.radians(dh / 2))
+    lm, cm = (l1 + l2) / 2, (c1 + c2) / 2
+    if c1 * c2 == 0:
+        hm = h1 + h2
+    elif abs(h1 - h2) <= 180:
+        hm = (h1 + h2) / 2
+    else:
+        hm = (h1 + h2 + 360) / 2 if h1 + h2 < 360 else (h1 + h2 - 360) / 2
+    t = 1 - 0.17 * math.cos(math.radians(hm - 30)) + 0.24 * math.cos(math.radians(2 * hm))
+    t += 0.32 * math.cos(math.radians(3 * hm + 6)) - 0.20 * math.cos(math.radians(4 * hm - 63))
+    sl = 1 + 0.015 * (lm - 50) ** 2 / math.sqrt(20 + (lm - 50) ** 2)
+    sc, sh = 1 + 0.045 * cm, 1 + 0.015 * cm * t
+    turn = 60 * math.exp(-(((hm - 275) / 25) ** 2))
+    rt = -2 * math.sqrt(cm**7 / (cm**7 + 25.0**7)) * math.sin(math.radians(turn))
+    return math.sqrt((dl / sl) ** 2 + (dc / sc) ** 2 + (dh / sh) ** 2 + rt * (dc / sc) * (dh / sh))
+
+
+def test_the_difference_of_colours_is_that_of_the_published_pairs() -> None:
+    """Sharma, Wu and Dalal (2005), table 1: pairs 1, 7, 16 and 25."""
+    pairs = {
+        ((50, 2.6772, -79.7751), (50, 0, -82.7485)): 2.0425,
+        ((50, 0, 0), (50, -1, 2)): 2.3669,
+        ((50, 2.5, 0), (50, 0, -2.5)): 4.3065,
+        ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387)): 1.2644,
+    }
+    for (one, other), expected in pairs.items():
+        assert ciede2000(one, other) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_engines_are_told_apart_by_whoever_sees_no_red_or_green_and_are_legible(dark: bool) -> None:
+    colours = [linear(pair[dark]) for pair in HUES.values()]
+    for name, matrix in VISIONS.items():
+        seen = [lab(np.clip(np.array(matrix) @ c, 0, 1)) for c in colours]
+        least = min(ciede2000(a, b) for i, a in enumerate(seen) for b in seen[:i])
+        assert least > 10, f"{name}: two engines are only {least:.1f} apart"
+    light = [float(TO_XYZ[1] @ c) for c in (*colours, linear(PAPERS[dark]))]
+    paper = light.pop()
+    assert all((max(x, paper) + 0.05) / (min(x, paper) + 0.05) >= 3 for x in light)
+
+
+def test_engines_shown_together_share_neither_colour_nor_marker() -> None:
+    engines = [*list(HUES)[:7], "mine", "yours"]
+    assert len(set(slots(engines).values())) == len(engines)
+    assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
+
+
+# Files
+
+
+def test_text_of_files_stays_text() -> None:
+    hostile = "</script><img src=x onerror=alert(1)>`<b>`**<i>**\u2028"
+    assert "<" not in script_text({hostile: hostile})
+    assert json.loads(script_text({"x": hostile})) == {"x": hostile}
+    assert "<img" not in str(rich(hostile))
+    lines = packed(["a\nb", "a\nc"])
+    assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
+
+
+@pytest.mark.slow
+def test_sizes_and_addresses(out: Path) -> None:
+    site = out / "site"
+    files = [p for p in site.rglob("*") if p.is_file()]
+    assert sum(p.stat().st_size for p in files) < 8e6
+    assert max(p.stat().st_size for p in site.glob("*.html")) < 600e3
+    for page in site.glob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(r'(?:src|href)="([^"#]+)[^"]*"', text):
+            assert name.startswith("data:,") or (site / name).exists(), f"{page.name}: {name}"
+        assert "fetch(" not in text
+        assert 'type="module"' not in text
+        found = re.findall(r'\sid="([^"]+)"', text)
+        assert len(found) == len(set(found)), f"{page.name}: {sorted({x for x in found if found.count(x) > 1})}"
+    names = {p.name for p in (site / "tables").iterdir()}
+    assert {"results.csv", "results.parquet"} <= names
+
+
+@pytest.mark.slow
+def test_two_builds_are_the_same(out: Path, tmp_path: Path) -> None:
+    """A run of one linkage is enough: the whole of it twice."""
+    for name in ("results.parquet", "references.csv", "tables.json", "environment.json", "kernel_claim.csv"):
+        if (REPORTS / name).exists():
+            shutil.copy(REPORTS / name, tmp_path / name)
+    first = {p: p.read_bytes() for p in build_report(tmp_path)}
+    assert {p: p.read_bytes() for p in build_report(tmp_path)} == first
+
+
+# In the browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = (
+        pytest.importorskip("playwright.sync_api") if not os.environ.get("CI") else __import__("playwright.sync_api").sync_api
+    )
+    if CHROMIUM is None:
+        assert not os.environ.get("CI"), "no Chromium here, and pages must be looked at where CI is set"
+        pytest.skip("no Chromium here to look at pages with")
+    with playwright.sync_playwright() as started:
+        found = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope="module")
+def address(out: Path) -> Iterator[str]:
+    """The site under a path prefix on this machine."""
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    handler = functools.partial(Quiet, directory=str(out.parent))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/run/site/"
+        server.shutdown()
+
+
+DRAWN = "!document.querySelector('[data-chart]') || document.documentElement.dataset.drawn === 'true'"
+
+
+def opened(browser: Any, url: str, **look: Any) -> tuple[Any, list[str]]:
+    """A page with everything drawn, and what went wrong or was asked of others."""
+    page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
+    wrong: list[str] = []
+    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: wrong.append(str(e)))
+    page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((url.rsplit("/", 1)[0], "data:", "blob:")) else None)
+    page.goto(url)
+    page.wait_for_function(DRAWN, timeout=30_000)
+    return page, wrong
+
+
+@pytest.mark.slow
+def test_every_page_opens_from_a_folder_and_under_an_address(browser: Any, address: str, out: Path) -> None:
+    names = sorted(p.name for p in (out / "site").glob("*.html"))
+    assert len(names) > 30
+    folder = (out / "site").as_uri() + "/"
+    for i, name in enumerate(names):
+        bases = (folder, address) if name.removesuffix(".html") in BOTH else ((folder, address)[i % 2],)
+        for base in bases:
+            page, wrong = opened(browser, base + name)
+            assert not wrong, f"{base + name}: {wrong[:3]}"
+            page.close()
+
+
+@pytest.mark.slow
+def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: Any, out: Path) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for scheme in ("light", "dark"):
+        for name in SHOWN:
+            page, _ = opened(
+                browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": 375, "height": 800}, color_scheme=scheme
+            )
+            assert page.evaluate("document.documentElement.scrollWidth") <= 375, name
+            small = page.evaluate(
+                "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
+                " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
+                " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99)"
+                ".map(x => x.textContent.slice(0, 30))"
+            )
+            assert not small, f"{name}: {small[:5]}"
+            if scheme == "light" or name in ("index", "linkage-eight_bar"):
+                faults = [x for x in axe.run(page).response["violations"] if x["impact"] in ("serious", "critical")]
+                said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
+                assert not faults, f"{name} {scheme}: {said}"
+            page.close()
+
+
+@pytest.mark.slow
+def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path, run: Run) -> None:
+    page, wrong = opened(browser, (out / "site" / "index.html").as_uri())
+    page.select_option("#linkage", "eight_bar")
+    page.select_option("#position", label="0.1 mm")
+    line = page.locator("#answers li", has_text="mujoco")
+    own = [x for x in all_settings(run) if x.mechanism == "eight_bar"]
+    expected = cheapest_stored(run, "eight_bar", own, 1e-4, math.inf)["mujoco"]
+    assert f"step {float(f'{1e3 * expected.step:.4g}'):g} ms" in line.inner_text()
+    line.get_by_role("button", name="Code").press("Enter")
+    assert "mujoco" in line.locator("pre").inner_text()
+    assert "eight_bar" in line.locator("pre").inner_text()
+    page.select_option("#force", label="0.001 N")
+    assert page.locator("#answers li.no").count() > 0
+    page.reload()
+    page.wait_for_function("document.documentElement.dataset.answered")
+    assert page.locator("#linkage").input_value() == "eight_bar", "an address does not bring its answer back"
+    assert not wrong
+    page.close()
+
+
+@pytest.mark.slow
+def test_what_moves_moves_and_what_toggles_toggles(browser: Any, out: Path) -> None:
+    page, wrong = opened(browser, (out / "site" / "linkage-eight_bar.html").as_uri())
+    link = "#turn [data-link='0']"
+    before = page.get_attribute(link, "transform")
+    page.focus("#turn input[type=range]")
+    page.keyboard.press("ArrowRight")
+    turned = page.get_attribute(link, "transform")
+    assert turned != before, "the slider turns nothing"
+    page.click("#turn [data-play]")
+    page.wait_for_function("x => document.querySelector(\"#turn [data-link='0']\").getAttribute('transform') !== x", arg=turned)
+    page.click("#turn [data-play]")
+
+    at = page.get_attribute("#pair [data-side=b] [data-link='0']", "transform")
+    page.select_option("#pair [data-factor]", "1")
+    assert page.get_attribute("#pair [data-side=b] [data-link='0']", "transform") != at, "the difference is not magnified"
+
+    lines = "document.querySelectorAll('[data-chart=drift] .mark-line path').length"
+    shown = page.evaluate(lines)
+    assert 1 < shown <= 6
+    page.locator(".toggles[data-for=drift] input:checked").first.uncheck()
+    page.wait_for_function(f"{lines} === {shown - 1}")
+
+    row = "document.querySelectorAll('#cases ~ .table tbody tr:not([hidden])').length"
+    assert page.evaluate(row) <= 10
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(colour)
+    page.click("#theme")
+    assert page.evaluate(colour) != light
+    reached = set()
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.tagName + (document.activeElement.type || '')"))
+    assert {"A", "BUTTONbutton", "INPUTrange", "INPUTcheckbox", "SUMMARY"} <= reached
+    assert not wrong
+    page.close()
+
+
+@pytest.mark.slow
+def test_a_linkage_prints_on_four_sheets(browser: Any, out: Path) -> None:
+    page, _ = opened(browser, (out / "site" / "linkage-eight_bar.html").as_uri())
+    sheets = len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4")))
+    assert 1 <= sheets <= 4
+    page.close()
