@@ -808,6 +808,8 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
         some = [row for row in whole if _told(table, row)] if apart else whole
         if apart and len({_key(table, row) for row in some}) < len(some):
             raise ValueError(f"table {name}: two rows with times have the same key")
+        if apart and not some:  # nothing was timed
+            continue
         paths[folder / part / f"{name}.{table.suffix}"] = columns, some
     for path, (columns, some) in paths.items():
         if table.suffix == "csv":

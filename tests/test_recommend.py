@@ -260,7 +260,7 @@ def test_a_scale_begins_no_coarser_than_asked() -> None:
 
 @pytest.mark.slow
 def test_what_moves_as_it_must_is_told_as_that(tmp_path: Path) -> None:
-    """An excavator whose cylinders are driven: engines that are given angles only are rows with that reason."""
+    """An excavator whose cylinders are driven."""
     needs("llvmlite")
     found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=900.0)
     own = found.answers[0]

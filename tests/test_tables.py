@@ -193,7 +193,7 @@ def of_format_1(folder: Path) -> None:
 def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten: bool, tmp_path: Path) -> None:
     of_format_1(tmp_path)
     if rewritten:
-        assert len(tables.migrate(tmp_path)) == 7  # times lie apart
+        assert len(tables.migrate(tmp_path)) == 5
         assert tables.format_of(tmp_path) == FORMAT
         assert not any("crank_error" in path.read_text() for path in tmp_path.glob("*.csv") if path.stem in ("results", "baseline"))
     (result,), (truth,), (certificate,), (batch,) = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from gauss_bench.api.results import Result
 from gauss_bench.bench.apart import Request, run_apart
-from gauss_bench.bench.asked import checked_budget, duration
+from gauss_bench.bench.asked import checked_budget, countable, duration
 from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.bench.one_run import Run, Sampling
 from gauss_bench.bench.worker import Worker, WorkerFailure
@@ -118,6 +118,7 @@ def diagnose(
     mechanism = load(linkage, scenario)
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + checked_budget(budget, BUDGET)
+    countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
     if not offered.usable:
         none = Verdict(

@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
 from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.asked import checked_budget
+from gauss_bench.bench.asked import checked_budget, countable
 from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.bench.one_run import sampling_at
 from gauss_bench.bench.worker import Worker, WorkerFailure
@@ -84,6 +84,7 @@ def export(
         raise ChoiceError("either a step, or tuned, which finds one")
     path, seconds = writable(out, replace), checked_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
+    countable(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     found = written(linkage, mechanism.scenario, engine, step or STEP)
     tuning = None

@@ -34,6 +34,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
+MOST_INTERVALS = 100_000
 RISE = {"travel_deg": 360.0, "time": 1.0}
 
 
@@ -288,6 +289,8 @@ def kinematics(
         intervals = steps
     if intervals < 1:
         raise ChoiceError(f"intervals must be at least 1, not {intervals}")
+    if intervals > MOST_INTERVALS:
+        raise ChoiceError(f"intervals must be at most {MOST_INTERVALS}, not {intervals}")
     mechanism = driven(linkage, scenario, driver, hold)
     if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]

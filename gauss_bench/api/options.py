@@ -249,9 +249,17 @@ def _suite(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _numbers(text: str) -> list[float]:
+    """Numbers between commas."""
+    try:
+        return [float(x) for x in text.split(",")]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a list of numbers with commas between them") from error
+
+
 def _times(text: str) -> list[float]:
     """Argument of --at."""
-    found = [float(x) for x in text.split(",")]
+    found = _numbers(text)
     if not all(math.isfinite(x) and x >= 0 for x in found):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
     return found
@@ -259,7 +267,7 @@ def _times(text: str) -> list[float]:
 
 def _steps(text: str) -> list[float]:
     """Argument of --steps of run."""
-    found = [float(x) for x in text.split(",")]
+    found = _numbers(text)
     if not all(math.isfinite(x) and x > 0 for x in found):
         raise argparse.ArgumentTypeError("steps must be positive numbers")
     return found

@@ -8,10 +8,12 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.results import Simulation
 from gauss_bench.bench.apart import Request, run_of
+from gauss_bench.bench.asked import affordable
 from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.bench.one_run import Run, acceleration_error, sampling_through
 from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, disagreement, fastest_rate
 from gauss_bench.bench.worker import Worker
+from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, advice, examine, judge, remark, trusted_until
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
@@ -24,6 +26,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # what half the step can tell something of
+QUICKEST = 2e-8, 1e-4  # [s] of a step, compiled and interpreted, of the smallest linkage on a fast machine
 LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
 
 
@@ -68,6 +71,7 @@ def simulate(
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
     if not offered.usable:
         return described(mechanism, engine, choice, offered.status, offered.reason, at[-1])
+    affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
     wanted = sampling_through(choice.step, at)
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     fixed = choice.integrator not in offered.adaptive

@@ -242,11 +242,10 @@ def format_changes(
         lines += _markdown("Accuracy", ("case", "figure", "this run", "against", "allowed"), cells)
     head = ("what", "this run", "against")
     if matters:
-        lines += _markdown("Times: what changed sides", head, [(x.what, x.here, x.there) for x in matters])
+        lines += _markdown("Times: what changed sides", head, [x.row for x in matters])
     if rest:
-        cells = [(x.what, x.here, x.there) for x in rest]
         told = f"{len(rest)} ratios moved beyond their spreads and conclude the same"
-        lines += ["", f"<details><summary>{told}</summary>", *_markdown("", head, cells), "", "</details>"]
+        lines += ["", f"<details><summary>{told}</summary>", *_markdown("", head, [x.row for x in rest]), "", "</details>"]
     if len({x.get("cpu") for x in where}) > 1:
         lines += ["", "The machines differ: ratios are compared, times are not."]
     return "\n".join(lines)

@@ -67,6 +67,11 @@ class Clocked:
     matters: bool
     factor: float = 1.0
 
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """As a table shows it."""
+        return self.what, self.here, self.there
+
 
 def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     """How many ratios, targets and claims both runs have, and those that lie apart: of ratios, whose spreads do not overlap.

@@ -5,7 +5,8 @@ run the code of others. The worker's standard output is given to its error strea
 the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library finds it by
 counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger than the
 caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library
-can block. Whatever a task has started ends with its worker, and none may take more memory than the machine has.
+can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's failure. Whatever
+a task has started ends with its worker, in whatever session it hides, and none may take more memory than MEMORY.
 """
 
 import contextlib
@@ -32,6 +33,10 @@ ANSWERS = 200  # the descriptor that answers leave by, if it is free: far above 
 LARGEST = 1 << 26  # bytes of an answer, where the caller says nothing else: tables of rows
 POLL = 0.5  # [s] between looks at whether the process still lives: a child of it may hold the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+BACKSTOP = 20.0  # times the limit: where a task is stopped however busy the machine is
+MEMORY = 6 << 30  # bytes of a process: engines need one or two
+ROUNDS = 100  # of looking for what a worker has left
+MARK = "GAUSS_BENCH_WORKER"  # in the environment of a worker, and so of all that it starts
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
 
 
@@ -53,6 +58,7 @@ class Worker:
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[bytes] | None = None
+        self.mark = os.urandom(16).hex()
         self.log = tempfile.TemporaryFile()
 
     def __enter__(self) -> "Worker":
@@ -64,7 +70,7 @@ class Worker:
 
     def start(self) -> subprocess.Popen[bytes]:
         if self.process is None or self.process.poll() is not None:
-            environment = os.environ | dict.fromkeys(THREADS, "1")
+            environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
             command = [sys.executable, "-m", "gauss_bench.bench.worker"]
             self.process = subprocess.Popen(
                 command,
@@ -83,6 +89,7 @@ class Worker:
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.kill()
             self.process.wait()
+            _end_all(self.mark)
             for pipe in (self.process.stdin, self.process.stdout):
                 if pipe:
                     with contextlib.suppress(BrokenPipeError):
@@ -93,7 +100,8 @@ class Worker:
         """function(*arguments), run in the worker: plain data of `largest` bytes at most, tuples as lists.
 
         Raises:
-            WorkerFailure: the worker crashed, exceeded `limit` seconds, or the function raised.
+            WorkerFailure: the worker crashed, exceeded `limit` seconds (in which it ran or slept, not those in which it waited for
+                a processor), or the function raised.
         """
         process = self.start()
         assert process.stdin is not None
@@ -153,12 +161,12 @@ def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: float, largest: int) -> Any:
     assert process.stdout is not None
-    deadline = time.monotonic() + limit
+    clock = _Clock(process.pid, limit)
     descriptor = process.stdout.fileno()
     buffer = bytearray()
     needed, headed = HEADER.size, False
     while len(buffer) < needed:
-        left = deadline - time.monotonic()
+        left = clock.left()
         if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
             if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
                 raise EOFError
@@ -184,21 +192,68 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: flo
         raise SpoiltAnswer(in_a_sentence(error)) from error
 
 
+class _Clock:
+    """How much of its limit [s] a task has left: what its process waited for a processor is given back, where the system tells."""
+
+    def __init__(self, pid: int, limit: float):
+        self.path, self.limit = f"/proc/{pid}/schedstat", limit
+        self.start, self.waited = time.monotonic(), self._waited()
+
+    def _waited(self) -> float:
+        """Seconds that the process was ready to run and did not."""
+        try:
+            with open(self.path, encoding="ascii") as file:
+                return int(file.read().split()[1]) * 1e-9
+        except (OSError, ValueError, IndexError):
+            return 0.0
+
+    def left(self) -> float:
+        gone = time.monotonic() - self.start
+        given = max(0.0, self._waited() - self.waited)
+        return min(self.limit - (gone - min(given, gone)), BACKSTOP * self.limit - gone)
+
+
+def _end_all(mark: str) -> None:
+    """End every process that a worker has started, by its mark: one in a session of its own outlives its group."""
+    sign, own = f"{MARK}={mark}".encode(), str(os.getpid())
+    for _ in range(ROUNDS):
+        found = 0
+        with contextlib.suppress(OSError):
+            for name in os.listdir("/proc"):
+                if name.isdigit() and name != own and _has(name, sign):
+                    with contextlib.suppress(ProcessLookupError, PermissionError):
+                        os.kill(int(name), signal.SIGKILL)
+                        found += 1
+        if not found:
+            return
+        time.sleep(0.01)  # until they are gone, and none has started another meanwhile
+
+
+def _has(pid: str, sign: bytes) -> bool:
+    try:
+        with open(f"/proc/{pid}/environ", "rb") as file:
+            return sign in file.read().split(b"\0")
+    except OSError:
+        return False
+
+
 def _leave_with_parent() -> None:
     parent = os.getppid()
     while os.getppid() == parent:
         time.sleep(1.0)
+    _end_all(os.environ.get(MARK, ""))
     os.killpg(0, signal.SIGKILL)  # a session of its own: this process and what it has started
 
 
 def _bounded() -> None:
-    """No more memory than the machine has: an array that does not fit is an error here, not the end of somebody else."""
+    """No more memory than MEMORY or the machine has: an array that does not fit is an error here, not the end of somebody else."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
         whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (whole if hard < 0 else min(whole, hard), hard))
+        most = min(whole, MEMORY)
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
 
 
 def _answered(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
@@ -230,7 +285,7 @@ def main() -> None:
         except Exception as error:
             function, arguments, limit = _refuse, (f"the task cannot be read: {type(error).__name__}: {error}",), 60.0
         signal.signal(signal.SIGALRM, signal.SIG_DFL)  # it ends the process even inside a library
-        signal.setitimer(signal.ITIMER_REAL, limit + GRACE)
+        signal.setitimer(signal.ITIMER_REAL, BACKSTOP * limit + GRACE)
         os.chdir(home)  # a library may have gone elsewhere, and paths in tasks are relative
         answer = _answered(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)

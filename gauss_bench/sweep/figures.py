@@ -27,11 +27,18 @@ def units(mechanism: Mechanism) -> dict[str, str]:
 
 
 class _Placed(Placed):
-    """States whose rotations are worked out once."""
+    """States whose rotations and centres are worked out once."""
 
     def __init__(self, q: Array, v: Array):
         super().__init__(q, v)
         self.turns: dict[int, Vector] = {}
+        self.centres: dict[tuple[bool, int], Vector] = {}
+
+    def _centre(self, x: Array, link: int) -> Vector:
+        key = x is self.q, link
+        if key not in self.centres:
+            self.centres[key] = super()._centre(x, link)
+        return self.centres[key]
 
     def rotated(self, link: int, local: Array) -> Vector:
         if link == GROUND:

@@ -39,7 +39,7 @@ def number_at(document: Document, path: str) -> float:
         SweepError: there is none.
     """
     if is_length(path):
-        return _bar(document, path)[2]
+        return _bar(document, path)[3]
     owner, key = _place(document, path)
     value = owner[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -109,8 +109,8 @@ def _key(item: Any, key: str) -> Any:
     return (AXES[key] if key in AXES else int(key)) if isinstance(item, list) else key
 
 
-def _bar(document: Document, path: str) -> tuple[dict[str, Any], str, float]:
-    """Link, first point of its first bar, and length [m]."""
+def _bar(document: Document, path: str) -> tuple[dict[str, Any], dict[str, Any], str, float]:
+    """Link, its points, the first one of its first bar, and length [m]."""
     name = path.split(".")[1]
     link = document.get("links", {}).get(name)
     if link is None:
@@ -119,17 +119,15 @@ def _bar(document: Document, path: str) -> tuple[dict[str, Any], str, float]:
         raise SweepError(f"--vary {path}: the link has no bars, and the length of a link is that of its first bar")
     points = resolve_points(link["points"])
     a, b = link["bars"][0]
-    return link, a, float(np.hypot(*(points[b] - points[a])))
+    return link, points, a, float(np.hypot(*(points[b] - points[a])))
 
 
 def _stretch(document: Document, path: str, length: float) -> None:
-    link, first, old = _bar(document, path)
-    points = resolve_points(link["points"])  # a link has few
+    link, points, first, old = _bar(document, path)
     origin, along = points[first], (points[link["bars"][0][1]] - points[first]) / old
 
     def moved(p: Any) -> list[float]:
-        way = float((p - origin) @ along)
-        return [float(x) for x in p + (length / old - 1.0) * way * along]
+        return (p + ((length / old - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
 
     link["points"] = {name: moved(p) for name, p in points.items()}
     if "com" in link:

@@ -28,7 +28,9 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
             y = part[name].to_numpy(dtype=float)
             if not len(y):
                 continue
-            line[0].hist(y, bins=min(60, max(5, int(np.sqrt(len(y))))), color=colours[engine], alpha=0.6, label=engine)
+            line[0].hist(
+                y, bins=min(60, max(5, int(np.sqrt(len(y))))), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled"
+            )
             few = np.linspace(0, len(y) - 1, min(len(y), SHOWN)).round().astype(int)
             for axis, path in zip(line[1:], plan.paths, strict=True):
                 axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)

@@ -119,7 +119,7 @@ def _any(document: dict[str, Any], rng: random.Random, kind: type | tuple[type, 
 def _another_number(document: dict[str, Any], rng: random.Random) -> None:
     if place := _any(document, rng, (int, float)):
         holder, key = place
-        old = holder[key]
+        old = holder[key] if abs(holder[key]) < 1e300 else 1.0
         scaled = (old * 10.0 ** rng.choice((-12, -6, -3, 3, 6, 9, 12)), -old, old + rng.gauss(0, 1) * (abs(old) + 0.1))
         holder[key] = rng.choice((*NUMBERS, *scaled * 8))
 
@@ -132,7 +132,7 @@ def _many_numbers(document: dict[str, Any], rng: random.Random) -> None:
     chosen, factor = rng.choice(keys), rng.choice((*(x for x in NUMBERS if abs(x) < 1e308), 1e-6, 1e6, 1e9))
     for holder, key in _places(document):
         if isinstance(holder, dict) and key == chosen and isinstance(holder[key], (int, float)):
-            holder[key] = float(holder[key]) * float(factor)
+            holder[key] = float(holder[key]) * float(factor) if abs(holder[key]) < 1e300 else factor
 
 
 def _another_text(document: dict[str, Any], rng: random.Random) -> None:
