@@ -19,7 +19,7 @@ from gauss_bench.report.site.charts import FLOOR, MOST_LINES, labelled, over_tim
 from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import side_by_side, turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
-from gauss_bench.report.site.settings import METHOD, Setting, cheapest_stored
+from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 PLAYED = 50  # points of a line in a figure
@@ -204,7 +204,7 @@ FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "ca
 
 
 def _case(row: Row) -> tuple[Any, ...]:
-    return tuple(row[k] for k in (*METHOD, "step"))
+    return *method_of(row), row["step"]
 
 
 def history(run: Run, name: str, column: str, kind: str, title: str, words: str, axis: str) -> Chart | None:

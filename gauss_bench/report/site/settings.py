@@ -71,11 +71,10 @@ class Setting:
         return " · ".join(dict.fromkeys(x for x in said if x))
 
 
-METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
-
-
-def _method(row: Row) -> Any:
-    return tuple(str(row[k]) for k in METHOD)
+def method_of(row: Row) -> tuple[str, str, str, str, str, str]:
+    """Linkage, scenario, engine, variant, integrator, stabilisation."""
+    start = str(row["mechanism"]), str(row["scenario"]), str(row["engine"])
+    return *start, str(row["settings"]), str(row["integrator"]), str(row["stabilization"])
 
 
 def _size(row: Row) -> tuple[float, float]:
@@ -89,10 +88,10 @@ def all_settings(run: Run) -> tuple[Setting, ...]:
 
 
 def _searched(run: Run) -> Iterable[Setting]:
-    raced = grouped((r for r in run.table("search_times") if r["status"] == "ok" and known(r.get("seconds"))), _method)
-    steps_of: dict[tuple[Any, ...], float] = {(_method(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
+    raced = grouped((r for r in run.table("search_times") if r["status"] == "ok" and known(r.get("seconds"))), method_of)
+    steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
     for row in run.table("search_ladder"):
-        times = raced.get(_method(row), [])
+        times = raced.get(method_of(row), [])
         if row["status"] != "ok" or not known(row.get("position_error")) or not times or not number(row, "steps") > 0:
             continue
         same = next((t for t in times if _size(t) == _size(row)), None)
@@ -100,15 +99,15 @@ def _searched(run: Run) -> Iterable[Setting]:
             seconds, low, high = (number(same, f"seconds{end}") for end in ("", "_low", "_high"))
         else:
             near = min(
-                times, key=lambda t: abs(math.log(max(steps_of.get((_method(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
+                times, key=lambda t: abs(math.log(max(steps_of.get((method_of(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
             )
-            each = number(near, "seconds") / max(steps_of.get((_method(near), _size(near)), math.nan), 1.0)
+            each = number(near, "seconds") / max(steps_of.get((method_of(near), _size(near)), math.nan), 1.0)
             seconds, low, high = each * number(row, "steps"), math.nan, math.nan
         if not known(seconds):
             continue
         numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"), seconds, low, high)
         errors = (number(row, "position_error"), number(row, "force_error"), number(row, "until"))
-        yield Setting(*_method(row), *numbers, same is None, *errors)
+        yield Setting(*method_of(row), *numbers, same is None, *errors)
 
 
 def _cases(run: Run) -> Iterable[Setting]:
@@ -118,7 +117,7 @@ def _cases(run: Run) -> Iterable[Setting]:
             continue
         step = math.nan if own_steps(row) else number(row, "step")
         numbers = (step, math.nan, number(row, "steps"), run_time(row), math.nan, math.nan)
-        yield Setting(*_method(row), *numbers, True, error, math.nan, number(row, "t_end"))
+        yield Setting(*method_of(row), *numbers, True, error, math.nan, number(row, "t_end"))
 
 
 def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
@@ -142,7 +141,7 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
                 (
                     x
                     for x in settings
-                    if _method(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization)
+                    if method_of(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization)
                     and _size(row) == _size({"step": x.step, "tolerance": x.tolerance})
                 ),
                 None,
@@ -150,7 +149,7 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
             numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"))
             times = (number(row, "seconds"), number(row, "seconds_low"), number(row, "seconds_high"))
             errors = (number(row, "error"), like.force if like else math.nan, like.until if like else math.nan)
-            found[str(row["engine"])] = Setting(*_method(row), *numbers, *times, False, *errors)
+            found[str(row["engine"])] = Setting(*method_of(row), *numbers, *times, False, *errors)
     return found
 
 
