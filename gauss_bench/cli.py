@@ -149,17 +149,19 @@ def conformance(options: argparse.Namespace) -> int:
 
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import told_files
     from gauss_bench.mechanism.load import load
 
+    files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace)
     first = load(options.linkage, options.scenario)
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
     found = text.description(first, others)
-    if options.svg:
+    if files:
         from gauss_bench.report.drawings.drawing import draw
         from gauss_bench.report.drawings.pose import posed
         from gauss_bench.tables import write_text
 
-        write_text(options.svg, draw(*posed(options.linkage)))
+        write_text(files["svg"], draw(*posed(options.linkage)))
     if options.json:
         print_json(found)
     else:

@@ -23,7 +23,7 @@ from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
 from gauss_bench.suites.read import read_suite, restricted
 from gauss_bench.suites.schema import Suite
-from gauss_bench.tables import TABLES, read_table, write_table
+from gauss_bench.tables import TABLES, files_of, read_table, write_table
 from gauss_bench.trajectory import Status
 from tests.headlines import compared, with_raw_rows
 
@@ -93,10 +93,11 @@ def test_headlines_of_a_run_are_those_of_its_raw_rows(folder: Path) -> None:
 @pytest.mark.slow
 def test_a_finished_run_repeats_nothing(folder: Path) -> None:
     before = (folder / ".run" / "journal.jsonl").read_bytes()
-    steps = (folder / "kernel_steps.csv").read_bytes()
+    (steps,) = files_of("kernel_steps", folder)
+    told = steps.read_bytes()
     run(small(), folder, 1, name="kernel")
     assert (folder / ".run" / "journal.jsonl").read_bytes() == before
-    assert (folder / "kernel_steps.csv").read_bytes() == steps
+    assert steps.read_bytes() == told
 
 
 def test_targets_are_held_the_right_way_round() -> None:

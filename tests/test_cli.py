@@ -41,6 +41,8 @@ def test_show_checks_every_scenario(capsys: pytest.CaptureFixture[str], tmp_path
     assert found["dof"] == 1
     assert set(found["scenarios"]) == {"driven", "cycloid", "torque", "conservative"}
     assert "<svg" in (tmp_path / "six_bar.svg").read_text(encoding="utf-8")
+    assert main(["show", "six_bar", "--svg", str(tmp_path / "six_bar.svg")]) == 2
+    assert "is there already" in capsys.readouterr().err
     assert main(["show", "six_bar"]) == 0
     assert "1 degrees of freedom, 2 loops" in capsys.readouterr().out
 

@@ -49,6 +49,7 @@ def _show(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario")
     verb.add_argument("--svg", type=Path, metavar="FILE", help="draw the linkage, with the paths of its observed points")
+    verb.add_argument("--replace", action="store_true", help="write over FILE if it is there already")
     verb.add_argument("--json", action="store_true")
 
 

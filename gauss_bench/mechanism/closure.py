@@ -5,6 +5,7 @@ reached in small steps, so that a start far from the sketch keeps its assembly. 
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +34,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
+LARGE, REGULAR = 100, 1e-8  # rows and columns from which normal equations are solved, where their pivots are that even
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
@@ -164,12 +166,27 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Ar
         F, J = residual(q)
         if not (np.isfinite(F).all() and np.isfinite(J).all()):
             return q, np.inf
-        step = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)[0]
+        step = _shortest(J, -F)
         size = float(np.abs(step).max(initial=0.0))
         q += step if size < 0.5 else step * (0.5 / size)
         if size < 1e-15:
             break
     return q, float(np.abs(residual(q)[0]).max(initial=0.0))
+
+
+def _shortest(J: Array, F: Array) -> Array:
+    """The shortest x that minimises |J x - F|; of large systems by sparse normal equations, as long as these are regular."""
+    if min(J.shape) >= LARGE:
+        from scipy.sparse import csc_array
+        from scipy.sparse.linalg import splu
+
+        wide, sparse = J.shape[0] <= J.shape[1], csc_array(J)
+        with suppress(RuntimeError):  # exactly singular
+            factors = splu((sparse @ sparse.T if wide else sparse.T @ sparse).tocsc())
+            pivots = np.abs(factors.U.diagonal())
+            if pivots.min() > REGULAR * pivots.max():
+                return np.asarray(sparse.T @ factors.solve(F) if wide else factors.solve(sparse.T @ F))
+    return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
@@ -327,7 +344,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
-    v: Array = np.linalg.lstsq(A, b, rcond=RANK_TOLERANCE)[0]
+    v = _shortest(A, b)
     if np.abs(A @ v - b).max(initial=0.0) > CLOSED * max(1.0, np.abs(b).max(initial=0.0)):
         raise AssemblyError(f"scenarios.{mechanism.scenario}.start", "the speeds violate the constraints")
     return v
