@@ -27,6 +27,7 @@ TIMES = "times"  # the folder of what a clock decides
 SCHEMA_FILE = "tables.json"
 ENVIRONMENT = "environment.json"  # where, when and with what a run was made
 DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
+DRAWN = 5  # of a curve, whose values are kept to 13 bits
 
 Row = Mapping[str, Any]
 
@@ -755,10 +756,10 @@ def typed(column: Column, value: Any) -> Any:
             return words[str(value).lower()]
 
 
-def written(column: Column, value: Any) -> str:
+def written(column: Column, value: Any, digits: int = DIGITS) -> str:
     """A typed value as a CSV file has it."""
     if column.kind == "number":
-        return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{DIGITS}g}"
+        return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{digits}g}"
     return "" if value is None else str(value)
 
 
@@ -782,12 +783,12 @@ def supported(table: Table, row: Row) -> dict[str, Any]:
     return rounded
 
 
-def csv_text(columns: Sequence[Column], rows: Iterable[Row]) -> str:
+def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGITS) -> str:
     """Typed rows as a CSV file: a head, and a line a row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([c.name for c in columns])
-    writer.writerows([written(c, row[c.name]) for c in columns] for row in rows)
+    writer.writerows([written(c, row[c.name], digits) for c in columns] for row in rows)
     return out.getvalue()
 
 
@@ -852,6 +853,11 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
     packed = {"compression": "zstd", "compression_level": 19, "use_dictionary": [n for n in fields if n not in curves]}
     atomically(path, lambda part: pq.write_table(content, part, use_byte_stream_split=curves, **packed))
+
+
+def digits_of(name: str) -> int:
+    """Digits of a table's numbers: curves are kept as they are drawn."""
+    return DRAWN if name == "series" else DIGITS
 
 
 def _drawn(x: float) -> float:

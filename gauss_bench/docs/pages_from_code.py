@@ -1,7 +1,8 @@
-"""Pages that follow from code: the grammar of linkage files, and the commands. MkDocs calls `on_page_markdown`."""
+"""Pages that follow from code: the grammar of linkage files, and the commands. MkDocs calls the functions `on_...`."""
 
 import argparse
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,15 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """What stands on a page: what was written, and after it what code says."""
     more = {"grammar.md": grammar, "commands.md": commands}.get(page.file.src_uri)
     return f"{markdown}\n{more()}" if more else markdown
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Takes out what no page uses: maps of sources, and the search, which works from a server alone."""
+    scripts = Path(config["site_dir"]) / "assets"
+    for path in scripts.rglob("*.map"):
+        path.unlink()
+    for folder in ("lunr", "workers"):
+        shutil.rmtree(scripts / "javascripts" / folder, ignore_errors=True)
 
 
 def grammar() -> str:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from gauss_bench.report.content import Cell, Table, count, text_cell
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import Page, folded, heading, joined, link, paragraph, rich, table
-from gauss_bench.tables import TABLES, csv_text, write_bytes, write_parquet
+from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
 
 FOLDER = "tables"
 LONG = 2000  # rows: a longer CSV file is compressed
@@ -20,7 +20,7 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
     written = []
     for name, rows in tables.items():
         if rows:
-            text = csv_text(TABLES[name].columns, rows).encode()
+            text = csv_text(TABLES[name].columns, rows, digits_of(name)).encode()
             path = folder / csv_file(name, rows)
             write_bytes(path, lzma.compress(text, preset=9) if path.suffix == ".xz" else text)
             write_parquet(name, TABLES[name].columns, rows, folder / f"{name}.parquet")
