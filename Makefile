@@ -20,7 +20,7 @@ publish: setup         ## run the suite `full` and write reports/, from a commit
 report: setup          ## write the summary and the site of OUT again from its tables
 	$(BIN)/gauss-bench report --out $(OUT)
 
-docs: setup            ## write the documentation into the site of OUT
+docs: setup            ## write the documentation into the site of OUT; a report written after it links to it
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet -f gauss_bench/docs/mkdocs.yml -d $(abspath $(OUT))/site/docs
 
 test: setup            ## the tests but the slow ones

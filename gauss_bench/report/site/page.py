@@ -202,13 +202,15 @@ def charts_in(content: Section) -> list[Chart]:
     return own + [x for part in content.parts for x in charts_in(part)]
 
 
-def document(page: Page, pages: Sequence[Page], facts: Sequence[str]) -> str:
-    """The whole text of a page."""
+def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
+    """The whole text of a page; `guide` is where the documentation lies, if it does."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:
             groups.setdefault(other.group, []).append(other)
     contents = Markup("").join(_group(name, some, page) for name, some in groups.items())
+    if guide:
+        contents += Markup('<ul class="single"><li><a href="{}">Guide</a></li></ul>').format(guide)
     wanted = [f"data/{page.name}.js"] if page.data else []
     drawn = ["vega.js"] if page.data.get("charts") else []
     scripts = Markup("").join(Markup('<script src="{}"></script>').format(x) for x in ("site.js", *wanted, *page.scripts, *drawn))

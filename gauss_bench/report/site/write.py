@@ -24,7 +24,7 @@ from gauss_bench.report.site.settings import all_settings, linkages, scenario_of
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.tables import write_text
 
-SITE = "site"
+SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js")
 
 
@@ -42,12 +42,17 @@ def write_site(
     """
     folder = out / SITE
     if (folder / "site.css").is_file():  # ours: nothing else of the reader's is taken away
-        shutil.rmtree(folder)
+        for old in folder.iterdir():
+            if old.is_file():
+                old.unlink()
+            elif old.name != GUIDE:
+                shutil.rmtree(old)
+    guide = f"{GUIDE}/index.html" if (folder / GUIDE / "index.html").is_file() else ""
     pages = all_pages(run, list(findings), programs)
     written: list[Path] = []
     for page in pages:
         written.append(folder / page.file)
-        write_text(written[-1], document(page, pages, facts(run)))
+        write_text(written[-1], document(page, pages, facts(run), guide))
         if page.data:
             data = dict(page.data) | ({"config": CONFIG} if page.data.get("charts") else {})
             written.append(folder / "data" / f"{page.name}.js")
