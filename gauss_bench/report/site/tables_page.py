@@ -12,7 +12,7 @@ from gauss_bench.report.site.page import Page, folded, heading, joined, link, pa
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
 
 FOLDER = "tables"
-LONG = 300  # rows: a longer CSV file is compressed
+LONG = 1000  # rows: a longer CSV file is compressed
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
