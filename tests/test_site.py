@@ -243,12 +243,11 @@ def test_two_builds_are_the_same(out: Path, tmp_path: Path) -> None:
     for name in ("results.parquet", "references.csv", "tables.json", "environment.json", "kernel_claim.csv"):
         if (REPORTS / name).exists():
             shutil.copy(REPORTS / name, tmp_path / name)
+    guide = tmp_path / "site" / "docs" / "index.html"
+    guide.parent.mkdir(parents=True)
+    guide.write_text("the documentation", encoding="utf-8")
     first = {p: p.read_bytes() for p in build_report(tmp_path)}
     assert {p: p.read_bytes() for p in build_report(tmp_path)} == first
-    guide = tmp_path / "site" / "docs" / "index.html"
-    guide.parent.mkdir()
-    guide.write_text("the documentation", encoding="utf-8")
-    build_report(tmp_path)
     assert guide.exists()
     assert "docs/index.html" in (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
 
