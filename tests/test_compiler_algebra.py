@@ -42,7 +42,7 @@ def linkage(name: str, scenario: str | None = None) -> Mechanism:
 
 @cache
 def program(name: str, scenario: str | None, formulation: str, drop: int = 0) -> Program:
-    return generate(linkage(name, scenario), formulation, drop=drop)
+    return generate(linkage(name, scenario), formulation, drop=drop, remembered=True)  # by whichever process asks first
 
 
 def pendulum(count: int) -> dict[str, Any]:
