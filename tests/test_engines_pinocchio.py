@@ -160,8 +160,8 @@ def test_forces_do_the_same_work_in_the_tree(mechanism: Mechanism, rng: np.rando
         y, dy, shift = rng.standard_normal((3, tree.n))
         q, v, _ = tree.absolute(y, dy, dy)
         along = tree.absolute(y, shift, dy)[1]
-        work, expected = forces(y, dy) @ shift, weightless.applied.generalised(q, v) @ along
-        assert work == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(forces(y, dy)).max())  # rounding of a few sums
+        work, expected = forces(y, dy, 0.0) @ shift, weightless.applied.generalised(q, v) @ along
+        assert work == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(forces(y, dy, 0.0)).max())  # rounding of a few sums
 
 
 def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
