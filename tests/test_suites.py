@@ -35,7 +35,8 @@ def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
 
 def test_a_suite_joins_those_it_builds_on_once_each() -> None:
     quick, kernel, whole = (read_suite(name) for name in ("quick", "kernel", "full"))
-    assert set(cases(whole)) == set(cases(quick))
+    assert set(cases(quick)) < set(cases(whole))
+    assert {(x.engine, x.step) for x in set(cases(whole)) - set(cases(quick))} == {("gauss", 1e-3)}  # `gauss-native` runs there
     assert whole.cost == kernel.cost
     assert whole.steps == kernel.steps
     assert whole.papers == quick.papers
