@@ -64,7 +64,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     q = sketched(mechanism, document)
     q = reach(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
-    rank = int(np.linalg.matrix_rank(joints(0.0, q, v).J, rtol=RANK_TOLERANCE)) if joints.m else 0
+    rank = _rank(joints(0.0, q, v).J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
     if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
         closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
@@ -94,10 +94,10 @@ def started(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
     """Angles of links and slides, by name, that together fix what rows J (m, n) leave free at q (n,), angles first."""
     found = []
-    rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
+    rank = _rank(J)
     for x in _coordinates(mechanism):
         more = np.vstack([J, gradient(x.coordinate, q)])
-        if rank < mechanism.n and int(np.linalg.matrix_rank(more, rtol=RANK_TOLERANCE)) > rank:
+        if rank < mechanism.n and _rank(more) > rank:
             J, rank = more, rank + 1
             found.append(x.name)
     return found
@@ -113,7 +113,7 @@ def first_moving(mechanism: Mechanism, J: Array) -> Measured:
     """The first angle of a link, or else the first slide, that joint rows J (m, n) let move; if nothing moves, the first link's."""
     found = _coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in found])
-    held = np.linalg.lstsq(J.T, rows.T, rcond=RANK_TOLERANCE)[0]
+    held = _shortest(J.T, rows.T)
     free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
     return found[int(free.argmax())]
 
@@ -175,18 +175,33 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Ar
 
 
 def _shortest(J: Array, F: Array) -> Array:
-    """The shortest x that minimises |J x - F|; of large systems by sparse normal equations, as long as these are regular."""
+    """The shortest x that minimises |J x - F|; of large systems by normal equations, as long as these are regular."""
+    sparse, factors = _normal_equations(J)
+    if factors is None:
+        return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
+    return np.asarray(sparse.T @ factors.solve(F) if J.shape[0] <= J.shape[1] else factors.solve(sparse.T @ F))
+
+
+def _rank(J: Array) -> int:
+    """Rank of rows (m, n); normal equations that are regular say that it is full."""
+    if not len(J):
+        return 0
+    return min(J.shape) if _normal_equations(J)[1] is not None else int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
+
+
+def _normal_equations(J: Array) -> tuple[Any, Any]:
+    """J as a sparse matrix, and factors of the smaller of J J^T and J^T J; None, None where J is small or these are not regular."""
     if min(J.shape) >= LARGE:
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        wide, sparse = J.shape[0] <= J.shape[1], csc_array(J)
+        sparse = csc_array(J)
         with suppress(RuntimeError):  # exactly singular
-            factors = splu((sparse @ sparse.T if wide else sparse.T @ sparse).tocsc())
+            factors = splu((sparse @ sparse.T if J.shape[0] <= J.shape[1] else sparse.T @ sparse).tocsc())
             pivots = np.abs(factors.U.diagonal())
             if pivots.min() > REGULAR * pivots.max():
-                return np.asarray(sparse.T @ factors.solve(F) if wide else factors.solve(sparse.T @ F))
-    return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
+                return sparse, factors
+    return None, None
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
@@ -309,7 +324,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
     J = np.vstack([close(reached)[1], held.of(reached)[1]])
-    rank = int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if len(J) else 0
+    rank = _rank(J)
     if rank < mechanism.n:
         free = ", ".join(free_coordinates(mechanism, reached, J))
         way = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""

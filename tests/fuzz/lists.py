@@ -14,7 +14,7 @@ SOUND = (
     "good/four_bar.toml",
 )  # fmt: skip
 LINKAGES = (
-    *SOUND * 3, "n_four_bar_400", "pendulums_400", "n_four_bar_999", "nothing", "", ".", "/", "/dev/null", "/dev/zero",
+    *SOUND * 3, "n_four_bar_400", "pendulums_150", "n_four_bar_999", "nothing", "", ".", "/", "/dev/null", "/dev/zero",
     "/proc/self/mem", "good", "bad.toml", "empty.toml", "model.xml", "\x00", "a\nb", "\x1b[31m", "x" * 5000, "-", "--",
     "four_bar\x1b[2J", "\ud800",
 )  # fmt: skip
