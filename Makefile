@@ -32,7 +32,7 @@ test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C comp
 FILES ?= 20000
 LISTS ?= 3000
 SEED ?= 1
-fuzz: setup            ## hostile files and arguments, and random linkages, at length: make fuzz FILES=2000 LISTS=300 SEED=2
+fuzz: setup            ## hostile files and arguments at length: make fuzz FILES=2000 LISTS=300 SEED=2
 	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --seed $(SEED)
 
 check: setup           ## the accuracy gate
