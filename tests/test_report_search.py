@@ -53,7 +53,7 @@ def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentenc
     (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
     assert "`mujoco` four_bar 40.0 (39.2..40.8) and six_bar cannot" in sentence
     assert "`pinocchio` four_bar 20.0 (19.6..20.4) and six_bar 7.00 (6.86..7.14)" in sentence
-    assert all(x in sentence for x in ("24 evaluations", "100000 steps", "range of the processes"))
+    assert all(x in sentence for x in ("24 evaluations", "100000 steps", "spread of the race"))
     narrower = [r | {"budget": 14.0, "most_steps": 1e4} if r["mechanism"] == "six_bar" else r for r in ROWS]
     (finding,) = search.findings(run(*narrower))
     assert "14 to 24 evaluations and 10000 to 100000 steps" in finding.text

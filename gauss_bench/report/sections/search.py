@@ -126,7 +126,7 @@ def findings(run: Run) -> Iterator[Finding]:
         text = (
             f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
             f"where each variant had {spent(group)} ({CANNOT_WORD}: not within these), and in brackets "
-            f"the range of the processes that raced.{''.join(not_told(run, group))}"
+            f"the spread of the race.{''.join(not_told(run, group))}"
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
         yield Finding(title, text, "warn" if lost else "")

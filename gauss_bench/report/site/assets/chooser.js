@@ -91,7 +91,7 @@
     const page = element("a", "", `All of ${linkage.value.replaceAll("_", " ")}`);
     page.href = one.page;
     const shorter = share < 1 ? ` Errors hold over ${digits(one.until)} s and so over the shorter run, where a cheaper setting might do.` : "";
-    said.append(page, ` (scenario ${one.scenario}). × is the time over that of this suite's cheapest own way; ≈ follows from the time of a step raced at another size. Times are processor time of one thread, with the spread of their race (what it spans stands under Method).${shorter}`);
+    said.append(page, ` (scenario ${one.scenario}). × is the time over that of this suite's cheapest own way; ≈ follows from the time of a step raced at another size. Times are processor time of one thread, with the spread of their race (what it spans stands with its table).${shorter}`);
     document.documentElement.dataset.answered = `${linkage.value} ${position.value} ${force.value} ${horizon.value}`;
   };
 
