@@ -16,13 +16,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.first import headlines, packed
+from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import rich, script_text
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
+from gauss_bench.suites.read import read_suite, restricted
 
 REPORTS = Path(__file__).parents[1] / "reports"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -219,6 +222,22 @@ def test_text_of_files_stays_text() -> None:
     assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
 
 
+def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path: Path) -> None:
+    text = (REPORTS.parent / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8").replace('"four_bar"', '"mine"', 1)
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    suite = restricted(read_suite("accuracy"), {str(path): "torque", "crank_slider": "torque"})
+    kept = own_files(suite)
+    assert kept == {"mine": text}, "the built-in ones are not kept a second time"
+    path.unlink()
+    page = linkage_page(Run({"linkages": kept}), "mine", "torque", [])
+    assert 'data-link="0"' in page.body
+    assert len(page.data["turn"]["poses"]) == 3
+    assert "3 moving links" in page.lead
+    for damaged in ({}, {"mine": "not ["}, {"mine": 3}, ["mine"]):
+        assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque", []).body
+
+
 @pytest.mark.slow
 def test_sizes_and_addresses(out: Path) -> None:
     site = out / "site"
@@ -333,6 +352,25 @@ def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: An
                 said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
                 assert not faults, f"{name} {scheme}: {said}"
             page.close()
+
+
+WATCHED = """new MutationObserver(() => {
+  for (const x of ["answered", "drawn"])
+    if (document.documentElement?.dataset[x] && !performance.getEntriesByName(x).length) performance.mark(x);
+}).observe(document, {attributes: true, subtree: true});"""
+
+
+@pytest.mark.slow
+def test_the_first_screen_answers_before_any_figure_is_drawn(browser: Any, out: Path) -> None:
+    """Its answer waits for nothing large; how many milliseconds that takes is the machine's."""
+    page = browser.new_page()
+    page.add_init_script(WATCHED)
+    page.goto((out / "site" / "index.html").as_uri())
+    page.wait_for_function(DRAWN, timeout=30_000)
+    at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
+    print(at)
+    assert 0 < at["answered"] < at["drawn"]
+    page.close()
 
 
 @pytest.mark.slow
