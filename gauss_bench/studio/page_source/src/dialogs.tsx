@@ -7,6 +7,7 @@ import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
 import { attempt, dialog, dragged, edit, hello, kept, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
+import { ask } from "./socket";
 import { fit, size, toWorld } from "./view";
 
 export function Sheet({ title, children, wide }: { title: string; children: ComponentChildren; wide?: boolean }): JSX.Element {
@@ -41,7 +42,7 @@ async function opened(what: object, verb = "open"): Promise<void> {
   if (scene.value?.unsaved && scene.value.links.length && !confirm(`${scene.value.name} has changes that are not saved. Leave them?`)) return;
   if (await edit(verb, what)) {
     close();
-    requestAnimationFrame(() => fit(scene.value));
+    fit(scene.value);
   }
 }
 
@@ -54,11 +55,27 @@ function download(name: string, content: BlobPart, type: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
+const drawings = new Map<string, string>();
+
+/** A linkage of the gallery; its drawing is asked for when the card is there. */
 function Card({ entry, go }: { entry: Template; go: () => unknown }): JSX.Element {
+  const [drawing, setDrawing] = useState(entry.drawing ?? drawings.get(entry.name) ?? "");
+  useEffect(() => {
+    if (drawing) return;
+    let gone = false;
+    ask("drawing", { name: entry.name }).then(
+      (reply) => {
+        drawings.set(entry.name, String(reply.svg));
+        if (!gone) setDrawing(String(reply.svg));
+      },
+      () => undefined, // a card without a drawing still says what it is
+    );
+    return () => void (gone = true);
+  }, []);
   return (
     <li>
       <button type="button" onClick={() => void go()}>
-        {entry.drawing ? <img alt="" src={`data:image/svg+xml;charset=utf-8,${encodeURIComponent(entry.drawing)}`} /> : <span class="blank" />}
+        {drawing ? <img alt="" src={`data:image/svg+xml;charset=utf-8,${encodeURIComponent(drawing)}`} /> : <span class="blank" />}
         <b>{entry.name.replaceAll("_", " ")}</b>
         <small>{entry.title}</small>
       </button>
@@ -70,7 +87,7 @@ function Open(): JSX.Element {
   const known = hello.value;
   const [wanted, want] = useState("");
   const fits = (t: Template): boolean => `${t.name} ${t.title} ${t.kind}`.toLowerCase().includes(wanted.toLowerCase());
-  const built: Template[] = (known?.linkages ?? []).map((l) => (typeof l === "string" ? { name: l, title: "", kind: "built in", drawing: "" } : l));
+  const built: Template[] = (known?.linkages ?? []).map((name) => ({ name, title: "", kind: "" }));
   const kinds = [...new Set((known?.templates ?? []).map((t) => t.kind))];
   const read = async (file: File | undefined): Promise<void> => {
     if (!file) return;
@@ -97,6 +114,28 @@ function Open(): JSX.Element {
             Take it up again
           </button>
         </p>
+      )}
+      {known?.recovered && (
+        <p class="note">
+          What was drawn here before and not saved is kept.{" "}
+          <button type="button" class="quiet" onClick={() => void opened({ text: known.recovered!.text })}>
+            Recover it
+          </button>
+        </p>
+      )}
+      {(known?.files ?? []).length > 0 && (
+        <section>
+          <h3>In the folder {known!.folder}</h3>
+          <ul class="chips">
+            {known!.files!.map((name) => (
+              <li key={name}>
+                <button type="button" onClick={() => void opened({ name })}>
+                  {name}
+                </button>
+              </li>
+            ))}
+          </ul>
+        </section>
       )}
       {kinds.map((kind) => {
         const list = known!.templates.filter((t) => t.kind === kind && fits(t));

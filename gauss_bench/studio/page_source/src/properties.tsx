@@ -74,7 +74,7 @@ function PinPanel({ pin }: { pin: Pin }): JSX.Element {
   const loose = pin.members.length < 2;
   return (
     <>
-      <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? ""} send={(to) => edit("rename", { id: `pins.${pin.id}`, to })} />
+      <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? pin.id} send={(to) => edit("rename", { id: `pins.${pin.id}`, to })} />
       <NumberField label="x" unit="m" value={at[0]} send={(x) => put([x!, at[1]])}>
         <Lock of="place" on={pin.locked} set={(on) => edit("lock", { pin: pin.id, on })} />
       </NumberField>

@@ -109,15 +109,18 @@ export interface Template {
   name: string;
   title: string;
   kind: string;
-  drawing: string;
+  drawing?: string;
 }
 export interface Hello {
   version: string;
   templates: Template[];
-  linkages: (string | Template)[];
+  linkages: string[];
+  files?: string[];
+  folder?: string;
   engines: { name: string; here: boolean; reason: string | null }[];
   kernel: boolean;
-  recovered: Scene | null;
+  recovered: { text: string } | null;
+  scene: Scene;
 }
 export interface Fault {
   text: string;

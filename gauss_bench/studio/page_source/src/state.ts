@@ -3,6 +3,7 @@ import { batch, computed, signal } from "@preact/signals";
 import { Placed } from "./geometry";
 import type { Centre, Event, Hello, Motion, Poses, Reply, Scene, XY } from "./protocol";
 import { Refused, ask, connect, listen } from "./socket";
+import { fit } from "./view";
 
 export type Picked = { kind: "link" | "pin" | "slide" | "force"; id: string };
 
@@ -74,6 +75,7 @@ export async function attempt(verb: string, what: object = {}): Promise<Reply | 
 }
 
 export function take(next: Scene): void {
+  const before = scene.value;
   batch(() => {
     const other = scene.value && scene.value.revision !== next.revision;
     scene.value = next;
@@ -89,6 +91,7 @@ export function take(next: Scene): void {
         : (p.kind === "pin" ? next.pins : p.kind === "slide" ? next.slides : next.forces).some((x) => x.id === p.id);
     selection.value = selection.value.filter(there);
   });
+  if (!before) fit(next);
   keep();
   refresh();
 }
@@ -213,7 +216,7 @@ function keep(): void {
   clearTimeout(keeping);
   keeping = setTimeout(async () => {
     try {
-      const reply = await ask("export", { kind: "toml" });
+      const reply = await ask("text");
       localStorage.setItem(KEPT, String(reply.text ?? ""));
     } catch {
       // a copy is a courtesy: without it the server's own autosave remains
@@ -231,14 +234,14 @@ export function start(onEvent: (event: Event) => void): void {
     void (async () => {
       const reply = await attempt("hello");
       if (!reply) return;
-      const known = reply as unknown as Hello & { scene?: Scene };
+      const known = reply as unknown as Hello;
       hello.value = known;
       const shared = first && location.hash.length > 2 ? location.hash.slice(1) : "";
-      if (known.scene) take(known.scene);
+      take(known.scene);
       if (shared) {
         const opened = await edit("open", { fragment: shared });
         if (opened) history.replaceState(null, "", location.pathname + location.search);
-      } else if (!first && scene.value && kept() && known.scene && !known.scene.links.length) {
+      } else if (!first && scene.value && kept() && !known.scene.links.length) {
         await edit("open", { text: kept() });
       }
       if (!first) say("The server is back.");

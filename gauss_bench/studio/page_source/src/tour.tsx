@@ -66,5 +66,5 @@ export function Tour(): JSX.Element | null {
 
 /** On an empty drawing: three ways to begin. */
 export async function begin(name: string): Promise<void> {
-  if (await edit("template", { name })) requestAnimationFrame(() => fit(scene.value));
+  if (await edit("template", { name })) fit(scene.value);
 }
