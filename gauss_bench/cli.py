@@ -310,6 +310,16 @@ def sweep(options: argparse.Namespace) -> int:
     return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
 
 
+def studio(options: argparse.Namespace) -> int:
+    from gauss_bench.engines.extras import require
+
+    for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
+        require(library)
+    from gauss_bench.studio.server import serve
+
+    return serve(options.linkage, Path.cwd(), options.port, not options.no_browser, tell)
+
+
 def export(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.exchange import export as exported
@@ -534,6 +544,7 @@ ACTIONS: dict[str, Verb] = {
     "kinematics": kinematics,
     "recommend": recommend,
     "sweep": sweep,
+    "studio": studio,
     "export": export,
     "import": bring_in,
     "certify": certify,
