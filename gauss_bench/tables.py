@@ -702,6 +702,25 @@ TABLES: dict[str, Table] = {
         2,
         timed=True,
     ),
+    "atlas": Table(
+        "how far one way of an engine goes along one axis of difficulty; written by the verb atlas, not by a suite",
+        (
+            text("axis", "what grows along it"),
+            *METHOD,
+            text("unit", "of the axis"),
+            number("easiest", "value of the axis"),
+            number("hardest", "value of the axis"),
+            number("passes_to", "hardest value with a pass"),
+            number("ends_at", "hardest value that did not fail"),
+            number("breaks_at", "first value that does not pass"),
+            text("last", "verdict on the hardest value that was run"),
+            number("error", "there, of the linkage's size, or in radians"),
+            number("runs", "that it took"),
+            text("reason", "why it is no pass"),
+            text("commit", "of the code that was run"),
+        ),
+        5,
+    ),
     "baseline": Table(
         "one figure of the accuracy gate",
         (
