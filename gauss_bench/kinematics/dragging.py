@@ -6,8 +6,8 @@ With N a basis of the free motions, P = dp/dy how the point moves with them and 
 
 and Gauss-Newton takes the result back onto the constraints. Steps are short enough that the way is the linkage's own: the free
 motions turn little from one to the next, and the constraints are met close to the prediction to second order; else the step is
-halved. So no other assembly is reached than by moving there, and through a fork of the motion it goes straight on. Where the point's
-two coordinates determine a linkage of two degrees of freedom, it keeps to its side of their singular positions, det P = 0: an arm
+halved. So no other assembly is reached than by moving there, and through a fork of the motion it goes straight on. Where the point
+determines a linkage of two degrees of freedom, it keeps to its side of their singular positions, det P = 0: an arm
 that is pulled straight folds back to the side it came from.
 """
 

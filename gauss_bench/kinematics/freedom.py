@@ -5,7 +5,7 @@ that sense. With J of the joint rows in scaled coordinates and its singular valu
 
     J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...,    J^+ the pseudo-inverse
 
-gamma being the quadratic form in the velocities that `Constraints` knows. What drives the linkage is held where its law is at t = 0;
+gamma being the quadratic form in the velocities that `Constraints` knows. What drives the linkage is held as at t = 0;
 knife edges, which hold no position, are left out.
 """
 
