@@ -7,4 +7,5 @@ Both ways start from the drivers of a scenario as `inputs` and stop with the exc
   `basic_coordinates` (the motion).
 - `root_finding` solves either system at one position, and `basins` asks from how far away it does.
 - `singular` finds limits of motion and dead centres.
+By hand, without drivers: `freedom` says what can move at a position, and `dragging` draws the linkage along by a point.
 """
