@@ -1,7 +1,7 @@
 """How a linkage of one degree of freedom passes motion and force on: velocity ratios, and the mechanical advantage.
 
-With x the free motion and g_in, g_out the gradients of two coordinates, the one moves g_out . x / g_in . x as fast as the other; and
-without losses and weights the power that comes in goes out, so that a force on the one balances
+With x the free motion and g_in, g_out the gradients of two coordinates, the one moves g_out . x / g_in . x as fast as the other;
+and without losses and weights the power that comes in goes out, so that a force on the one balances
 
     F_in / F_out = d out / d in,        advantage  F_out / F_in = d in / d out
 

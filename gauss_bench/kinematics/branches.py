@@ -85,7 +85,9 @@ def _unturned(mechanism: Mechanism, q: Array, near: Array) -> Array:
             root = [into if x == root[b] else x for x in root]
     for link, first in enumerate(root):
         if first >= 0:  # what slides on the ground has no whole turns
-            q[3 * link + 2] -= 2 * np.pi * np.round((q[3 * first + 2] - near[3 * first + 2]) / (2 * np.pi)) if link != first else 0.0
+            q[3 * link + 2] -= (
+                2 * np.pi * np.round((q[3 * first + 2] - near[3 * first + 2]) / (2 * np.pi)) if link != first else 0.0
+            )
     for link, first in enumerate(root):
         if first == link:
             q[3 * link + 2] -= 2 * np.pi * np.round((q[3 * link + 2] - near[3 * link + 2]) / (2 * np.pi))

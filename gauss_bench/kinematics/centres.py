@@ -48,7 +48,9 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     freedom = Freedom(_undriven(mechanism))
     _, place = freedom.at(q)
     if place.free.shape[1] != 1:
-        raise ValueError(f"{mechanism.name} has {place.free.shape[1]} free motions here; its instant centres depend on which it does")
+        raise ValueError(
+            f"{mechanism.name} has {place.free.shape[1]} free motions here; its instant centres depend on which it does"
+        )
     return np.asarray(place.free[:, 0] / freedom.scale)
 
 
