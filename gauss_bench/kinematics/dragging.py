@@ -93,12 +93,14 @@ def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
 
 
-def named(mechanism: Mechanism, reference: str) -> Point:
-    """The point "link.point".
+def named(mechanism: Mechanism, reference: str | Point) -> Point:
+    """The point "link.point", or the one given.
 
     Raises:
         ValueError: there is none.
     """
+    if isinstance(reference, Point):
+        return reference
     try:
         return mechanism.named_point(reference)
     except (KeyError, StopIteration):
@@ -108,14 +110,14 @@ def named(mechanism: Mechanism, reference: str) -> Point:
 class Drag:
     """One drag of a point: keeps the position, and goes on from it."""
 
-    def __init__(self, mechanism: Mechanism, q: Array, point: str, locks: Locks = Locks()):
-        """From an assembled q (n,), by the point "link.point".
+    def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
+        """From an assembled q (n,), by the point "link.point"; targets are places, or ways from the point `onto` of another link.
 
         Raises:
             ValueError: the point is on the ground, there is nothing of a name, or the joints are open at q.
         """
-        self.point = named(mechanism, point)
-        if self.point.link == GROUND:
+        self.point, self.onto = named(mechanism, point), onto
+        if self.point.link == GROUND and onto is None:
             raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
         self.freedom = Freedom(locked(mechanism, q, locks))
         place = self.freedom.close(np.array(q, dtype=float))
@@ -134,7 +136,7 @@ class Drag:
         target, size, solves = np.asarray(target, dtype=float), self.freedom.size, 0
         last = not self.place.free.shape[1]
         for steps in range(most + 1):
-            lacking = position(self.q, self.point) - target
+            lacking = self.at(self.place) - target
             apart = float(np.hypot(*lacking))
             if apart <= NEAR * size or last or steps == most:
                 break
@@ -143,7 +145,7 @@ class Drag:
                 last = bool(np.abs(y).max() < RESTING * size)
                 place, more = self._go(y, bends)
                 solves += more
-                if place is not None and np.hypot(*(position(place.q, self.point) - target)) < apart:
+                if place is not None and np.hypot(*(self.at(place) - target)) < apart:
                     self.place = place
                     self.side = self.side or self._side()
                     break
@@ -170,10 +172,10 @@ class Drag:
     def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
         """Steps y (f,) that bring the point nearer to first order, the best first, then ever shorter ones."""
         P, N, limit = self._moves(self.place), self.place.free / self.freedom.scale[:, None], LARGEST_STEP * self.freedom.size
-        turns, states = N[3 * self.point.link + 2], np.broadcast_to(self.q, bends.shape)
-        bent = velocity(states, bends / self.freedom.scale, self.point) - np.outer(turns, turns)[..., None] * arm(
-            self.q, self.point
-        )
+        states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
+        bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
+        if self.onto:
+            bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
         gradient, H = P.T @ lacking, P.T @ P + bent @ lacking
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
@@ -217,14 +219,26 @@ class Drag:
 
     def _det(self, place: Place) -> float:
         """det P where the point's place determines that of the linkage; 0 where P is not square."""
-        return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 else 0.0
+        return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
         """On which side of the singular position of the point it is, 0 where that is near."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
+    def at(self, place: Place) -> Array:
+        """(2,) where the point is [m], or how far from `onto`."""
+        here = position(place.q, self.point)
+        return here if self.onto is None else here - position(place.q, self.onto)
+
     def _moves(self, place: Place) -> Array:
         """P (2, f): how the point moves with the free motions."""
         N = place.free.T / self.freedom.scale
-        return velocity(np.broadcast_to(place.q, N.shape), N, self.point).T
+        states = np.broadcast_to(place.q, N.shape)
+        moves = velocity(states, N, self.point)
+        return (moves if self.onto is None else moves - velocity(states, N, self.onto)).T
+
+    def _centripetal(self, N: Array, point: Point) -> Array:
+        """(f, f, 2): what is left of a point's second derivatives by free motions N (n, f) where its link turns alone."""
+        turns = N[3 * point.link + 2]  # of the ground any row does: its arms are nothing
+        return np.outer(turns, turns)[..., None] * arm(self.q, point)
