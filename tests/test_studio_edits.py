@@ -103,7 +103,7 @@ def test_a_renamed_link_is_the_same_motion(tmp_path: Path) -> None:
 
 def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
     """Dotted keys and tables out of order are TOML too."""
-    odd = 'name = "odd"\nlinks.a.points = { P = [0.0, 1.0] }\n[joints.x]\ntype = "revolute"\n[links.b]\nmass = 1.0\n[joints.y]\nat = []\n'
+    odd = 'name = "odd"\nlinks.a.points = { P = [0.0, 1.0] }\n[joints.x]\ntype = "revolute"\n[links.b]\nmass = 1.0\n[joints.y]\n'
     document = tomllib.loads(odd)
     document["links"]["c"] = {"mass": 2.0}
     document["links"]["a"]["points"] = {"Q": [1.0, 2.0]}
@@ -192,7 +192,7 @@ def test_joining_and_freeing_pins(tmp_path: Path) -> None:
     assert pen.now["status"]["dof"] == 0
     pen.ask("ground", pin=pen.at(0.3, 0.05), on=False)
     assert pen.now["status"]["dof"] == 2
-    assert [x["name"] for x in pen.now["links"]][0] == first
+    assert pen.now["links"][0]["name"] == first
 
 
 def test_what_cannot_be_drawn_is_refused_with_its_reason(tmp_path: Path) -> None:
