@@ -286,7 +286,7 @@ export function Canvas(): JSX.Element {
       aria-label="Drawing area"
       aria-roledescription="drawing"
       aria-describedby="canvas-help"
-      tabIndex={0}
+      tabindex={0}
       data-scale={scale}
       data-origin={`${origin[0]},${origin[1]}`}
       data-frames={frames.value.solved}
@@ -319,7 +319,7 @@ function Behind(): JSX.Element | null {
   if (!picture) return null;
   const [x, y] = toScreen([picture.at[0], picture.at[1] + picture.height]);
   const { scale } = view.value;
-  return <image class="behind" href={picture.data} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
+  return <image class="behind" href={picture.url} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
 }
 
 function Grid(): JSX.Element {
