@@ -165,7 +165,7 @@ export function ForceMark({ force, at }: { force: Force; at: Placed }): JSX.Elem
 }
 
 /** The path of a point. */
-export const Path = ({ points, look }: { points: XY[]; look: string }): JSX.Element => <path class={`path ${look}`} d={pen(screen(points))} />;
+export const Path = ({ points }: { points: XY[] }): JSX.Element => <path class="path" d={pen(screen(points))} />;
 
 export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; look?: string }): JSX.Element {
   const { links, pins, slides, forces } = at.scene;
@@ -180,6 +180,7 @@ export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; 
   }
   const guides = new Set(slides.map((slide) => slide.guide));
   const held = pins.filter((pin) => pin.ground && (pin.members.length > 1 || !guides.has(pin.members[0] ?? "")));
+  const shownPin = (pin: Pin): boolean => !pin.ground || pin.members.length > 1 || !guides.has(pin.members[0] ?? "") || chosen("pin", pin.id);
   const [onGround, inSlots] = [slides.filter((s) => s.guide.startsWith("ground.")), slides.filter((s) => !s.guide.startsWith("ground."))];
   const owners = new Set(inSlots.map((s) => s.guide.split(".")[0]));
   return (
@@ -190,8 +191,8 @@ export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; 
       {inSlots.map((slide) => <SlideMark key={slide.id} slide={slide} at={at} />)}
       {links.filter((link) => !owners.has(link.name)).map((link) => <LinkShape key={link.name} link={link} at={at} />)}
       {forces.map((force) => <ForceMark key={force.id} force={force} at={at} />)}
-      {pins.map((pin) => <PinMark key={pin.id} pin={pin} at={at} named={named} />)}
-      {named && links.map((link) => <Label key={link.name} link={link} at={at} />)}
+      {pins.filter(shownPin).map((pin) => <PinMark key={pin.id} pin={pin} at={at} named={named} />)}
+      {named && links.filter((link) => Object.keys(link.points).length > 1).map((link) => <Label key={link.name} link={link} at={at} />)}
     </g>
   );
 }

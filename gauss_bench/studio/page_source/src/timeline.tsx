@@ -5,6 +5,7 @@ import { NumberField } from "./fields";
 import { figure } from "./geometry";
 import { Sign } from "./icons";
 import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
+import { choose } from "./tools";
 import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, scene, scrub, sheet, showCentres, still } from "./state";
 
 interface Curve {
@@ -221,7 +222,7 @@ export function Timeline(): JSX.Element {
   return (
     <section class={`timeline${sheet.value === "curves" ? " up" : ""}${open.value && list.length ? "" : " low"}`} aria-label="Motion">
       <div class="transport">
-        <button type="button" class="play" aria-label={playing.value ? "Pause" : "Play"} title={playing.value ? "Pause (Space)" : "Play"} onClick={() => void play()}>
+        <button type="button" class="play" aria-label={playing.value ? "Pause" : "Play"} title={playing.value ? "Pause (Space)" : "Play"} onClick={() => { choose("select"); void play(); }}>
           <Sign of={playing.value ? "pause" : "play"} />
         </button>
         <input
