@@ -340,7 +340,7 @@ function Grid(): JSX.Element {
   return (
     <g class="grid" aria-hidden="true">
       <path class="fine" d={lines(fine)} />
-      <path class="strong" d={lines(strong)} />
+      <path class="bold" d={lines(strong)} />
       <path class="axis" d={`M${origin[0].toFixed(1)} 0V${h}M0 ${origin[1].toFixed(1)}H${w}`} />
       <g transform={`translate(${w - bar - 18} ${h - 16})`}>
         <path class="ruler" d={`M0-5V0H${bar.toFixed(1)}V-5`} />

@@ -300,7 +300,7 @@ export function Timeline(): JSX.Element {
               </span>
             ))}
           </div>
-          <div class="charts">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
+          <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
         </>
       )}
     </section>
