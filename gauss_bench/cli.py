@@ -370,15 +370,18 @@ def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
-    from gauss_bench.tables import write_text
+    from gauss_bench.bench.provenance import environment
+    from gauss_bench.tables import write_table, write_text
 
-    if options.out is not None:
-        usable_folder(options.out)
+    for folder in filter(None, (options.out, options.into)):
+        usable_folder(folder)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    rows = table.rows_of(found, environment()["commit"]) if options.out or options.into else []
+    for folder in filter(None, (options.out, options.into)):
+        tell(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
-        contents = {"atlas.csv": table.csv_of(found), "atlas.svg": chart.chart(found), "index.html": table.page(found)}
-        for name, content in contents.items():
+        for name, content in {"atlas.svg": chart.chart(found), "index.html": table.page(found)}.items():
             write_text(options.out / name, content)
             tell(f"{options.out / name}")
     if options.json:

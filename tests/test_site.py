@@ -32,6 +32,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
 
+LEAST = {"kernel_steps": "ratio", "kernel_batch": "ratio", "kernel_rhs": "ratio", "kernel_kinematics": "rate"}
+LARGEST = {"kernel_agreement": "error", "kernel_long": "velocity_drift"}
+
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -108,6 +111,25 @@ def test_headlines_say_where_we_lose_as_the_winners_have_it(run: Run) -> None:
     for row in lost.itertuples():
         decimals = 3 if row.ratio >= 0.1 else 4
         assert re.search(rf"`{row.engine}` on {row.mechanism} {row.ratio:.{decimals}f}", said), row
+
+
+def test_what_is_short_of_its_aim_follows_from_the_figures_and_not_from_what_a_row_says_of_itself(run: Run) -> None:
+    winners = table("search_winners").dropna(subset=["target"])
+    said = {(x.title): x.text for x in all_findings(run)}
+    short = [text.partition("Short of the aim")[2].partition(". ")[0] for text in said.values()]
+    told = {x for text in short for x in re.findall(r"`(\w+)` on (\w+) ([\d.]+) .*? of ([\d.]+)", text)}
+    near = winners[winners.ratio < winners.target]
+    assert {(engine, name) for engine, name, _, _ in told} == {(r.engine, r.mechanism) for r in near.itertuples()}
+    for engine, name, ratio, target in told:
+        rows = near[(near.engine == engine) & (near.mechanism == name)]
+        assert any(np.isclose(rows.ratio, float(ratio), rtol=6e-3) & np.isclose(rows.target, float(target)))
+
+    aimed = {name: table(name).dropna(subset=["target"]) for name in LARGEST | LEAST}
+    missed = sum(int((rows[column] > rows.target).sum()) for name, column in LARGEST.items() for rows in [aimed[name]])
+    missed += sum(int((rows[column] < rows.target).sum()) for name, column in LEAST.items() for rows in [aimed[name]])
+    total = sum(map(len, aimed.values()))
+    expected = f"{missed} of {total} targets" if missed else f"All {total} targets"
+    assert expected in said["Targets of the kernel"]
 
 
 def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:

@@ -218,6 +218,7 @@ def _atlas(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--budget", type=float, metavar="S", help="seconds in all (default 600); what they do not reach stays open")
     verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
     verb.add_argument("--out", type=Path, metavar="DIR", help="write atlas.csv, atlas.svg and index.html there")
+    verb.add_argument("--into", type=Path, metavar="DIR", help="write the table alone into the folder of a run, for its report")
     verb.add_argument("--json", action="store_true")
 
 
