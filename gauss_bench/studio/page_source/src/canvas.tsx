@@ -7,12 +7,12 @@ import { apart, figure, middle } from "./geometry";
 import { target } from "./hit";
 import type { Target } from "./hit";
 import type { Poses, Scene, XY } from "./protocol";
-import { ask } from "./socket";
+import { ask, pending } from "./socket";
 import {
-  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, playing, said, say, scene, selection, shown,
+  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, said, say, scene, selection, shown,
   showCentres, still, take,
 } from "./state";
-import { cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
+import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
 import { fit, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
 export const names = signal(false);
@@ -286,11 +286,12 @@ export function Canvas(): JSX.Element {
       aria-label="Drawing area"
       aria-roledescription="drawing"
       aria-describedby="canvas-help"
-      tabIndex={0}
+      tabindex={0}
       data-scale={scale}
       data-origin={`${origin[0]},${origin[1]}`}
       data-frames={frames.value.solved}
       data-jump={frames.value.jump}
+      data-pending={pending.value}
       data-revision={scene.value?.revision}
       onPointerDown={down}
       onPointerMove={move}
@@ -307,6 +308,7 @@ export function Canvas(): JSX.Element {
       <Paths />
       {ghosted.value && <Linkage at={ghosted.value} named={false} look="ghost" />}
       {now && <Linkage at={now} named={names.value} />}
+      <Velocities />
       <Reshape />
       <Centres />
       <Drawn />
@@ -319,7 +321,7 @@ function Behind(): JSX.Element | null {
   if (!picture) return null;
   const [x, y] = toScreen([picture.at[0], picture.at[1] + picture.height]);
   const { scale } = view.value;
-  return <image class="behind" href={picture.data} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
+  return <image class="behind" href={picture.url} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
 }
 
 function Grid(): JSX.Element {
@@ -338,7 +340,7 @@ function Grid(): JSX.Element {
   return (
     <g class="grid" aria-hidden="true">
       <path class="fine" d={lines(fine)} />
-      <path class="strong" d={lines(strong)} />
+      <path class="bold" d={lines(strong)} />
       <path class="axis" d={`M${origin[0].toFixed(1)} 0V${h}M0 ${origin[1].toFixed(1)}H${w}`} />
       <g transform={`translate(${w - bar - 18} ${h - 16})`}>
         <path class="ruler" d={`M0-5V0H${bar.toFixed(1)}V-5`} />
@@ -353,15 +355,11 @@ function Grid(): JSX.Element {
 function Paths(): JSX.Element | null {
   const now = motion.value;
   if (!now) return null;
-  const entries = Object.entries(now.points);
-  const i = Math.max(0, now.times.findIndex((t) => t >= clock.value));
-  const points = placed.value;
   return (
     <g class="paths">
-      {entries.map(([ref, series], n) => (
+      {Object.entries(now.points).map(([ref, series], n) => (
         <g key={ref} class={`curve-${n % 6}`} data-path={ref}>
-          <Path points={series.p} look="" />
-          {moving.value && !dragged.value && points && series.v && <Vector from={points.point(ref) ?? series.p[i]!} by={series.v[i]} most={peak(series.v)} />}
+          <Path points={series.p} />
         </g>
       ))}
       {now.singular.map((spot, n) => spot.poses && <Singular key={n} poses={spot.poses} />)}
@@ -369,16 +367,29 @@ function Paths(): JSX.Element | null {
   );
 }
 
+/** The velocities of the observed points at the instant on show, the longest of each along its way eighty pixels long. */
+function Velocities(): JSX.Element | null {
+  const now = motion.value;
+  const points = placed.value;
+  if (!now || !points || !moving.value || dragged.value) return null;
+  const i = Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12));
+  return (
+    <g class="velocities">
+      {Object.entries(now.points).map(([ref, { p, v }], n) => v && <Vector key={ref} hue={n % 6} from={points.point(ref) ?? p[i]!} by={v[i]} most={peak(v)} />)}
+    </g>
+  );
+}
+
 const peak = (list: XY[]): number => Math.max(1e-12, ...list.map((v) => Math.hypot(v[0] ?? 0, v[1] ?? 0)));
 
-function Vector({ from, by, most }: { from: XY; by: XY | undefined; most: number }): JSX.Element | null {
+function Vector({ hue, from, by, most }: { hue: number; from: XY; by: XY | undefined; most: number }): JSX.Element | null {
   if (!by) return null;
   const [x, y] = toScreen(from);
   const length = (80 * Math.hypot(by[0], by[1])) / most;
   if (length < 4) return null;
   const turn = (-Math.atan2(by[1], by[0]) * 180) / Math.PI;
   return (
-    <g class="velocity" transform={`translate(${x.toFixed(2)} ${y.toFixed(2)}) rotate(${turn.toFixed(2)})`}>
+    <g class={`velocity curve-${hue}`} transform={`translate(${x.toFixed(2)} ${y.toFixed(2)}) rotate(${turn.toFixed(2)})`}>
       <path d={`M0 0L${(length - 6).toFixed(1)} 0`} />
       <path class="tip" d={`M${length.toFixed(1)} 0l-9-4v8z`} />
     </g>
@@ -481,6 +492,8 @@ function Drawn(): JSX.Element | null {
   );
 }
 
+const TOOL_OF_KEY = new Map(TOOLS.map((t) => [t.key, t.id]));
+
 /** Keys that work everywhere but in fields. */
 export function shortcuts(e: KeyboardEvent): void {
   const field = (e.target as HTMLElement | null)?.closest?.("input,textarea,select,dialog");
@@ -500,9 +513,6 @@ export function shortcuts(e: KeyboardEvent): void {
   else if (e.key === "Escape" && e.target === document.body) cancel();
   else {
     const hand = TOOL_OF_KEY.get(e.key.toLowerCase());
-    if (hand && !playing.value) choose(hand);
-    else if (hand) choose(hand);
+    if (hand) choose(hand);
   }
 }
-import { TOOLS } from "./tools";
-const TOOL_OF_KEY = new Map(TOOLS.map((t) => [t.key, t.id]));

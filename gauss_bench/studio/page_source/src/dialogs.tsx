@@ -1,5 +1,6 @@
 // What opens over the page: gallery and files, save, export and share, other assemblies, help.
 
+import { signal } from "@preact/signals";
 import type { ComponentChildren, JSX } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Sign } from "./icons";
@@ -55,22 +56,29 @@ function download(name: string, content: BlobPart, type: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-const drawings = new Map<string, string>();
+const drawings = signal<Record<string, string>>({});
+let wanted: string[] = [];
+let fetching = false;
 
-/** A linkage of the gallery; its drawing is asked for when the card is there. */
+/** Asks for the drawings that cards want, one at a time, so that a click never waits for more than one of them. */
+async function fetchDrawings(): Promise<void> {
+  if (fetching) return;
+  fetching = true;
+  for (let name = wanted.shift(); name !== undefined; name = wanted.shift()) {
+    const reply = await ask("drawing", { name }).catch(() => null); // a card without a drawing still says what it is
+    drawings.value = { ...drawings.value, [name]: String(reply?.svg ?? "") };
+  }
+  fetching = false;
+}
+
+/** A linkage of the gallery; its drawing is asked for while the card is there. */
 function Card({ entry, go }: { entry: Template; go: () => unknown }): JSX.Element {
-  const [drawing, setDrawing] = useState(entry.drawing ?? drawings.get(entry.name) ?? "");
+  const drawing = entry.drawing ?? drawings.value[entry.name] ?? "";
   useEffect(() => {
     if (drawing) return;
-    let gone = false;
-    ask("drawing", { name: entry.name }).then(
-      (reply) => {
-        drawings.set(entry.name, String(reply.svg));
-        if (!gone) setDrawing(String(reply.svg));
-      },
-      () => undefined, // a card without a drawing still says what it is
-    );
-    return () => void (gone = true);
+    wanted.push(entry.name);
+    void fetchDrawings();
+    return () => void (wanted = wanted.filter((name) => name !== entry.name));
   }, []);
   return (
     <li>
@@ -83,11 +91,13 @@ function Card({ entry, go }: { entry: Template; go: () => unknown }): JSX.Elemen
   );
 }
 
+const KIND_WORDS: Record<string, string> = { "built-in": "Linkages of the suite", classic: "Classics" };
+
 function Open(): JSX.Element {
   const known = hello.value;
   const [wanted, want] = useState("");
   const fits = (t: Template): boolean => `${t.name} ${t.title} ${t.kind}`.toLowerCase().includes(wanted.toLowerCase());
-  const built: Template[] = (known?.linkages ?? []).map((name) => ({ name, title: "", kind: "" }));
+  const built: Template[] = (known?.linkages ?? []).filter((name) => !known!.templates.some((t) => t.name === name)).map((name) => ({ name, title: "", kind: "" }));
   const kinds = [...new Set((known?.templates ?? []).map((t) => t.kind))];
   const read = async (file: File | undefined): Promise<void> => {
     if (!file) return;
@@ -141,7 +151,7 @@ function Open(): JSX.Element {
         const list = known!.templates.filter((t) => t.kind === kind && fits(t));
         return list.length > 0 && (
           <section key={kind}>
-            <h3>{kind}</h3>
+            <h3>{KIND_WORDS[kind] ?? kind}</h3>
             <ul class="gallery">{list.map((t) => <Card key={t.name} entry={t} go={() => opened({ name: t.name }, "template")} />)}</ul>
           </section>
         );
@@ -362,7 +372,7 @@ export function PictureBar(): JSX.Element | null {
         const [x0, y0] = toWorld([w * 0.1, h * 0.9]);
         const [x1] = toWorld([w * 0.9, 0]);
         const width = x1 - x0;
-        void edit("picture", { data, at: [x0, y0], width, height: (width * image.naturalHeight) / image.naturalWidth });
+        void edit("picture", { picture: { url: data, at: [x0, y0], width, height: (width * image.naturalHeight) / image.naturalWidth } });
 
       };
       image.onerror = () => say(`${file.name} is no picture that a browser shows.`, "error");
@@ -378,7 +388,8 @@ export function PictureBar(): JSX.Element | null {
     if (!(known > 0)) return say("The distance of the two points is a positive number of metres.", "error");
     const [a, b] = pair;
     const f = known / Math.hypot(b[0] - a[0], b[1] - a[1]);
-    await edit("picture", { ...picture, at: [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])], width: picture.width * f, height: picture.height * f });
+    const at = [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])];
+    await edit("picture", { picture: { ...picture, at, width: picture.width * f, height: picture.height * f } });
     setPair(null);
     setMetres("");
     choose("select");
@@ -391,7 +402,7 @@ export function PictureBar(): JSX.Element | null {
         <input type="file" accept="image/png,image/jpeg,image/webp,image/gif" onChange={(e) => read(e.currentTarget.files?.[0])} />
       </label>
       {picture && (
-        <button type="button" class="quiet" onClick={() => void edit("picture", { data: null })}>
+        <button type="button" class="quiet" onClick={() => void edit("picture", { picture: null })}>
           Remove it
         </button>
       )}

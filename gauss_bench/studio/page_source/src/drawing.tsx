@@ -152,8 +152,8 @@ export function ForceMark({ force, at }: { force: Force; at: Placed }): JSX.Elem
     const back = typeof value === "number" && value < 0 ? "scale(1 -1)" : "";
     mark = (
       <g transform={`translate(${x.toFixed(2)} ${y.toFixed(2)}) ${back}`}>
-        <path class="arrow" d="M15 16A22 22 0 1 1 19.9 -9.4" />
-        <path class="tip" d="M22.5-17.5L11.5-7.5L25.5-2.6Z" transform="rotate(-52 19.9 -9.4)" />
+        <path class="arrow" d="M17.4 13.4A22 22 0 1 0 -17.4 13.4" />
+        <path class="tip" d="M-11.5 21L-12.3 9.4L-22.5 17.300Z" />
       </g>
     );
   }
@@ -164,8 +164,8 @@ export function ForceMark({ force, at }: { force: Force; at: Placed }): JSX.Elem
   );
 }
 
-/** The path of a point; where `flags` has places, they are marked. */
-export const Path = ({ points, look }: { points: XY[]; look: string }): JSX.Element => <path class={`path ${look}`} d={pen(screen(points))} />;
+/** The path of a point. */
+export const Path = ({ points }: { points: XY[] }): JSX.Element => <path class="path" d={pen(screen(points))} />;
 
 export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; look?: string }): JSX.Element {
   const { links, pins, slides, forces } = at.scene;
@@ -178,20 +178,26 @@ export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; 
       </g>
     );
   }
-  const doubled = new Set(forces.filter((f) => f.type === "torque").map((f) => String(f.table.link)));
+  const guides = new Set(slides.map((slide) => slide.guide));
+  const held = pins.filter((pin) => pin.ground && (pin.members.length > 1 || !guides.has(pin.members[0] ?? "")));
+  const shownPin = (pin: Pin): boolean => !pin.ground || pin.members.length > 1 || !guides.has(pin.members[0] ?? "") || chosen("pin", pin.id);
+  const [onGround, inSlots] = [slides.filter((s) => s.guide.startsWith("ground.")), slides.filter((s) => !s.guide.startsWith("ground."))];
+  const owners = new Set(inSlots.map((s) => s.guide.split(".")[0]));
   return (
     <g class="linkage">
-      {pins.filter((pin) => pin.ground).map((pin) => <Ground key={pin.id} at={at.pin(pin)} />)}
-      {slides.map((slide) => <SlideMark key={slide.id} slide={slide} at={at} />)}
-      {links.map((link) => <LinkShape key={link.name} link={link} at={at} />)}
+      {held.map((pin) => <Ground key={pin.id} at={at.pin(pin)} />)}
+      {onGround.map((slide) => <SlideMark key={slide.id} slide={slide} at={at} />)}
+      {links.filter((link) => owners.has(link.name)).map((link) => <LinkShape key={link.name} link={link} at={at} />)}
+      {inSlots.map((slide) => <SlideMark key={slide.id} slide={slide} at={at} />)}
+      {links.filter((link) => !owners.has(link.name)).map((link) => <LinkShape key={link.name} link={link} at={at} />)}
       {forces.map((force) => <ForceMark key={force.id} force={force} at={at} />)}
-      {pins.map((pin) => <PinMark key={pin.id} pin={pin} at={at} named={named} />)}
-      {named && links.map((link) => <Label key={link.name} link={link} at={at} quiet={doubled.has(link.name)} />)}
+      {pins.filter(shownPin).map((pin) => <PinMark key={pin.id} pin={pin} at={at} named={named} />)}
+      {named && links.filter((link) => Object.keys(link.points).length > 1).map((link) => <Label key={link.name} link={link} at={at} />)}
     </g>
   );
 }
 
-function Label({ link, at }: { link: Link; at: Placed; quiet: boolean }): JSX.Element {
+function Label({ link, at }: { link: Link; at: Placed }): JSX.Element {
   const points = at.points(link).map(([, p]) => p);
   const [x, y] = toScreen(middle(points));
   const steep = points.length > 1 && Math.abs(Math.sin(direction(points[0]!, points[1]!))) > 0.6;

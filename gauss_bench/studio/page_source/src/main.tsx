@@ -50,7 +50,8 @@ function InPlace(): JSX.Element | null {
 
 function Empty(): JSX.Element | null {
   const now = scene.value;
-  if (!now || now.links.length || now.pins.length || tool.value !== "select" || touring.value >= 0) return null;
+  if (!now) return <p class="opening">Opening …</p>;
+  if (now.links.length || now.pins.length || tool.value !== "select" || touring.value >= 0) return null;
   const first = hello.value?.templates.find((t) => /crank_rocker|four_bar/.test(t.name)) ?? hello.value?.templates[0];
   return (
     <div class="empty">

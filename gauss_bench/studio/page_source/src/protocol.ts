@@ -57,7 +57,7 @@ export interface Scenario {
   table: Table;
 }
 export interface Picture {
-  data: string;
+  url: string;
   at: XY;
   width: number;
   height: number;

@@ -9,6 +9,7 @@ export class Refused extends Error {
 }
 
 export const connected = signal<"opening" | "open" | "gone">("opening");
+export const pending = signal(0); // requests without a reply so far
 const waiting = new Map<number, { resolve: (reply: Reply) => void; reject: (why: Refused) => void }>();
 const listeners = new Set<(event: Event) => void>();
 let socket: WebSocket | null = null;
@@ -29,6 +30,7 @@ export function ask(verb: string, what: object = {}): Promise<Reply> {
   const here = socket;
   return new Promise((resolve, reject) => {
     waiting.set(id, { resolve, reject });
+    pending.value = waiting.size;
     here.send(JSON.stringify({ id, do: verb, ...what }));
   });
 }
@@ -52,6 +54,7 @@ export function connect(greet: () => void): void {
     }
     const asked = waiting.get(said.id);
     waiting.delete(said.id);
+    pending.value = waiting.size;
     if (said.ok) asked?.resolve(said as Reply);
     else asked?.reject(new Refused((said as { error: Fault }).error));
   };
@@ -60,6 +63,7 @@ export function connect(greet: () => void): void {
     const text = "The studio's server has gone. Start it again and this page goes on where it was.";
     for (const asked of waiting.values()) asked.reject(new Refused({ text }));
     waiting.clear();
+    pending.value = 0;
     setTimeout(() => connect(greet), pause);
     pause = Math.min(pause * 1.7, 5000);
   };

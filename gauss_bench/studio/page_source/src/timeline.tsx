@@ -4,7 +4,8 @@ import type { JSX } from "preact";
 import { NumberField } from "./fields";
 import { figure } from "./geometry";
 import { Sign } from "./icons";
-import type { Motion, Table, XY } from "./protocol";
+import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
+import { choose } from "./tools";
 import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, scene, scrub, sheet, showCentres, still } from "./state";
 
 interface Curve {
@@ -100,82 +101,115 @@ function ChartView({ chart, times }: { chart: Chart; times: number[] }): JSX.Ele
 
 const LAWS: [string, string][] = [["constant", "constant speed"], ["sine", "cycloidal, rest to rest"], ["cosine", "harmonic"], ["poly345", "3-4-5 polynomial"]];
 
-/** The driver as the scenario "driven" has it: coordinate, law, numbers. Each change is an edit. */
+/** What is driven, and by which laws: the scenario "driven" as it stands. Each change is an edit. */
 function Drive(): JSX.Element | null {
   const now = scene.value;
-  if (!now || (!now.drivers_possible.length && !now.scenarios.some((s) => s.kind === "driven"))) return null;
+  if (!now) return null;
   const scenario = now.scenarios.find((s) => s.name === "driven" && s.kind === "driven") ?? now.scenarios.find((s) => s.kind === "driven");
   const table = (scenario?.table ?? {}) as { driver?: Table; drivers?: Table[]; duration?: number };
-  const driver = table.driver ?? table.drivers?.[0] ?? {};
-  const name = String(driver.link ?? driver.joint ?? (Array.isArray(driver.between) ? driver.between.join("–") : ""));
-  const kind = now.drivers_possible.find((d) => d.name === name)?.kind ?? (driver.link ? "angle" : "slide");
-  const angle = kind === "angle";
-  const law = String(driver.law ?? "constant");
-  const value = (key: string): number | null => (typeof driver[key] === "number" ? (driver[key] as number) : null);
-  const drive = (change: Table): unknown => {
-    const { link: _l, joint: _j, between: _b, ...rest } = driver;
-    return edit("drive", { coordinate: name, ...rest, duration: table.duration ?? 1, ...change });
-  };
-  const pick = (next: string): unknown => {
-    const to = now.drivers_possible.find((d) => d.name === next)?.kind;
-    if (!to) return null;
-    return edit("drive", to === "angle" ? { coordinate: next, law: "constant", speed: 2 * Math.PI, duration: 1 } : { coordinate: next, law: "sine", travel: 0.05, time: 1, duration: 1 });
-  };
-  const rate = value("speed");
+  const drivers = table.drivers ?? (table.driver ? [table.driver] : []);
+  if (!now.drivers_possible.length && !drivers.length) return null;
+  const named = drivers.map(nameOf).filter(Boolean);
+  const free = now.drivers_possible.filter((d) => !named.includes(d.name));
+  const more = drivers.length === 0 || drivers.length < (now.status.dof ?? 0);
   return (
     <details class="drive">
-      <summary title="What moves, and by which law">{name ? `Drives ${name}` : "Driver"}</summary>
+      <summary title="What moves, and by which law">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
       <div class="pop">
-        <label class="field">
-          <span>Drive</span>
-          <select value={name} onChange={(e) => void pick(e.currentTarget.value)} aria-label="Driven coordinate">
-            {!now.drivers_possible.some((d) => d.name === name) && <option value={name}>{name || "choose …"}</option>}
-            {now.drivers_possible.map((d) => (
-              <option key={d.name} value={d.name}>
-                {d.name} ({d.kind})
-              </option>
-            ))}
-          </select>
-        </label>
-        {name && (
-          <>
-            <label class="field">
-              <span>Law</span>
-              <select
-                value={law}
-                aria-label="Law of motion"
-                onChange={(e) => {
-                  const next = e.currentTarget.value;
-                  const { speed: _s, travel: _t, travel_deg: _d, time: _m, link: _l, joint: _j, between: _b, ...rest } = driver;
-                  const numbers = next === "constant" ? { speed: angle ? 2 * Math.PI : 0.05 } : { ...(angle ? { travel_deg: value("travel_deg") ?? 360 } : { travel: value("travel") ?? 0.05 }), time: value("time") ?? 1 };
-                  void edit("drive", { ...rest, coordinate: name, duration: table.duration ?? 1, law: next, ...numbers });
-                }}
-              >
-                {!LAWS.some(([id]) => id === law) && <option value={law}>{law}</option>}
-                {LAWS.map(([id, text]) => (
-                  <option key={id} value={id}>
-                    {text}
-                  </option>
-                ))}
-              </select>
-            </label>
-            {angle ? (
-              <NumberField label="Start" unit="°" value={value("start_deg") ?? ((value("start") ?? 0) * 180) / Math.PI} send={(v) => drive({ start_deg: v })} />
-            ) : (
-              <NumberField label="Start" unit="m" value={value("start") ?? 0} send={(v) => drive({ start: v })} />
-            )}
-            {law === "constant" && <NumberField label="Speed" unit={angle ? "rev/min" : "m/s"} value={rate === null ? null : angle ? (rate * 30) / Math.PI : rate} send={(v) => drive({ speed: angle ? (v! * Math.PI) / 30 : v })} />}
-            {law !== "constant" && law !== "table" && (
-              <>
-                {angle ? <NumberField label="Travel" unit="°" value={value("travel_deg")} send={(v) => drive({ travel_deg: v })} /> : <NumberField label="Travel" unit="m" value={value("travel")} send={(v) => drive({ travel: v })} />}
-                <NumberField label="In" unit="s" value={value("time")} send={(v) => drive({ time: v })} />
-              </>
-            )}
-            <NumberField label="Duration" unit="s" value={table.duration ?? null} send={(v) => drive({ duration: v })} />
-          </>
+        {drivers.map((driver) => (
+          <OneDriver key={nameOf(driver)} driver={driver} free={free} duration={table.duration ?? 1} />
+        ))}
+        {more && free.length > 0 && (
+          <label class="field">
+            <span>{drivers.length ? "And drive" : "Drive"}</span>
+            <select value="" onChange={(e) => void begin(e.currentTarget.value)} aria-label="Driven coordinate">
+              <option value="">choose …</option>
+              {free.map(option)}
+            </select>
+          </label>
+        )}
+        {drivers.length > 0 && (
+          <NumberField label="Duration" unit="s" value={table.duration ?? null} send={(duration) => edit("drive", { ...lawOf(drivers[0]!), coordinate: nameOf(drivers[0]!), duration })} />
         )}
       </div>
     </details>
+  );
+}
+
+const nameOf = (driver: Table): string => String(driver.link ?? driver.joint ?? (Array.isArray(driver.between) ? driver.between.join(" to ") : ""));
+const option = (d: { name: string; kind: string }): JSX.Element => (
+  <option key={d.name} value={d.name}>
+    {d.name} ({d.kind})
+  </option>
+);
+
+/** A driver's law, without what it drives. */
+function lawOf(driver: Table): Table {
+  const { link: _link, joint: _joint, between: _between, ...law } = driver;
+  return law;
+}
+
+/** Drives a coordinate by what is usual for its kind, from where it is drawn. */
+function begin(name: string): Promise<unknown> {
+  const kind = scene.value?.drivers_possible.find((d) => d.name === name)?.kind;
+  if (!kind) return Promise.resolve();
+  return edit("drive", kind === "angle" ? { coordinate: name, law: "constant", speed: 2 * Math.PI, duration: 1 } : { coordinate: name, law: "sine", travel: 0.05, time: 1, duration: 1 });
+}
+
+function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind[]; duration: number }): JSX.Element {
+  const name = nameOf(driver);
+  const kind = scene.value!.drivers_possible.find((d) => d.name === name)?.kind ?? (driver.link ? "angle" : "slide");
+  const angle = kind === "angle";
+  const law = String(driver.law ?? "constant");
+  const value = (key: string): number | null => (typeof driver[key] === "number" ? (driver[key] as number) : null);
+  const coordinate = Array.isArray(driver.between) ? { between: driver.between } : name;
+  const drive = (change: Table): unknown => edit("drive", { ...lawOf(driver), coordinate, duration, ...change });
+  const rate = value("speed");
+  const start = angle ? (value("start_deg") ?? ((value("start") ?? 0) * 180) / Math.PI) : (value("start") ?? 0);
+  const another = async (next: string): Promise<void> => {
+    await edit("drive", { coordinate, off: true });
+    if (next) await begin(next);
+  };
+  const byLaw = (next: string): unknown => {
+    const { speed: _speed, travel: _travel, travel_deg: _degrees, time: _time, rows: _rows, ...rest } = lawOf(driver);
+    const rise = angle ? { travel_deg: value("travel_deg") ?? 360 } : { travel: value("travel") ?? 0.05 };
+    const numbers = next === "constant" ? { speed: angle ? 2 * Math.PI : 0.05 } : { ...rise, time: value("time") ?? 1 };
+    return edit("drive", { ...rest, coordinate, duration, law: next, ...numbers });
+  };
+  return (
+    <fieldset>
+      <label class="field">
+        <span>Drive</span>
+        <select value={name} onChange={(e) => void another(e.currentTarget.value)} aria-label="Driven coordinate">
+          <option value={name}>
+            {name} ({kind})
+          </option>
+          {free.map(option)}
+          <option value="">nothing</option>
+        </select>
+      </label>
+      <label class="field">
+        <span>Law</span>
+        <select value={law} aria-label="Law of motion" onChange={(e) => void byLaw(e.currentTarget.value)}>
+          {!LAWS.some(([id]) => id === law) && <option value={law}>{law}</option>}
+          {LAWS.map(([id, text]) => (
+            <option key={id} value={id}>
+              {text}
+            </option>
+          ))}
+        </select>
+      </label>
+      <NumberField label="Start" unit={angle ? "°" : "m"} value={start} send={(v) => drive(angle ? { start_deg: v } : { start: v })} />
+      {law === "constant" && (
+        <NumberField label="Speed" unit={angle ? "rev/min" : "m/s"} value={rate === null ? null : angle ? (rate * 30) / Math.PI : rate} send={(v) => drive({ speed: angle ? (v! * Math.PI) / 30 : v })} />
+      )}
+      {law !== "constant" && law !== "table" && (
+        <>
+          <NumberField label="Travel" unit={angle ? "°" : "m"} value={value(angle ? "travel_deg" : "travel")} send={(v) => drive(angle ? { travel_deg: v } : { travel: v })} />
+          <NumberField label="In" unit="s" value={value("time")} send={(v) => drive({ time: v })} />
+        </>
+      )}
+    </fieldset>
   );
 }
 
@@ -188,7 +222,7 @@ export function Timeline(): JSX.Element {
   return (
     <section class={`timeline${sheet.value === "curves" ? " up" : ""}${open.value && list.length ? "" : " low"}`} aria-label="Motion">
       <div class="transport">
-        <button type="button" class="play" aria-label={playing.value ? "Pause" : "Play"} title={playing.value ? "Pause (Space)" : "Play"} onClick={() => void play()}>
+        <button type="button" class="play" aria-label={playing.value ? "Pause" : "Play"} title={playing.value ? "Pause (Space)" : "Play"} onClick={() => { choose("select"); void play(); }}>
           <Sign of={playing.value ? "pause" : "play"} />
         </button>
         <input
@@ -266,7 +300,7 @@ export function Timeline(): JSX.Element {
               </span>
             ))}
           </div>
-          <div class="charts">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
+          <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
         </>
       )}
     </section>

@@ -17,7 +17,7 @@ export const toWorld = ([x, y]: XY): XY => {
 
 /** The grid's steps in metres: of fine and of strong lines, from 1, 2 and 5 times powers of ten. */
 export const steps = computed<{ fine: number; strong: number }>(() => {
-  const want = 16 / view.value.scale;
+  const want = 9 / view.value.scale;
   const power = 10 ** Math.floor(Math.log10(want));
   const factor = [1, 2, 5, 10].find((f) => f * power >= want) ?? 10;
   const fine = factor * power;
