@@ -314,6 +314,16 @@ def sweep(options: argparse.Namespace) -> int:
     return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
 
 
+def studio(options: argparse.Namespace) -> int:
+    from gauss_bench.engines.extras import require
+
+    for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
+        require(library)
+    from gauss_bench.studio.server import serve
+
+    return serve(options.linkage, Path.cwd(), options.port, not options.no_browser, tell)
+
+
 def export(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.exchange import export as exported
@@ -364,15 +374,18 @@ def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
-    from gauss_bench.tables import write_text
+    from gauss_bench.bench.provenance import environment
+    from gauss_bench.tables import write_table, write_text
 
-    if options.out is not None:
-        usable_folder(options.out)
+    for folder in filter(None, (options.out, options.into)):
+        usable_folder(folder)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    rows = table.rows_of(found, environment()["commit"]) if options.out or options.into else []
+    for folder in filter(None, (options.out, options.into)):
+        tell(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
-        contents = {"atlas.csv": table.csv_of(found), "atlas.svg": chart.chart(found), "index.html": table.page(found)}
-        for name, content in contents.items():
+        for name, content in {"atlas.svg": chart.chart(found), "index.html": table.page(found)}.items():
             write_text(options.out / name, content)
             tell(f"{options.out / name}")
     if options.json:
@@ -530,6 +543,7 @@ ACTIONS: dict[str, Verb] = {
     "kinematics": kinematics,
     "recommend": recommend,
     "sweep": sweep,
+    "studio": studio,
     "export": export,
     "import": bring_in,
     "certify": certify,

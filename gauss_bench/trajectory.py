@@ -37,6 +37,21 @@ def in_a_sentence(text: object) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+class States:
+    """States of one linkage: times (k,) [s], positions and velocities (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
+        return States(self.t[chosen], self.q[chosen], self.v[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """States in the absolute coordinates of the mechanism, sampled at given times.
 

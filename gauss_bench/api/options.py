@@ -190,6 +190,12 @@ def _sweep(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--json", action="store_true")
 
 
+def _studio(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME", help="what to open (default: an empty drawing)")
+    verb.add_argument("--port", type=int, default=0, metavar="N", help="of the page on this machine (default: a free one)")
+    verb.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
+
+
 def _certify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME")
     verb.add_argument("--scenario", help="default: the first with a start")
@@ -215,6 +221,7 @@ def _atlas(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--budget", type=float, metavar="S", help="seconds in all (default 600); what they do not reach stays open")
     verb.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="worker processes (default 2)")
     verb.add_argument("--out", type=Path, metavar="DIR", help="write atlas.csv, atlas.svg and index.html there")
+    verb.add_argument("--into", type=Path, metavar="DIR", help="write the table alone into the folder of a run, for its report")
     verb.add_argument("--json", action="store_true")
 
 
@@ -294,6 +301,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
     "sweep": ("run one linkage with many different numbers: grids, tolerances, sensitivities", _sweep),
+    "studio": ("draw a linkage in the browser, drag it, watch its curves and save its file", _studio),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),

@@ -20,7 +20,7 @@ from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import States, random_states
+from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.terms import Array
@@ -36,7 +36,7 @@ def mechanism_of(linkage: str, scenario: str) -> Mechanism:
 
 
 @lru_cache(maxsize=4)
-def states_of(linkage: str, scenario: str) -> States | None:
+def states_of(linkage: str, scenario: str) -> TrueStates | None:
     """Random states with their true accelerations, or None where the linkage has none that are unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
@@ -116,7 +116,7 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 
-def acceleration_errors(found: object, states: States) -> dict[str, float]:
+def acceleration_errors(found: object, states: TrueStates) -> dict[str, float]:
     """Relative error at the same states: median and worst; NaN where what was found are no accelerations of them."""
     try:
         a = np.asarray(found, dtype=float)
