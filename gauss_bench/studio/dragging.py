@@ -8,7 +8,7 @@ import numpy as np
 
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.dragging import Drag, Locks
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Revolute
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.studio.drawing import Drawing, Message, owner, place
 from gauss_bench.studio.errors import Refused
@@ -87,7 +87,7 @@ def inputs(reading: Reading) -> list[str]:
     mechanism = reading.mechanism
     if mechanism is None:
         return []
-    pins = [(x.a.link, x.b.link) for x in mechanism.joints if hasattr(x, "a")]
+    pins = [(x.a.link, x.b.link) for x in mechanism.joints if isinstance(x, Revolute)]
     return [mechanism.links[b if a == GROUND else a].name for a, b in pins if GROUND in (a, b)][:1]
 
 

@@ -111,9 +111,9 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
     for x in found.answers:
-        error = next(iter(x.errors.values()), None)
+        reached = next(iter(x.errors.values()), None)
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
-        answer = asdict(x) | {"setting": setting, "error": error}
+        answer = asdict(x) | {"setting": setting, "error": reached}
         say({"event": "recommend", "answer": answer})
     say({"event": "recommend", "advice": found.advice, "truth": found.truth, "remarks": found.remarks, "complete": found.complete})
 
