@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import tomlkit
+from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Table
 
 from gauss_bench.mechanism.limits import limit_faults
 from gauss_bench.mechanism.load import MAX_BYTES
@@ -18,10 +20,12 @@ from gauss_bench.studio.errors import Refused
 Document = dict[str, Any]
 
 GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # of tables with names
+ORDER = ("ground", "links", "welds", "cylinders", "joints", "constraints", "assembly", "observe", "measure", "forces", "scenarios")
 EMPTY = f"""\
 format = "{SECOND}"
 name = "drawing"
 gravity = [0.0, -9.81]
+
 """
 
 
@@ -64,14 +68,21 @@ def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], depth: in
     for key in old:
         if key not in new:
             kept.remove(key)
-    for key, value in new.items():
+    for key in sorted(new, key=_rank) if depth == 0 else new:
+        value = new[key]
         if key not in old:
             kept.append(key, _item(value, depth, key))
         elif old[key] != value:
-            if isinstance(value, dict) and isinstance(old[key], dict):
+            under_head = isinstance(kept[key], (Table, OutOfOrderTableProxy)) or hasattr(kept[key], "is_super_table")
+            if isinstance(value, dict) and isinstance(old[key], dict) and under_head:
                 _change(kept[key], old[key], value, depth + 1)
             else:
                 kept[key] = _item(value, depth + 1, key)
+
+
+def _rank(key: str) -> int:
+    """Where a table stands in a file that is written here."""
+    return ORDER.index(key) if key in ORDER else -1
 
 
 def _rename(kept: Any, old: str, new: str) -> None:
@@ -96,6 +107,7 @@ def _item(value: Any, depth: int, key: str) -> Any:
         table = tomlkit.table()
         for name, entry in value.items():
             table.append(name, _one_line(entry))
+        table.add(tomlkit.nl())
         return table
     return _one_line(value)
 
@@ -117,6 +129,6 @@ def _one_line(value: Any) -> Any:
 def _fresh(document: Document, depth: int) -> Any:
     whole = tomlkit.document()
     plain = {k: x for k, x in document.items() if not isinstance(x, dict) or k == "expect"}
-    for key, value in (plain | document).items():
-        whole.append(key, _item(value, depth, key))
+    for key in [*plain, *sorted(document.keys() - plain.keys(), key=_rank)]:
+        whole.append(key, _item(document[key], depth, key))
     return whole

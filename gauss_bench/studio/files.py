@@ -1,9 +1,14 @@
 """Files of the studio: only inside the folder it was started in, and a linkage as a link that carries itself."""
 
 import base64
+import tempfile
 import zlib
 from pathlib import Path
 
+from gauss_bench.api.exchange import READING, answered, read_there
+from gauss_bench.bench.worker import Worker
+from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.mechanism.load import MAX_BYTES, built_in
 from gauss_bench.mechanism.load import read as read_file
 from gauss_bench.studio import templates
@@ -55,24 +60,39 @@ def opened(folder: Path, name: str) -> tuple[str, Path | None]:
     return path.read_text(encoding="utf-8"), path
 
 
-def save(folder: Path, name: str, text: str, replace: bool, own: Path | None) -> Path:
+def save(folder: Path, path: Path, text: str, replace: bool, own: Path | None) -> None:
     """Write the text in one move; over another file than the one that was opened only where that is wished.
 
     Raises:
-        Refused: outside the folder, a name that no linkage may have, or there is a file already.
+        Refused: a name that no linkage may have, or there is a file already.
     """
-    path = inside(folder, name)
     if path.stem in built_in():
         raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
     if path.is_dir() or not path.parent.is_dir():
-        raise Refused(f"{name[:60]}: there is no such folder" if not path.is_dir() else f"{name[:60]}: is a folder", field="path")
+        raise Refused(f"{path.name} lies in no folder, or is one", field="path")
     if path.exists() and path != own and not replace:
         raise Refused(f"{path.name} is there already", field="replace")
     try:
         write_text(path, text)
     except OSError as error:
         raise Refused(f"{path.name} cannot be written: {error.strerror}", field="path") from error
-    return path
+
+
+def imported(text: str) -> tuple[str, list[str]]:
+    """A model in MJCF or URDF as a linkage file, and what that lacks: sentences. Libraries read it in a process of their own.
+
+    Raises:
+        Refused: it is none, or not planar, or what reads it is not installed.
+    """
+    with tempfile.TemporaryDirectory(prefix="gauss-bench-studio-") as folder:
+        model = Path(folder) / "model.xml"
+        model.write_text(text, encoding="utf-8")
+        try:
+            with Worker() as worker:
+                found = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
+        except (ExchangeError, MissingExtra) as error:
+            raise Refused(str(error).replace(f"{model}: ", "")) from error
+        return str(found["text"]).replace(str(model), "model.xml"), [str(x) for x in found["left_out"]]
 
 
 def fragment(text: str) -> str:

@@ -187,6 +187,13 @@ def _lone(document: Document) -> list[Problem]:
     ]
 
 
+def new_faults(before: Document, after: Document) -> list[Fault]:
+    """What is wrong with a document that was not wrong before."""
+    known = {(x.path, x.text) for x in document_faults(before)}
+    lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
+    return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
+
+
 def _still(document: Document) -> Document:
     """The document without what moves it: one scenario in which nothing acts; and without pins that hold nothing."""
     lone = lone_pins(document)
@@ -218,11 +225,11 @@ def _built(document: Document) -> tuple[Mechanism | None, list[Fault]]:
                 more.append(Fault("", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
                 return None, more
         for fault in faults:
-            _leave_out(document, fault)
+            leave_out(document, fault)
     return None, more
 
 
-def _leave_out(document: Document, fault: Fault) -> None:
+def leave_out(document: Document, fault: Fault) -> None:
     """Take out what a fault is about; of a link that lacks a mass or an inertia, give it one instead."""
     keys: list[str | int] = [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", fault.path)]
     match keys:

@@ -8,8 +8,9 @@ from gauss_bench.bench.offers import SAFE, offers
 from gauss_bench.engines import all_names
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.studio import files, templates
-from gauss_bench.studio.document import EMPTY
+from gauss_bench.studio import editing, files, templates
+from gauss_bench.studio.document import EMPTY, written
+from gauss_bench.studio.drawing import NAME
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
@@ -92,8 +93,51 @@ def text(session: Session, message: Message) -> Reply:
     return {"text": session.text}
 
 
+def save(session: Session, message: Message) -> Reply:
+    """Write the file; the linkage is called as the file is."""
+    name = told(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
+    path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
+    if not NAME.fullmatch(path.stem):
+        raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
+    content = written(session.text, session.document | {"name": path.stem})
+    files.save(session.folder, path, content, bool(message.get("replace")), session.path)
+    session.saved_as(path, content)
+    return {"path": path.name} | shown(session)
+
+
+def bring_in(session: Session, message: Message) -> Reply:
+    content, left_out = files.imported(told(message, "text", str))
+    session.open(content)
+    return {"left_out": left_out} | shown(session)
+
+
+def recover(session: Session, message: Message) -> Reply:
+    """Take what a process that is no more left of this document, or let it go."""
+    left = session.autosave.left()
+    if left is not None:
+        if message.get("take", True):
+            session.put(left.text, frozenset(left.locks))
+        left.file.unlink(missing_ok=True)
+    return shown(session)
+
+
 def share(session: Session, message: Message) -> Reply:
     return {"fragment": files.fragment(session.text)}
+
+
+def make_edit(session: Session, message: Message) -> Reply:
+    made = editing.edit(session, message)
+    return {"made": made} | shown(session)
+
+
+def lock(session: Session, message: Message) -> Reply:
+    editing.lock(session, message)
+    return shown(session)
+
+
+def picture(session: Session, message: Message) -> Reply:
+    editing.picture(session, message)
+    return shown(session)
 
 
 VERBS: dict[str, Callable[[Session, Message], Reply]] = {
@@ -105,7 +149,13 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "undo": undo,
     "redo": redo,
     "text": text,
+    "save": save,
+    "import": bring_in,
+    "recover": recover,
     "share": share,
+    "lock": lock,
+    "picture": picture,
+    **dict.fromkeys(editing.EDITS, make_edit),
 }
 
 

@@ -125,7 +125,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
             "members": members,
             "joint": id if id in joints or len(members) > 1 else None,
             "ground": any(x.startswith("ground.") for x in members),
-            "locked": id in locked,
+            "locked": f"pins.{id}" in locked,
         }
         for id, members in grouped.items()
         if members
@@ -160,7 +160,7 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                     "block": as_written(mechanism, joint.block),
                     "block_at": position(reading.q, joint.block).tolist(),
                     "offset": joint.offset,
-                    "locked": joint.name in locked,
+                    "locked": f"slides.{joint.name}" in locked,
                 }
             )
     return found

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.studio.autosave import Autosave
-from gauss_bench.studio.document import EMPTY, Document, parsed, written
+from gauss_bench.studio.document import EMPTY, Document, parsed
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.scene import scene
 
@@ -83,14 +83,6 @@ class Session:
         if self._read is None or self._read[0] != self.text:
             self._read = self.text, read(self.document)
         return self._read[1]
-
-    def edit(self, change: Callable[[Document, Reading], Document]) -> None:
-        """Let `change` say what the tables are to be, as one step of the history.
-
-        Raises:
-            Refused: by `change`, or because of what it made; nothing has happened then.
-        """
-        self.put(written(self.text, change(self.document, self.reading)), self.locks)
 
     def put(self, text: str, locks: frozenset[str]) -> None:
         """Another text, as one step of the history.
