@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gauss_bench.api.options import LOCAL, Verb, parser
+from gauss_bench.api.telling import no_longer, tell, tell_if_long
 from gauss_bench.mechanism.limits import harmless
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
         print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
         return OWN_FAULT
+    finally:
+        no_longer()
 
 
 def is_argument(text: str) -> bool:
@@ -187,6 +190,7 @@ def simulate(options: argparse.Namespace) -> int:
         options.step,
         options.at,
         options.budget,
+        tell_if_long,
     )
     for sentence in result.warnings:
         tell(f"warning: {sentence}")
@@ -253,7 +257,7 @@ def kinematics(options: argparse.Namespace) -> int:
     asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
     files = told_files(asked_files, kinds, options.replace)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
-    result = moved.kinematics(options.linkage, *asked, hold=options.hold)
+    result = moved.kinematics(options.linkage, *asked, hold=options.hold, told=tell_if_long)
     contents = pictures(options, result, [*files])
     table = moved.table(result).to_csv(index=False, lineterminator="\n") if options.out else ""
     if "out" in files:
@@ -391,11 +395,6 @@ def atlas(options: argparse.Namespace) -> int:
     return 0
 
 
-def tell(sentence: str) -> None:
-    """How far things are, to people."""
-    print(sentence, file=sys.stderr)
-
-
 def certify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.bench.measurements import certificates
@@ -408,7 +407,7 @@ def certify(options: argparse.Namespace) -> int:
         print("error: certify needs a linkage, or --built-in", file=sys.stderr)
         return BAD_INPUT
     chosen = (options.scenario, options.digits, options.until)
-    found = certificates.certify_one(options.linkage, *chosen, options.out)
+    found = certificates.certify_one(options.linkage, *chosen, options.out, tell)
     print_json(found) if options.json else print(text.format_certificate(found))
     return 0 if found["status"] == "ok" else 1
 
@@ -495,7 +494,7 @@ def report(options: argparse.Namespace) -> int:
         else:
             print(text.format_changes(found, moved, where))
         return 0
-    files = build_report(options.out, programs)
+    files = build_report(options.out, programs, tell_if_long)
     entries = [path for path in files if path.name in ("README.md", "index.html")]
     print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
     return 0

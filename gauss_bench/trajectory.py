@@ -90,6 +90,7 @@ class Reference:
         floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
             engine in double precision can tell; zero where it was not worked out.
         method: one line on how both were made.
+        certified: whether two derivations that share nothing vouch for it, not two integrations of one.
     """
 
     t: Array
@@ -103,6 +104,7 @@ class Reference:
     floor_v: Array
     floor_a: Array
     method: str
+    certified: bool = False
 
 
 class Group(StrEnum):
