@@ -116,6 +116,11 @@ def test_files_of_a_user_are_not_written_over(tmp_path: Path, capsys: pytest.Cap
     assert plot.exists()
 
 
+def test_a_knife_edge_without_a_driver_is_told_what_to_run_instead(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["kinematics", "sleigh"]) == 2
+    assert "run `gauss-bench simulate sleigh --scenario glide`" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -89,8 +89,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
     if driver is None:
         mechanism = load_document(document, scenario or next(_driven_scenarios(document), None), str(path), digest, path.stem)
         if not mechanism.drivers:
-            at = f"scenarios.{mechanism.scenario}"
-            raise LinkageError(str(path), [Fault(at, "drives nothing; name a driven scenario, or give a driver")])
+            raise LinkageError(str(path), [Fault(f"scenarios.{mechanism.scenario}", _undriven(mechanism))])
         return mechanism
     named = scenario or next(_driven_scenarios(document), None)
     own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
@@ -98,6 +97,17 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
     moved = copy.deepcopy(document)
     moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
     return load_document(moved, "kinematics", str(path), digest)
+
+
+def _undriven(mechanism: Mechanism) -> str:
+    """Why a linkage without drivers has no kinematics, and what to do."""
+    if not mechanism.knife_edges:
+        return "drives nothing; name a driven scenario, or give a driver"
+    names = ", ".join(x.name for x in mechanism.knife_edges)
+    return (
+        f"the knife edge {names} holds a direction of motion and no position: where the linkage goes follows from its start and from "
+        f"forces, not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+    )
 
 
 def _placed_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
