@@ -5,6 +5,7 @@ or has met a position where it cannot be closed; a driven one is followed in tim
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -53,6 +54,7 @@ def scales(mechanism: Mechanism) -> Array:
     return np.tile([length, length, 1.0], len(mechanism.links))
 
 
+@lru_cache(maxsize=64)  # a walk takes longer than many a search, and pivots, checks and engines ask for the same ones
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """`count` or fewer states spread over the motion, the start first."""
     rng = np.random.default_rng(seed)
