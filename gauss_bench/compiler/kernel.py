@@ -112,7 +112,7 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     first = program(o.formulation, independent=o.independent)
     yield first
     ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
-    ways += [("gauss", p) for p in partitions(mechanism) if p != first.independent]
+    ways += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     ways += [("lagrange", None)] if first.formulation != "lagrange" else []
     for k, ((formulation, independent), drop) in enumerate(product(ways, range(drops(mechanism)))):
         try:
