@@ -35,6 +35,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
+from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
@@ -180,14 +181,14 @@ def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> N
 
 # Implicit steps: a torque against a dashpot that takes speeds away within 1e-4 s
 
-CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
+CLOSER = str(FOLDER / "linkages" / "door_closer.toml")
 
 
 @cache
-def closing(stabilization: str = "none", backend: str | None = None) -> tuple[Kernel, Array, Array]:
+def closing(stabilization: str = "none", backend: str | None = None, formulation: str = "gauss") -> tuple[Kernel, Array, Array]:
     """The kernel, and a state at which the dashpot holds the torque."""
     m = load(CLOSER, "closing")
-    code = compile_kernel(m, "gauss", stabilization, cache=False, backend=backend)
+    code = compile_kernel(m, formulation, stabilization, cache=False, backend=backend)
     return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
 
 
@@ -203,10 +204,12 @@ def closed() -> Array:
     return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
 
 
-@pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(stabilization: str) -> None:
+@pytest.mark.parametrize(("formulation", "stabilization"), [("gauss", "none"), ("lagrange", "none"), ("gauss", "projection")])
+def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(
+    formulation: str, stabilization: str
+) -> None:
     """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
-    code, q, v = closing(stabilization)
+    code, q, v = closing(stabilization, formulation=formulation)
     found = np.concatenate(code.rollout(q, v, 0.04, 8, integrator="gauss_legendre"))
     assert np.abs(found - closed()).max() < 1e-9
     assert code.switches == code.fallbacks == code.lost == 0

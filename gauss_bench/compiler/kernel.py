@@ -190,8 +190,13 @@ class Kernel:
         self._programs.prepare(integrator, many)
 
     @property
+    def directions(self) -> int:
+        """Free motions along which the Jacobian of an implicit step is taken."""
+        return len(self._programs.partitions[0])
+
+    @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
-        """Independent coordinates of every program generated so far; () for Lagrange's."""
+        """Independent coordinates of every program generated so far."""
         return self._programs.partitions
 
     def rollout(

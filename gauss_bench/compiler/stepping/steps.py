@@ -42,12 +42,12 @@ import numpy as np
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
-from gauss_bench.integrate.fixed_step import DIFFERENCE, dop853_estimates, dop853_tableau, gauss_tableau
+from gauss_bench.integrate.fixed_step import DIFFERENCE, NATIVE_PASSES, dop853_estimates, dop853_tableau, gauss_tableau
 from gauss_bench.terms import Array
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 TINY = 1e-300
-PASSES, CONVERGED = 8, 2.0**-28  # of an implicit step, and the largest last change of velocities: a pass leaves less than a tenth
+CONVERGED = 2.0**-28  # the largest change of velocities by the last pass of an implicit step: a pass leaves less than a tenth
 NONE: list[list[int]] = []
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
 
@@ -491,7 +491,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         return [g.add(x, y) for x, y in zip(q, moved, strict=True)], b.along(v, h, b.weighted(stages, weights_v))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s
-    for _ in range(PASSES):
+    for _ in range(NATIVE_PASSES):
         at = [along(A[i].tolist(), (A @ A)[i].tolist(), c[i]) for i in range(s)]
         found = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
         off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(found, z, strict=True)]
