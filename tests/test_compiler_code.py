@@ -35,7 +35,6 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
-from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
@@ -181,7 +180,7 @@ def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> N
 
 # Implicit steps: a torque against a dashpot that takes speeds away within 1e-4 s
 
-CLOSER = str(FOLDER / "linkages" / "door_closer.toml")
+CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
 
 
 @cache
