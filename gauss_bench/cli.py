@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gauss_bench.api.options import LOCAL, Verb, parser
+from gauss_bench.api.telling import no_longer, tell, tell_if_long
 from gauss_bench.mechanism.limits import harmless
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
         print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
         return OWN_FAULT
+    finally:
+        no_longer()
 
 
 def is_argument(text: str) -> bool:
@@ -187,6 +190,7 @@ def simulate(options: argparse.Namespace) -> int:
         options.step,
         options.at,
         options.budget,
+        tell_if_long,
     )
     for sentence in result.warnings:
         tell(f"warning: {sentence}")
@@ -253,7 +257,7 @@ def kinematics(options: argparse.Namespace) -> int:
     asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
     files = told_files(asked_files, kinds, options.replace)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
-    result = moved.kinematics(options.linkage, *asked, hold=options.hold)
+    result = moved.kinematics(options.linkage, *asked, hold=options.hold, told=tell_if_long)
     contents = pictures(options, result, [*files])
     table = moved.table(result).to_csv(index=False, lineterminator="\n") if options.out else ""
     if "out" in files:
@@ -310,6 +314,16 @@ def sweep(options: argparse.Namespace) -> int:
     return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
 
 
+def studio(options: argparse.Namespace) -> int:
+    from gauss_bench.engines.extras import require
+
+    for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
+        require(library)
+    from gauss_bench.studio.server import serve
+
+    return serve(options.linkage, Path.cwd(), options.port, not options.no_browser, tell)
+
+
 def export(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.exchange import export as exported
@@ -360,15 +374,18 @@ def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.asked import checked_budget
-    from gauss_bench.tables import write_text
+    from gauss_bench.bench.provenance import environment
+    from gauss_bench.tables import write_table, write_text
 
-    if options.out is not None:
-        usable_folder(options.out)
+    for folder in filter(None, (options.out, options.into)):
+        usable_folder(folder)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    rows = table.rows_of(found, environment()["commit"]) if options.out or options.into else []
+    for folder in filter(None, (options.out, options.into)):
+        tell(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
-        contents = {"atlas.csv": table.csv_of(found), "atlas.svg": chart.chart(found), "index.html": table.page(found)}
-        for name, content in contents.items():
+        for name, content in {"atlas.svg": chart.chart(found), "index.html": table.page(found)}.items():
             write_text(options.out / name, content)
             tell(f"{options.out / name}")
     if options.json:
@@ -376,11 +393,6 @@ def atlas(options: argparse.Namespace) -> int:
     else:
         print(table.text(found))
     return 0
-
-
-def tell(sentence: str) -> None:
-    """How far things are, to people."""
-    print(sentence, file=sys.stderr)
 
 
 def certify(options: argparse.Namespace) -> int:
@@ -395,7 +407,7 @@ def certify(options: argparse.Namespace) -> int:
         print("error: certify needs a linkage, or --built-in", file=sys.stderr)
         return BAD_INPUT
     chosen = (options.scenario, options.digits, options.until)
-    found = certificates.certify_one(options.linkage, *chosen, options.out)
+    found = certificates.certify_one(options.linkage, *chosen, options.out, tell)
     print_json(found) if options.json else print(text.format_certificate(found))
     return 0 if found["status"] == "ok" else 1
 
@@ -482,7 +494,7 @@ def report(options: argparse.Namespace) -> int:
         else:
             print(text.format_changes(found, moved, where))
         return 0
-    files = build_report(options.out, programs)
+    files = build_report(options.out, programs, tell_if_long)
     entries = [path for path in files if path.name in ("README.md", "index.html")]
     print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
     return 0
@@ -531,6 +543,7 @@ ACTIONS: dict[str, Verb] = {
     "kinematics": kinematics,
     "recommend": recommend,
     "sweep": sweep,
+    "studio": studio,
     "export": export,
     "import": bring_in,
     "certify": certify,

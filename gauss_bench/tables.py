@@ -63,6 +63,7 @@ class Table:
 
     Attributes:
         timed: whether a clock decides which rows there are: all of it lies apart then.
+        curves: whether its numbers are points of curves, which are kept as exactly as they are drawn.
     """
 
     meaning: str
@@ -70,6 +71,7 @@ class Table:
     keys: int = 0
     suffix: Literal["csv", "parquet"] = "csv"
     timed: bool = False
+    curves: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -264,6 +266,7 @@ TABLES: dict[str, Table] = {
         ),
         len(CASE) + 1,
         "parquet",
+        curves=True,
     ),
     "samples": Table(
         "one block of one interleaved race",
@@ -702,6 +705,25 @@ TABLES: dict[str, Table] = {
         2,
         timed=True,
     ),
+    "atlas": Table(
+        "how far one way of an engine goes along one axis of difficulty; written by the verb atlas, not by a suite",
+        (
+            text("axis", "what grows along it"),
+            *METHOD,
+            text("unit", "of the axis"),
+            number("easiest", "value of the axis"),
+            number("hardest", "value of the axis"),
+            number("passes_to", "hardest value with a pass"),
+            number("ends_at", "hardest value that did not fail"),
+            number("breaks_at", "first value that does not pass"),
+            text("last", "verdict on the hardest value that was run"),
+            number("error", "there, of the linkage's size, or in radians"),
+            number("runs", "that it took"),
+            text("reason", "why it is no pass"),
+            text("commit", "of the code that was run"),
+        ),
+        5,
+    ),
     "baseline": Table(
         "one figure of the accuracy gate",
         (
@@ -843,13 +865,12 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    exact = {"step", "t_end"}
-    curves = [c.name for c in columns if name == "series" and c.kind == "number" and c.name not in exact]
+    table = TABLES[name]
+    curves = [c.name for c in columns if table.curves and c.kind == "number" and c.name not in KEY]
     kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
     fields = {c.name: pa.float32() if c.name in curves else kinds[c.kind] for c in columns}
-    arrays = {
-        n: pa.array([_drawn(row[n]) if n in curves and n != "t" else row[n] for row in rows], type=t) for n, t in fields.items()
-    }
+    drawn = {*curves} - {c.name for c in table.key}
+    arrays = {n: pa.array([_drawn(row[n]) if n in drawn else row[n] for row in rows], type=t) for n, t in fields.items()}
     content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
     packed = {"compression": "zstd", "compression_level": 19, "use_dictionary": [n for n in fields if n not in curves]}
     atomically(path, lambda part: pq.write_table(content, part, use_byte_stream_split=curves, **packed))
@@ -857,7 +878,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
 
 def digits_of(name: str) -> int:
     """Digits of a table's numbers: curves are kept as they are drawn."""
-    return DRAWN if name == "series" else DIGITS
+    return DRAWN if TABLES[name].curves else DIGITS
 
 
 def _drawn(x: float) -> float:

@@ -37,6 +37,21 @@ def in_a_sentence(text: object) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+class States:
+    """States of one linkage: times (k,) [s], positions and velocities (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
+        return States(self.t[chosen], self.q[chosen], self.v[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """States in the absolute coordinates of the mechanism, sampled at given times.
 
@@ -75,6 +90,7 @@ class Reference:
         floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
             engine in double precision can tell; zero where it was not worked out.
         method: one line on how both were made.
+        certified: whether two derivations that share nothing vouch for it, not two integrations of one.
     """
 
     t: Array
@@ -88,6 +104,7 @@ class Reference:
     floor_v: Array
     floor_a: Array
     method: str
+    certified: bool = False
 
 
 class Group(StrEnum):

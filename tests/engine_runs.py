@@ -13,7 +13,7 @@ from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import States, build_reference
+from gauss_bench.reference.build import TrueStates, build_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 from tests.conftest import DATA
@@ -50,7 +50,7 @@ def relative_error(found: Array, expected: Array) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
-def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: States) -> Array:
+def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: TrueStates) -> Array:
     """Largest error relative to the largest true acceleration, at every state."""
     model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
     pairs = zip(states.t, states.q, states.v, states.a, strict=True)

@@ -58,6 +58,23 @@ ALLOWED = {
     "exchange": {"mechanism", "engines", "compiler", "gauss_bench", *LIGHT},  # files out of the adapters' models, and into linkages
     "atlas": {"mechanism", "engines", "judge", "bench", "exchange", "report", *LIGHT},
     "sweep": {"mechanism", "compiler", "engines", "judge", "metrics", "bench", "report", "tables", *LIGHT},
+    "studio": {
+        "advice",
+        "api",
+        "bench",
+        "engines",
+        "exchange",
+        "integrate",
+        "judge",
+        "kinematics",
+        "mechanism",
+        "metrics",
+        "reference",
+        "report",
+        "tables",
+        "gauss_bench",
+        *LIGHT,
+    },
     "api": {
         "advice",
         "mechanism",
@@ -85,6 +102,7 @@ ALLOWED = {
         "bench",
         "reference",
         "report",
+        "studio",
         "suites",
         "sweep",
         "tables",
@@ -103,6 +121,10 @@ FOREIGN = {
     "casadi": "engines/casadi/",
     "joblib": "sweep/run.py",
     "distributed": "sweep/run.py",
+    "starlette": "studio/server.py",
+    "uvicorn": "studio/server.py",
+    "websockets": "studio/server.py",
+    "tomlkit": "studio/document.py",
 }
 OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
 

@@ -1,8 +1,6 @@
 """How far engines go: families that are what they say, verdicts with known answers, and the place where a way breaks."""
 
-import csv
 import functools
-import io
 import itertools
 import json
 import xml.etree.ElementTree as ET
@@ -18,7 +16,7 @@ from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
 from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
-from gauss_bench.atlas.table import csv_of, page, row
+from gauss_bench.atlas.table import page, row, rows_of
 from gauss_bench.atlas.verdict import PASSES, Found, Verdict, decided
 from gauss_bench.bench.one_run import Run, sampling, sampling_at
 from gauss_bench.bench.worker import Worker
@@ -27,6 +25,9 @@ from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.report import rows as rows_module
+from gauss_bench.report.site.engine import engine_page
+from gauss_bench.tables import read_table, write_table
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -210,9 +211,16 @@ def test_a_bar_is_as_long_as_its_way_goes() -> None:
     assert [number(x) for x in (1e6, 1e-4, 0.01, 300.0)] == ["1e6", "1e-4", "0.01", "300"]
 
 
-def test_tables_tell_all_and_escape_what_others_said() -> None:
-    rows = list(csv.DictReader(io.StringIO(csv_of(some()))))
+def test_tables_tell_all_and_escape_what_others_said(tmp_path: Path) -> None:
+    (path,) = write_table("atlas", rows_of(some(), "0123456789ab"), tmp_path)
+    assert path.name == "atlas.csv"
+    rows = read_table("atlas", tmp_path)
     assert len(rows) == 8 * len(FAMILIES)
+    assert {x["commit"] for x in rows} == {"0123456789ab"}
+    engine = str(rows[0]["engine"])
+    shown = engine_page(rows_module.Run({}, {"atlas": tuple(rows)}), engine, []).body
+    assert shown.count("<tr") == 1 + sum(x["engine"] == engine for x in rows)
+    assert "gauss-bench atlas" not in shown
     assert {x["last"] for x in rows} == {"failed", "cannot"}
     written = page(some())
     assert '<"out">' not in written

@@ -17,7 +17,7 @@ from gauss_bench.bench.one_run import one_run, received, sampling
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.mechanism.load import load
-from gauss_bench.reference.build import States
+from gauss_bench.reference.build import TrueStates
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
 
@@ -241,7 +241,7 @@ def test_what_is_no_run_is_an_error(item: object) -> None:
 
 
 def test_accelerations_of_other_states_are_no_numbers() -> None:
-    states = States(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
+    states = TrueStates(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
     assert acceleration_errors(states.a, states)["acceleration_error_median"] == 0.0
     for wrong in (None, np.ones((2, 9)), np.ones(27), "none", np.array(1.0)):
         assert np.isnan(acceleration_errors(wrong, states)["acceleration_error_median"])

@@ -73,8 +73,8 @@ def test_every_task_starts_in_the_same_folder() -> None:
 def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A task every 6 s, and a line when more than 15 s have passed: after the third."""
+    """A task every 6 s, and a line first and when more than 15 s have passed: after the third."""
     seconds = iter(range(0, 1000, 6))
     monkeypatch.setattr(tasks.time, "monotonic", lambda: float(next(seconds)))
     assert list(tasks.told(4, "accuracy")) == [0, 1, 2, 3]
-    assert capsys.readouterr().err == "accuracy: 3 of 4 done\n"
+    assert capsys.readouterr().err == "accuracy: 4 to do\naccuracy: 3 of 4 done\n"

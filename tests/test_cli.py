@@ -44,7 +44,7 @@ def test_show_checks_every_scenario(capsys: pytest.CaptureFixture[str], tmp_path
     assert main(["show", "six_bar", "--svg", str(tmp_path / "six_bar.svg")]) == 2
     assert "is there already" in capsys.readouterr().err
     assert main(["show", "six_bar"]) == 0
-    assert "1 degrees of freedom, 2 loops" in capsys.readouterr().out
+    assert "1 degree of freedom, 2 loops" in capsys.readouterr().out
 
 
 def test_simulate_prints_one_object_with_all_that_is_promised(capsys: pytest.CaptureFixture[str]) -> None:

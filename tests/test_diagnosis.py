@@ -16,7 +16,7 @@ from gauss_bench.diagnosis import explanations, faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
 from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty, scaled
-from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
 from gauss_bench.diagnosis.planted import longer
 from gauss_bench.diagnosis.selftest import diagnosed
@@ -25,6 +25,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.terms import Solution, Terms
+from gauss_bench.trajectory import States
 from tests.conftest import needs
 
 QUICK = ("soft_loop", "stale", "late")  # and the inertia, below; all of them are planted by the test of the whole selftest

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from gauss_bench import cli
+from gauss_bench.api import telling
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.limits import harmless, limit_faults
 from gauss_bench.mechanism.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
+from tests.fuzz.driven import Heard
 from tests.fuzz.files import CHANGES, damaged_file
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
@@ -84,6 +86,21 @@ def test_no_argument_comes_back_as_it_was(argument: str, capsys: pytest.CaptureF
     assert argument not in told
 
 
+def test_what_is_told_of_a_file_drives_no_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["import", "\x1b[31m.xml", "--out", str(tmp_path / "a.toml")]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+
+
+def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(telling, "LONG", 0.0)
+    assert cli.main(["simulate", "pendulum", "--at", "2"]) == 0
+    assert "by gauss: 2000 steps up to 2 s" in capsys.readouterr().err
+    assert cli.main(["simulate", "pendulum", "--at", "1e9"]) == 2
+    assert Heard.lines_of_work(capsys.readouterr().err) == []
+
+
 def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(cli.TRACE, raising=False)
     monkeypatch.setitem(cli.ACTIONS, "list", lambda options: 1 // 0)
@@ -107,6 +124,9 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
         ("diagnose four_bar --engine gauss --dt 1e-300", "steps of 1e-300 s"),
         ("export four_bar --engine c --out new.c --step 1e-300", "steps of 1e-300 s"),
         ("recommend four_bar --until 1e9 --position 1e-3", "at most 5000 s"),
+        ("certify four_bar --until 1e9", "at most 5000 s"),
+        ("atlas --jobs -1", "'-1' is no number of workers from 1 to 512"),
+        ("check --jobs 0", "'0' is no number of workers from 1 to 512"),
     ],
 )
 def test_what_no_machine_could_do_is_refused_at_once(

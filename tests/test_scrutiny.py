@@ -165,3 +165,18 @@ def independent(path: str) -> Any:
         return model.read().q[-1]
     except Exception:
         return None
+
+
+def test_rows_are_judged_like_single_runs_where_no_truth_is_known(tmp_path: Any) -> None:
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=8e8)))  # no reference passes it
+    (row,) = rows_of(str(path), "rk4", "none", 0.004)
+    assert "no truth to compare with" in row["note"]
+    assert "half the step moves a link" in row["message"]
+    assert row["status"] == "invalid"
+
+
+def rows_of(path: str, integrator: str, stabilization: str, until: float) -> list[dict[str, Any]]:
+    """Rows of `compare` by gauss at this integrator and stabilisation."""
+    found = gauss_bench.compare(path, engines=["gauss"], t_end=until, jobs=1).to_dict("records")
+    return [x for x in found if (x["integrator"], x["stabilization"]) == (integrator, stabilization)]

@@ -9,7 +9,7 @@ import pandas as pd
 from gauss_bench.bench.asked import checked_budget, duration, usable_steps
 from gauss_bench.bench.cases import crossed
 from gauss_bench.bench.context import CASE_LIMIT
-from gauss_bench.bench.offers import offers
+from gauss_bench.bench.offers import ChoiceError, offers
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.engines import names
 from gauss_bench.mechanism.load import load
@@ -40,9 +40,11 @@ def compare(
 
     Raises:
         LinkageError: the file has faults.
-        ChoiceError: a step or a time that cannot be used, or settings that an engine does not know.
+        ChoiceError: a number of jobs, a step or a time that cannot be used, or settings that an engine does not know.
         KeyError: unknown engine.
     """
+    if jobs < 1:
+        raise ChoiceError(f"jobs must be at least 1, not {jobs}")
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=t_end)
     wanted = list(engines or names())

@@ -1,13 +1,13 @@
 """What is wrong with an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.api.results import Result
+from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.apart import Request, run_apart
 from gauss_bench.bench.asked import checked_budget, countable, duration
 from gauss_bench.bench.offers import ChoiceError, offer
@@ -28,8 +28,6 @@ BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
 LEAST = 1.0  # [s] that a run is given, however late it is
 SUB_SAMPLES = 1 << 24  # bytes of a reference's answer
-
-Told = Callable[[str], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +72,6 @@ class Diagnosis(Result):
         found["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
         found["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
         return found
-
-
-def nobody(sentence: str) -> None:
-    """Tell nobody how far things are."""
 
 
 def diagnose(
@@ -156,7 +150,7 @@ def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker
         arrays = worker.call(_built, (linkage, mechanism.scenario, until), limit, SUB_SAMPLES)
     except WorkerFailure as failure:
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
-    method = str(arrays.pop("method"))
+    method, _ = str(arrays.pop("method")), arrays.pop("certified")
     return Reference(**{k: np.asarray(x, dtype=float) for k, x in arrays.items()}, method=method)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
+from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.asked import checked_budget, countable
 from gauss_bench.bench.offers import ChoiceError
@@ -36,12 +37,6 @@ LOOPS, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
 ROWS_PER_SECOND = 200  # compared
 EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the run that says how good it is
-
-Told = Callable[[str], object]
-
-
-def nobody(sentence: str) -> None:
-    """Tell nobody how far things are."""
 
 
 def export(

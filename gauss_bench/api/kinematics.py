@@ -12,6 +12,7 @@ import pandas as pd
 
 from gauss_bench.api.results import Kinematics
 from gauss_bench.api.simulate import link_states, observed_names, point_states
+from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
@@ -263,6 +264,7 @@ def kinematics(
     *,
     hold: list[str] | None = None,
     steps: int | None = None,
+    told: Told = nobody,
 ) -> Kinematics:
     """Positions, velocities and accelerations over the scenario's duration.
 
@@ -278,6 +280,7 @@ def kinematics(
             to move, VALUE in degrees or metres; they stand where the scenario's start or the sketch has them. Where not given, what
             the scenario says.
         steps: the former name of `intervals`, for one release.
+        told: is told that it begins, once the file and the driver are sound.
 
     Raises:
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used.
@@ -302,6 +305,7 @@ def kinematics(
     chosen, inputs = observed(mechanism, points), inputs_of(mechanism)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     status, message = "ok", ""
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     try:
         motion = METHODS[method](mechanism, inputs, times)
     except MotionError as error:
@@ -312,7 +316,7 @@ def kinematics(
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
     values = [driver.law(times[:n]) for driver in mechanism.drivers]
     named = [dict(zip(("angle", "speed", "acceleration"), value, strict=True)) for value in values]
-    graph, told = find_graph(mechanism), spread(mechanism, states)
+    graph, whole_states = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
         status=status,
         message=message,
@@ -322,8 +326,8 @@ def kinematics(
         t=times[:n],
         driver=named[0],
         drivers=dict(zip((d.name for d in mechanism.drivers), named, strict=True)),
-        links=link_states(mechanism.whole, told),
-        points=point_states(chosen, told),
+        links=link_states(mechanism.whole, whole_states),
+        points=point_states(chosen, whole_states),
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, inputs, mechanism.q0),
         iterations=motion.iterations,

@@ -10,6 +10,7 @@ from gauss_bench import __version__
 from gauss_bench.mechanism.limits import harmless
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
+MOST_JOBS = 512  # workers: each takes a quarter of a GiB
 Verb = Callable[[argparse.Namespace], int]
 
 
@@ -183,8 +184,16 @@ def _sweep(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster, such as tcp://HOST:8786; default: one of this machine"
     )
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="batches at once (default 2); a cluster has its own number")
+    verb.add_argument(
+        "--jobs", type=_jobs, default=2, metavar="N", help="batches at once (default 2); a cluster has its own number"
+    )
     verb.add_argument("--json", action="store_true")
+
+
+def _studio(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("linkage", nargs="?", metavar="FILE-OR-NAME", help="what to open (default: an empty drawing)")
+    verb.add_argument("--port", type=int, default=0, metavar="N", help="of the page on this machine (default: a free one)")
+    verb.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
 
 
 def _certify(verb: argparse.ArgumentParser) -> None:
@@ -194,14 +203,14 @@ def _certify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--until", type=float, metavar="T", help="seconds, instead of the scenario's duration")
     verb.add_argument("--out", type=Path, metavar="FILE", help="where to write the certificate (.npz); else it is only described")
     verb.add_argument("--built-in", action="store_true", help="every scenario of every built-in linkage, in place")
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes for --built-in (default 2)")
+    verb.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="worker processes for --built-in (default 2)")
     verb.add_argument("--json", action="store_true")
 
 
 def _verify(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("certificates", nargs="*", type=Path, metavar="FILE", help="default: those of the built-in linkages")
     verb.add_argument("--linkage", metavar="FILE-OR-NAME", help="default: the one beside the certificate's folder, or built-in")
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="worker processes (default 2)")
     verb.add_argument("--json", action="store_true")
 
 
@@ -210,8 +219,9 @@ def _atlas(verb: argparse.ArgumentParser) -> None:
     axes = "singular, redundancy, mass, stiffness, speed, step or size; may be repeated (default: all)"
     verb.add_argument("--axis", action="append", dest="axes", metavar="NAME", help=axes)
     verb.add_argument("--budget", type=float, metavar="S", help="seconds in all (default 600); what they do not reach stays open")
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="worker processes (default 2)")
     verb.add_argument("--out", type=Path, metavar="DIR", help="write atlas.csv, atlas.svg and index.html there")
+    verb.add_argument("--into", type=Path, metavar="DIR", help="write the table alone into the folder of a run, for its report")
     verb.add_argument("--json", action="store_true")
 
 
@@ -246,8 +256,15 @@ def _check(verb: argparse.ArgumentParser) -> None:
 def _suite(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("linkages", nargs="*", metavar="FILE-OR-NAME", help="default: the four built-in ones")
     verb.add_argument("--engine", action="append", dest="engines", metavar="NAME", help="may be repeated; default: all")
-    verb.add_argument("--jobs", type=int, default=2, metavar="N", help="worker processes (default 2)")
+    verb.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="worker processes (default 2)")
     verb.add_argument("--json", action="store_true")
+
+
+def _jobs(text: str) -> int:
+    """Argument of --jobs."""
+    if not text.isdecimal() or not 1 <= int(text) <= MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no number of workers from 1 to {MOST_JOBS}")
+    return int(text)
 
 
 def _numbers(text: str) -> list[float]:
@@ -284,6 +301,7 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
     "sweep": ("run one linkage with many different numbers: grids, tolerances, sensitivities", _sweep),
+    "studio": ("draw a linkage in the browser, drag it, watch its curves and save its file", _studio),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),
     "certify": ("compute a motion with its own error bar, and how many digits can be vouched for", _certify),

@@ -1,7 +1,7 @@
 """Which setting of which engine holds what a user requires of a linkage: what `gauss-bench recommend --json` prints."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -10,6 +10,7 @@ from gauss_bench.advice.answer import Answer, setting_said
 from gauss_bench.advice.recommending import BEATS, LANES, Recommender
 from gauss_bench.api.exchange import told_plainly
 from gauss_bench.api.results import Result
+from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.asked import checked_budget, duration
 from gauss_bench.bench.offers import ChoiceError, Offer, offers
 from gauss_bench.bench.search import UNITS
@@ -24,7 +25,6 @@ from gauss_bench.mechanism.load import load
 
 BUDGET = 60.0  # [s]
 FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that answer early, of an engine that names no variants
-Told = Callable[[str], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +57,6 @@ class Recommendation(Result):
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain."""
         return super().as_dict() | {"answers": [asdict(x) for x in self.answers]}
-
-
-def nobody(sentence: str) -> None:
-    """Tell nobody how far things are."""
 
 
 def recommend(

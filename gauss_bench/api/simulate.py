@@ -1,21 +1,21 @@
 """One linkage, one engine, one run: the object that `gauss-bench simulate --json` prints."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.api.results import Simulation
+from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.asked import affordable
 from gauss_bench.bench.offers import ChoiceError, offer
-from gauss_bench.bench.one_run import Run, acceleration_error, sampling_through
-from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, disagreement, fastest_rate
+from gauss_bench.bench.one_run import Run, sampling_through
+from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, evidence_of
 from gauss_bench.bench.worker import Worker
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, advice, examine, judge, remark, trusted_until
+from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
@@ -40,6 +40,7 @@ def simulate(
     step: float = 1e-3,
     at: list[float] | None = None,
     limit: float = LIMIT,
+    told: Told = nobody,
 ) -> Simulation:
     """The motion of a linkage (a built-in name or a file) in one engine, judged.
 
@@ -55,6 +56,7 @@ def simulate(
         step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
+        told: is told that the run begins, once nothing is left to be refused.
 
     Raises:
         LinkageError: the file has faults.
@@ -75,6 +77,7 @@ def simulate(
     wanted = sampling_through(choice.step, at)
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     fixed = choice.integrator not in offered.adaptive
+    told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
     with Worker() as worker:
         run = run_of(request, mechanism, limit, worker)
         found, truth, finer = run.trajectory or run.reached, None, None
@@ -113,23 +116,6 @@ def judged(
 def _second(finer: Run | None) -> Reference | None:
     """What a run at half the step found, in the place of a truth."""
     return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
-
-
-def evidence_of(
-    mechanism: Mechanism, choice: Choice, found: Trajectory, truth: Reference | None, finer: Run | None
-) -> tuple[Evidence, str]:
-    """What there is to judge a run by, and a sentence where half the step does not decide."""
-    evidence = examine(Evaluator(mechanism), found, truth, acceleration_error(mechanism, found))
-    evidence = replace(evidence, disagreement=disagreement(mechanism, found))
-    if finer is None:
-        return evidence, ""
-    rate = fastest_rate(mechanism, found)
-    evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
-    other = _second(finer)
-    if other is None:
-        return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
-    part = "" if len(other.t) == len(found.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
-    return replace(evidence, halving=metrics.state_errors(mechanism, found, other)), part
 
 
 def _judged(

@@ -106,7 +106,10 @@ def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
 
 
 def format_description(found: dict[str, Any]) -> str:
-    counts = f"{found['dof']} degrees of freedom, {found['loops']} loops, {found['redundant']} redundant rows"
+    counts = ", ".join(
+        f"{found[k]} {word}{'' if found[k] == 1 else 's'}{rest}"
+        for k, word, rest in (("dof", "degree", " of freedom"), ("loops", "loop", ""), ("redundant", "redundant row", ""))
+    )
     lines = [f"{found['name']}: {found['title']}", counts, "links (mass kg, inertia kg m^2, centre of mass m)"]
     for name, link in found["links"].items():
         lines.append(f"  {name:14} {link['mass']:<12.6g} {link['inertia']:<12.6g} ({link['com'][0]:.6g}, {link['com'][1]:.6g})")

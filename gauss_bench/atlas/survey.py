@@ -256,6 +256,7 @@ def survey(
             return found
 
         pairs = [(family, way) for family in along for way in chosen]
+        told(f"{len(chosen)} ways along {len(along)} axes")
         try:
             with ThreadPoolExecutor(jobs) as pool:
                 return list(pool.map(one, pairs))

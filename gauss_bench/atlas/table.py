@@ -1,7 +1,5 @@
-"""The atlas as files: a table, the chart, and a page of both."""
+"""The atlas as rows, as text, and as a page around the chart."""
 
-import csv
-import io
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -11,24 +9,6 @@ from gauss_bench.atlas.families import FAMILIES
 from gauss_bench.atlas.survey import Reach, sentence
 from gauss_bench.atlas.verdict import RULE
 from gauss_bench.report.palette import inline
-
-COLUMNS = (
-    "axis",
-    "unit",
-    "engine",
-    "settings",
-    "integrator",
-    "stabilization",
-    "easiest",
-    "hardest",
-    "passes_to",
-    "ends_at",
-    "breaks_at",
-    "last",
-    "error",
-    "runs",
-    "reason",
-)
 
 
 def row(x: Reach) -> dict[str, Any]:
@@ -43,15 +23,9 @@ def row(x: Reach) -> dict[str, Any]:
     return found
 
 
-def csv_of(found: Sequence[Reach]) -> str:
-    """The table; what is not known is empty."""
-    lines = io.StringIO()
-    writer = csv.DictWriter(lines, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for x in found:
-        values = row(x)
-        writer.writerow({k: "" if v is None or v != v else f"{v:.3g}" if isinstance(v, float) else v for k, v in values.items()})
-    return lines.getvalue()
+def rows_of(found: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
+    """The rows of the table `atlas`; of an error three digits mean something."""
+    return [row(x) | {"error": float(f"{x.error:.3g}"), "commit": commit} for x in found]
 
 
 def text(found: Sequence[Reach]) -> str:

@@ -13,14 +13,14 @@ from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.context import CASE_LIMIT, Alteration, unaltered
 from gauss_bench.bench.offers import offer
-from gauss_bench.bench.one_run import acceleration_error, sampling
+from gauss_bench.bench.one_run import Run, sampling
+from gauss_bench.bench.scrutiny import LONGEST, at_half_the_step, decides, evidence_of
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
-from gauss_bench.judge import Evidence, examine, judge
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import States, random_states
+from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.terms import Array
@@ -36,7 +36,7 @@ def mechanism_of(linkage: str, scenario: str) -> Mechanism:
 
 
 @lru_cache(maxsize=4)
-def states_of(linkage: str, scenario: str) -> States | None:
+def states_of(linkage: str, scenario: str) -> TrueStates | None:
     """Random states with their true accelerations, or None where the linkage has none that are unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
@@ -81,20 +81,34 @@ def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float 
         return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
     reference = None if isinstance(truth, str) else truth
-    off = row.get("acceleration_error_median")
     try:
-        own = acceleration_error(mechanism, run.trajectory) if off is None else off
-        evidence = examine(Evaluator(mechanism), run.trajectory, reference, own)
+        finer, untried = None, ""
+        if case.integrator not in offered.adaptive and not (reference and decides(reference, mechanism)):
+            finer, untried = repeated(request, run, mechanism, limit)
+        evidence, undecided = evidence_of(
+            mechanism, case.choice, run.trajectory, reference, finer, row.get("acceleration_error_median")
+        )
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}, "series": []}
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
+    note = "; ".join(filter(None, (run.message, unknown, untried, undecided, remark(evidence))))
     row |= figures(mechanism, run.trajectory, evidence)
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
-    row |= {"note": "; ".join(filter(None, (run.message, unknown))), "valid": verdict.valid, "flag": verdict.sentence}
+    row |= {"note": note, "valid": verdict.valid, "flag": verdict.sentence}
     if not verdict.valid:
         row |= {"status": str(Status.INVALID), "message": verdict.sentence}
     return {"row": row, "series": curves(run.trajectory, evidence)}
+
+
+def repeated(request: Request, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
+    """The run again at half the step, or why it is not tried: what is left of `limit` [s], of which it may take half, decides."""
+    assert run.trajectory is not None
+    spent = run.seconds + run.build_time
+    longest = min(LONGEST, (limit - spent) / 2)
+    if len(run.trajectory.t) < 2 or not longest > run.seconds * 2 / len(run.trajectory.t):
+        return None, "half the step was not tried: no time is left"
+    return run_of(at_half_the_step(request, run.seconds, run.trajectory.t, longest), mechanism, limit - spent), ""
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
@@ -102,7 +116,7 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 
-def acceleration_errors(found: object, states: States) -> dict[str, float]:
+def acceleration_errors(found: object, states: TrueStates) -> dict[str, float]:
     """Relative error at the same states: median and worst; NaN where what was found are no accelerations of them."""
     try:
         a = np.asarray(found, dtype=float)

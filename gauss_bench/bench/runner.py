@@ -26,6 +26,8 @@ from gauss_bench.bench.offers import offers
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Tables, finish, gathered
 from gauss_bench.judge import LIMITS
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
 
@@ -107,11 +109,18 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
         "gates": LIMITS,
         "engines": described(list(engines)),
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
+        "linkages": own_files(suite),
     }
     for table, rows in tables.items():
         write_table(table, rows, folder)
     write_schema(folder)
     write_text(folder / ENVIRONMENT, json.dumps(where, indent=1) + "\n")
+
+
+def own_files(suite: Suite) -> dict[str, str]:
+    """Name -> text of the linkage files that do not come with the suite, so that a report can draw them wherever it is written."""
+    paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
+    return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}
 
 
 def described(engines: list[str]) -> dict[str, Any]:

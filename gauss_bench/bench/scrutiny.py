@@ -11,9 +11,10 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.apart import Request
-from gauss_bench.bench.one_run import JUDGED, sampling_at
+from gauss_bench.bench.one_run import JUDGED, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.judge import OFF_MOTION, Evidence, examine, size_of
 from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -22,16 +23,51 @@ from gauss_bench.trajectory import Reference, RunFailure, Trajectory
 LONGEST = 60.0  # [s] of processor time for a run at half the step: of a longer run a first part is repeated
 LARGEST = 40  # freedoms beyond which no mode is looked for: half the step decides alone
 LOOKED_AT = 5  # states, of whose fastest modes the median counts: next to a singular position one is anything
+VAGUE = 0.1  # of what the judge allows: a reference with larger error bars tells too little of a run
 MOVED = 1e-6  # of 1 rad and 1 m: large for rounding, small for the curvature of any motion
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
-def at_half_the_step(request: Request, seconds: float, times: Array) -> Request:
+def at_half_the_step(request: Request, seconds: float, times: Array, longest: float = LONGEST) -> Request:
     """The run asked for again at half the step and these times (k,); of one that took too many seconds, the first part of it."""
-    if seconds > LONGEST / 2:
-        times = times[: max(2, int(len(times) * LONGEST / 2 / seconds))]
+    if seconds > longest / 2:
+        times = times[: max(2, int(len(times) * longest / 2 / seconds))]
     step = request.choice.step / 2
-    return replace(request, choice=replace(request.choice, step=step), wanted=sampling_at(step, times))
+    return replace(request, choice=replace(request.choice, step=step), wanted=sampling_at(step, times), ask=nothing, answers=0)
+
+
+def decides(truth: Reference, mechanism: Mechanism) -> bool:
+    """Whether a reference is known so well that no second run is needed to tell whether a run may be used."""
+    return bool(truth.error_q.max(initial=0.0) <= VAGUE * OFF_MOTION * min(1.0, size_of(mechanism)))
+
+
+def evidence_of(
+    mechanism: Mechanism,
+    choice: Choice,
+    found: Trajectory,
+    truth: Reference | None,
+    finer: Run | None,
+    acceleration_off: float | None = None,
+) -> tuple[Evidence, str]:
+    """What there is to judge a run by, and a sentence where half the step does not decide.
+
+    Args:
+        finer: the same run at half the step, where no truth decides.
+        acceleration_off: median relative error of its accelerations at given states; found at the run's own where not given.
+    """
+    off = acceleration_error(mechanism, found) if acceleration_off is None else acceleration_off
+    evidence = examine(Evaluator(mechanism), found, truth, off)
+    if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
+        evidence = replace(evidence, disagreement=disagreement(mechanism, found))
+    if finer is None:
+        return evidence, ""
+    rate = fastest_rate(mechanism, found)
+    evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
+    if finer.trajectory is None:
+        return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
+    other = as_truth(finer.trajectory)
+    part = "" if len(other.t) == len(found.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
+    return replace(evidence, halving=metrics.state_errors(mechanism, found, other)), part
 
 
 def as_truth(found: Trajectory) -> Reference:

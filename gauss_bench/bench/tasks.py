@@ -89,11 +89,13 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
 
 
 def told(count: int, label: str) -> Iterator[int]:
-    """0 to count - 1; meanwhile a bar on stderr, or a line every PAUSE seconds where that is no terminal."""
+    """0 to count - 1; meanwhile a bar on stderr, or a line first and every PAUSE seconds where that is no terminal."""
     if sys.stderr.isatty():
         yield from tqdm(range(count), desc=label, file=sys.stderr)
         return
     said = time.monotonic()
+    if count:
+        print(f"{label}: {count} to do", file=sys.stderr, flush=True)
     for k in range(count):
         yield k
         if time.monotonic() - said > PAUSE:

@@ -27,7 +27,7 @@ from gauss_bench.integrate import fixed_step, stabilization
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Prismatic
-from gauss_bench.reference.build import States, random_states
+from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.certificate import Certificate, as_reference, certificate_path, read_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.tables import KEY
@@ -47,7 +47,7 @@ def linkage(which: tuple[str, str]) -> Mechanism:
 
 
 @cache
-def states(which: tuple[str, str]) -> States:
+def states(which: tuple[str, str]) -> TrueStates:
     """Random states with the accelerations that they must have, from equations in the crank's angle."""
     return random_states(linkage(which), count=16)
 

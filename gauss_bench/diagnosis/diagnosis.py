@@ -19,13 +19,13 @@ from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.dimensions import misplaced
 from gauss_bench.diagnosis.explanations import Explained, Explanation, explained, of_all, of_constraints, of_parameters
-from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import size_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Reference, States, Status
 
 SMALL = 1e-6  # [m, rad] of errors: a micrometre, which no drawing asks for
 OFF_TOLD = 1e-3  # relative, median: a tenth of what the judge takes for another linkage

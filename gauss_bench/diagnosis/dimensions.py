@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.diagnosis.motion import OwnMotion, States
+from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.mechanism.model import GROUND, Prismatic
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 FITS = 0.999  # of the squares of a gap
 SAME = 0.05  # of the size of a pin's offset: how well two steps agree on it

@@ -18,11 +18,12 @@ from itertools import combinations
 import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
-from gauss_bench.diagnosis.motion import OwnMotion, States
+from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Link, Mechanism, PointForce, Torque
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 SMALL = 1e-4  # relative change of a parameter by which its effect is measured
 REFINEMENTS = 8

@@ -11,35 +11,18 @@ each other a little: they still count as one.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.integrate.fixed_step import dop853_fixed
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference
+from gauss_bench.trajectory import Reference, States
 
 RANK_TOLERANCE = 1e-4  # of the largest singular value, as where states are projected
 SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which leaves about 1e-11
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """States of one linkage: t (k,), q, v (k, n)."""
-
-    t: Array
-    q: Array
-    v: Array
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
-        return States(self.t[chosen], self.q[chosen], self.v[chosen])
 
 
 @dataclass(frozen=True, eq=False)

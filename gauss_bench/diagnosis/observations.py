@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.bench.one_run import Run, Sampling, sampling_at
-from gauss_bench.diagnosis.motion import States
 from gauss_bench.engines.base import Choice
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import States, Trajectory
 
 HALVINGS = 3  # runs: an order needs three
 COUNT = 50  # checkpoints at most

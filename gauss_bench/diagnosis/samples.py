@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 LEFT = 0.2  # of the error may be left, at half of the times, where a map explains it
 ITERATIONS = 12

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.diagnosis.motion import OwnMotion, States, Truth
+from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst
 from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 REGIME = 0.1  # [m, rad] beyond it errors of one run no longer add up, and those of two steps have no ratio
 FEWEST = 5  # checkpoints that are looked at in any case

@@ -9,6 +9,10 @@ EXTRAS = {
     "casadi": "casadi",
     "llvmlite": "kernel",
     "heyoka": "certify",
+    "starlette": "studio",
+    "uvicorn": "studio",
+    "websockets": "studio",
+    "tomlkit": "studio",
 }
 
 

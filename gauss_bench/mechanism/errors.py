@@ -37,3 +37,12 @@ class AssemblyError(ValueError):
     def __init__(self, path: str, text: str):
         self.fault = Fault(path, text)
         super().__init__(str(self.fault))
+
+
+class NotPlaced(AssemblyError):
+    """The sketch says too little of where these links are; `links` names them."""
+
+    def __init__(self, links: tuple[str, ...]):
+        self.links = links
+        names = ", ".join(links)
+        super().__init__("assembly.sketch", f"not placed: {names}; give two points, or one point and an angle, of each")

@@ -21,6 +21,7 @@ from gauss_bench.mechanism.limits import limit_faults
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.references import items, reference_faults, table
 from gauss_bench.mechanism.schema import schema_faults
+from gauss_bench.mechanism.sketch import sketch
 from gauss_bench.trajectory import in_a_sentence
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
@@ -105,6 +106,18 @@ def load_sketched(
         return replace(mechanism, q0=q, v0=0.0 * q)
 
     return _placed(document, scenario, source, sha256, stem, at_rest)
+
+
+def load_drawn(
+    document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
+) -> Mechanism:
+    """As `load_sketched`, but with q0 as the sketch has it and the joints left open: for those who ask why they do not close."""
+
+    def as_drawn(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
+        q = sketch(mechanism, merged)
+        return replace(mechanism, q0=q, v0=0.0 * q)
+
+    return _placed(document, scenario, source, sha256, stem, as_drawn)
 
 
 def _placed(

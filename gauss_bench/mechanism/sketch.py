@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism.cylinders import written_out
-from gauss_bench.mechanism.errors import AssemblyError
+from gauss_bench.mechanism.errors import NotPlaced
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.numbers import turned
 from gauss_bench.terms import Array
@@ -20,7 +20,7 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     """First guess q (n,): each link from two known points, or from one and an angle (given, or that of a prismatic partner).
 
     Raises:
-        AssemblyError: links that cannot be placed, by name.
+        NotPlaced: links that cannot be placed, by name.
     """
     assembly = document.get("assembly", {})
     angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
@@ -36,8 +36,7 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     while todo:
         placed = [i for i in todo if _place(mechanism, i, given, drawn, theta, centre, world)]
         if not placed:
-            names = ", ".join(mechanism.links[i].name for i in todo)
-            raise AssemblyError("assembly.sketch", f"not placed: {names}; give two points, or one point and an angle, of each")
+            raise NotPlaced(tuple(mechanism.links[i].name for i in todo))
         todo = [i for i in todo if i not in placed]
     return np.concatenate([[*centre[i], theta[i]] for i in range(len(mechanism.links))])
 

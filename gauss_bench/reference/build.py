@@ -147,7 +147,7 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class TrueStates:
     """Consistent states with their true accelerations: t (k,), q, v, a (k, n)."""
 
     t: Array
@@ -156,7 +156,7 @@ class States:
     a: Array
 
 
-def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> States:
+def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
     """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have.
 
     What drivers prescribe is taken at random times of the scenario's duration.
@@ -170,11 +170,11 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         w = rng.uniform(-speed, speed, count)
         parts = [motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)]
         q, v, a = (np.concatenate([p[j] for p in parts]) for j in range(3))
-        return States(np.zeros(count), q, v, a)
+        return TrueStates(np.zeros(count), q, v, a)
     if mechanism.driver is not None and is_minimal(mechanism):
         t = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
         driven = driven_reference(mechanism, t)
-        return States(t, driven.q, driven.v, driven.a)
+        return TrueStates(t, driven.q, driven.v, driven.a)
     motion_abs = AbsoluteCoordinates(mechanism)
     times = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count)) if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []
@@ -184,4 +184,4 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         v = motion_abs.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
         states.append(motion_abs.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
     q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
-    return States(times, q, v, motion_abs.acceleration(times, q, v))
+    return TrueStates(times, q, v, motion_abs.acceleration(times, q, v))

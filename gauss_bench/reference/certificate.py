@@ -136,7 +136,7 @@ def as_reference(certificate: Certificate, t_end: float) -> Reference:
     bars = {f"error_{x}": getattr(certificate, f"error_{x}")[:k] + rounding(values) for x, values in levels.items()}
     floors = {f"floor_{x}": getattr(certificate, f"floor_{x}")[:k] for x in levels}
     method = f"certified: {certificate.facts['method']}"
-    return Reference(certificate.t[:k], **levels, **bars, **floors, method=method)
+    return Reference(certificate.t[:k], **levels, **bars, **floors, method=method, certified=True)
 
 
 def rounding(values: Array) -> Array:

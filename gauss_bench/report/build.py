@@ -6,7 +6,7 @@ something to tell at the top, another one for its findings. Built twice from the
 for byte.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -98,16 +98,20 @@ def all_findings(run: Run) -> Iterator[Finding]:
             yield from module.findings(run)
 
 
-def build_report(folder: Path, programs: Programs | None = None) -> list[Path]:
+def build_report(
+    folder: Path, programs: Programs | None = None, told: Callable[[str], object] = lambda sentence: None
+) -> list[Path]:
     """Write README.md and the site into the folder of a run; returns what was written.
 
     Args:
         programs: choices -> programs that run them, for the first screen; without it calls of this package stand there.
+        told: is told that it begins, once every table is read.
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.
     """
     run = read_run(folder)
+    told(f"{folder}: writing the pages")
     found = list(all_findings(run))
     page = folder / "README.md"
     write_text(page, markdown_page(run, summary(run, found)))

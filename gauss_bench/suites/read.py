@@ -80,6 +80,12 @@ def scenario_of(suite: Suite, linkage: str) -> str | None:
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
 
+def linkages_of(suite: Suite) -> tuple[str, ...]:
+    """Names and paths of all linkages of a suite, each once."""
+    parts = (x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages))
+    return tuple(dict.fromkeys(linkage for part in parts for linkage in part.linkages))
+
+
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     """The suite with only these engines in its accuracy, cost and search parts."""
 

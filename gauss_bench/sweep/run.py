@@ -205,6 +205,7 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
         tell(f"{known} of {len(whole)} batches are there already")
     if not waiting:
         return
+    tell(f"{sum(x.end - x.first for x in waiting)} samples to run")
     told, started, done = (
         time.monotonic(),
         time.monotonic(),

@@ -11,7 +11,6 @@ import os
 import resource
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,10 +21,11 @@ from typing import Any
 from gauss_bench import cli
 
 LATE = 5.0  # [s] of processor time until a refusal must be there
-WORKING, STUCK = 10.0, 120.0  # [s] of wall-clock time: what may work is not waited for longer, and nothing may sleep so long
+WORKING, STUCK = 4.0, 120.0  # [s] of wall-clock time: what has begun its work is not waited for longer, nothing else sleeps so long
 PATIENCE = 4.0  # more before a process that does not hear is ended
 MEMORY = 1 << 30  # bytes beyond what the process has when it begins
 DOCUMENTED = (0, 1, 2)
+BAD_INPUT = 2
 NOISE = ("Warning:", "LAPACK", "DLASCL", "parameter number", "Traceback", "leaked")
 
 
@@ -50,7 +50,34 @@ class Ending:
 
 
 class Late(BaseException):
-    """The processor time of one list is over."""
+    """The time of one list is over."""
+
+
+class Heard(io.StringIO):
+    """What a verb tells people; with the first line that is neither a refusal nor a warning it has begun its work.
+
+    From then on it is not waited for longer than WORKING seconds, where it may work at all.
+    """
+
+    def __init__(self, may_work: bool):
+        super().__init__()
+        self.may_work = may_work
+
+    @property
+    def begun(self) -> bool:
+        return bool(self.lines_of_work(self.getvalue()))
+
+    @staticmethod
+    def lines_of_work(said: str) -> list[str]:
+        """What neither refuses nor warns."""
+        return [x for x in said.splitlines() if x and not x.startswith(("error:", "warning:", "usage:", "gauss-bench ", " "))]
+
+    def write(self, text: str, /) -> int:
+        before = self.begun
+        count = super().write(text)
+        if self.may_work and self.begun and not before and signal.getitimer(signal.ITIMER_REAL)[0] > WORKING:
+            signal.setitimer(signal.ITIMER_REAL, WORKING)
+        return count
 
 
 def _late(number: int, frame: FrameType | None) -> None:
@@ -58,24 +85,28 @@ def _late(number: int, frame: FrameType | None) -> None:
 
 
 def run_one(arguments: list[str], late: float = LATE, may_work: bool = False) -> Ending:
-    """One list in this process. `may_work`: what is not refused may take as long as it takes, and is broken off."""
-    out, told = io.StringIO(), io.StringIO()
+    """One list in this process.
+
+    `may_work`: what has told that it has begun its work may take as long as it takes, and is broken off. What is refused is refused
+    in time, whatever it told before.
+    """
+    out, told = io.StringIO(), Heard(may_work)
     code: int | None = None
     fault, place = "", ""
-    began = time.process_time()
+    began = _processor_time()
     signal.signal(signal.SIGVTALRM, _late)
     signal.signal(signal.SIGALRM, _late)
-    signal.setitimer(signal.ITIMER_REAL, WORKING if may_work else STUCK)
+    signal.setitimer(signal.ITIMER_REAL, STUCK)
     signal.setitimer(signal.ITIMER_VIRTUAL, late)
     signal.setitimer(signal.ITIMER_PROF, late + PATIENCE)  # ends the process where a library does not come back
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(told):
             code = cli.main(arguments)
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 2
+        code = end.code if isinstance(end.code, int) else BAD_INPUT
     except Late as error:
         place = _place(error)
-        fault = "" if may_work else f"still at it after {late:g} s"
+        fault = "" if may_work and told.begun else f"still at it after {late:g} s" if told.begun else f"silent for {late:g} s"
     except BaseException as error:
         place = f"{type(error).__name__}: {str(error)[:300]} {_place(error)}"
         fault = "traceback"
@@ -86,15 +117,22 @@ def run_one(arguments: list[str], late: float = LATE, may_work: bool = False) ->
     said = told.getvalue()
     if not fault and not place:
         fault = judged(code, said, out.getvalue())
-    seconds = time.process_time() - began
+    seconds = _processor_time() - began
+    if not fault and code == BAD_INPUT and seconds > late:
+        fault = f"refused after {late:g} s"
     return Ending(arguments, fault, code, seconds, place or said[-400:], bool(place) and not fault)
+
+
+def _processor_time() -> float:
+    """Seconds of this process and of those that it has started and seen end."""
+    return sum(x.ru_utime + x.ru_stime for x in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
 
 
 def judged(code: int | None, said: str, out: str) -> str:
     """What is wrong with an ending, or an empty text."""
     if code not in DOCUMENTED:
         return f"exit code {code}"
-    if code == 2 and "error: " not in said:
+    if code == BAD_INPUT and "error: " not in said:
         return "refused without a sentence"
     if any(x in said for x in NOISE):
         return "noise on stderr"

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from gauss_bench.bench.asked import duration
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import Rows, Tables, Task, finish, gathered
+from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gathered
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.generate import SINGLE
@@ -37,25 +38,37 @@ LONGER = {("crank_slider", "paper"): 10.0}  # [s] the paper's own example is sho
 
 
 def certify_one(
-    linkage: str, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, out: Path | None = None
+    linkage: str,
+    scenario: str | None = None,
+    digits: int = DIGITS,
+    until: float | None = None,
+    out: Path | None = None,
+    told: Callable[[str], object] = lambda sentence: None,
 ) -> dict[str, Any]:
     """Certify a linkage, write the file, and say what it vouches for; `status` is "ok" or "failed" with a message.
 
+    `told` hears that it begins and, where stderr is no terminal, now and then how far it is.
+
     Raises:
         LinkageError: the linkage file has faults.
-        CertificateError: digits or an end that make no sense.
+        CertificateError: digits or an end that make no sense; ChoiceError: an end that is too far away.
     """
     if not 1 <= digits <= 16:
         raise CertificateError(f"--digits must be from 1 to 16, the digits of a double, not {digits}")
     if until is not None and not (np.isfinite(until) and until > 0):
         raise CertificateError(f"--until must be a positive number of seconds, not {until}")
     mechanism = load(linkage, scenario)
-    end = mechanism.duration if until is None else until
-    started = time.perf_counter()
+    end = duration(mechanism.duration, until=until)
+    told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: two independent computations")
+    started = said = time.perf_counter()
     shape = "{desc} {bar} {n:.3g}/{total:.3g} s"
     with tqdm(total=end, disable=not sys.stderr.isatty(), file=sys.stderr, bar_format=shape) as bar:
 
         def report(stage: str, t: float) -> None:
+            nonlocal said
+            if bar.disable and time.perf_counter() - said > PAUSE:
+                said = time.perf_counter()
+                told(f"{stage}: {t:.3g} of {end:.3g} s")
             bar.set_description(stage, refresh=False)
             bar.n = t
             bar.refresh()

@@ -362,7 +362,7 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     usable = study.soundness(plan.drop) > USABLE
     if plan.formulation == "gauss":
         usable &= conditions(study, plan.independent) > USABLE
-    states = study.states.part(usable)
+    states = study.states[usable]
     if not len(states):
         raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
     graph = ExpressionGraph(len(states))

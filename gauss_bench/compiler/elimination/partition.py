@@ -15,11 +15,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 
 def spread(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
@@ -125,7 +126,7 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
     drops = _covering(left, [first], allowed)
-    return Study(mechanism, states.part(regular), tuple(drops), mechanism.n - rank, left, null)
+    return Study(mechanism, states[regular], tuple(drops), mechanism.n - rank, left, null)
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:

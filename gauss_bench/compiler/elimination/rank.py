@@ -14,11 +14,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, States, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
 from gauss_bench.integrate.fixed_step import STEPS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
+from gauss_bench.trajectory import States
 
 CHECKS, FEW = 9, 2  # states at which a program is checked; few of a large linkage
 OFF = 0.1  # [rad, lengths] from the constraints, where residuals and energy are checked

@@ -4,17 +4,16 @@ An undriven linkage is walked along its free motion, from its start, a step of a
 or has met a position where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
 WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
@@ -23,21 +22,6 @@ DENSE = 100  # coordinates: beyond, sparse factorisations are cheaper by far
 CLOSED = 1e-12  # [m, rad]
 RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
 SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """Times (k,), positions and velocities (k, n)."""
-
-    t: Array
-    q: Array
-    v: Array
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def part(self, which: NDArray[np.bool_]) -> "States":
-        return States(self.t[which], self.q[which], self.v[which])
 
 
 def typical_length(mechanism: Mechanism) -> float:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +18,18 @@ TURN = 120  # states of a full turn
 
 
 def posed(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
+    """`posed_document` of a file, or of a built-in linkage."""
+    return posed_document(*document_of(name_or_path), crank_deg)
+
+
+def posed_document(
+    document: dict[str, Any], digest: str, path: Path, crank_deg: float = POSE_DEG
+) -> tuple[Mechanism, Array, Array | None]:
     """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one.
 
     A linkage at its pose has all forces of the file, whichever scenario they act in, and no driver; one at its start those of its
     first scenario.
     """
-    document, digest, path = document_of(name_or_path)
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
     scenarios = {"turn": {"duration": 1.0, "driver": driver, "forces": list(document.get("forces", {}))}}

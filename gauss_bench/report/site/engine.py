@@ -27,6 +27,7 @@ OBJECT = (
     "knob that was searched stands below with where it is documented. A better variant is one line of `variants.toml` in the "
     "engine's room; the search then tries it beside the others, and a changed result is published like any other."
 )
+REACH = ("passes_to", "breaks_at")
 COST = "Times of a step called from Python include the adapter's translation; in the engine's own loop they do not."
 
 
@@ -56,6 +57,8 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
     if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and known(r.get("ratio"))]:
         body.append(table(raced(winners)))
     body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
+    if reached := [r for r in run.table("atlas") if r["engine"] == name]:
+        body.append(table(atlas(reached)))
     body += [
         heading("What its authors may object to", "object"),
         paragraph(OBJECT if best else OBJECT.partition(" Every")[0] + "."),
@@ -193,10 +196,29 @@ def broken(run: Run, name: str) -> list[str]:
     )
     said += [f"Not modelled: {x}." for x in skipped[:4]]
     said = said or ["Nothing of this run did."]
-    return [
-        *said,
-        f"`gauss-bench atlas {name}` maps where it fails, along stiffness, speed, mass and other axes; this run stored none.",
-    ]
+    if any(r["engine"] == name for r in run.table("atlas")):
+        return said
+    return [*said, f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes."]
+
+
+def atlas(rows: Sequence[Row]) -> Table:
+    """How far it goes along each axis."""
+
+    def value(row: Row, column: str) -> Cell:
+        return Cell(f"{number(row, column):g} {row['unit']}".strip(), number(row, column)) if known(row.get(column)) else Cell("-")
+
+    tones = {"pass": "good", "failed": "bad", "degraded": "warn"}
+    lines = []
+    for r in rows:
+        way = " ".join(str(r[k]) for k in ("settings", "stabilization") if r[k] not in ("", "none", "default"))
+        last = text_cell(r["last"], tones.get(str(r["last"]), ""))
+        lines.append(
+            (text_cell(r["axis"]), text_cell(way or "default"), *(value(r, k) for k in REACH), last, text_cell(r["reason"]))
+        )
+    commits = listed(sorted({str(r["commit"]) for r in rows if r["commit"]}))
+    note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
+    head = ("axis", "setting", "passes to", "breaks at", "then", "reason")
+    return Table("How far it goes", head, tuple(lines), frozenset({2, 3}), note=note)
 
 
 def knobs(run: Run, name: str) -> list[Markup]:

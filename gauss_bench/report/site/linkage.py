@@ -8,10 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import built_in
 from gauss_bench.report.content import Chart, Table, count
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.linkages import posed_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
 from gauss_bench.report.sections.linkage.trajectories import best, whole
@@ -28,13 +27,13 @@ TOP = 10
 
 def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]) -> Page:
     own = [x for x in settings if x.mechanism == name]
-    moved = turning(name, name.replace("_", " "))
+    moved = turning(run, name, name.replace("_", " "))
     data: dict[str, Any] = {}
     body: list[Markup] = []
     if moved:
         body.append(moved[0])
         data["turn"] = moved[1]
-    elif still := drawing(name):
+    elif still := drawing(run, name):
         body.append(still)
     charts = [x for x in (accuracy(own), drift(run, name), energy(run, name), forces(run, name)) if x]
     body += [leaders(run, name, own)]
@@ -58,7 +57,9 @@ def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]
         ]
         data["pair"] = pair[1]
     scripts = ("player.js",) if moved else ()
-    return Page(f"linkage-{file_name(name)}", name.replace("_", " "), told(name, scenario), joined(body), data, "Linkages", scripts)
+    return Page(
+        f"linkage-{file_name(name)}", name.replace("_", " "), told(run, name, scenario), joined(body), data, "Linkages", scripts
+    )
 
 
 def rows_file(name: str) -> str:
@@ -80,12 +81,10 @@ def rows_page(run: Run, name: str) -> Page | None:
     )
 
 
-def told(name: str, scenario: str) -> str:
+def told(run: Run, name: str, scenario: str) -> str:
     """What it is, in a sentence."""
-    if name not in built_in():
-        return f"Scenario {scenario}."
     try:
-        mechanism, _, _ = posed(name)
+        mechanism, _, _ = posed_in(run, name)
     except LinkageError:
         return f"Scenario {scenario}."
     loops = len(mechanism.joints) - len(mechanism.links)
@@ -96,12 +95,10 @@ def told(name: str, scenario: str) -> str:
     )
 
 
-def drawing(name: str) -> Markup | None:
+def drawing(run: Run, name: str) -> Markup | None:
     """A still one, where the crank does not come round."""
-    if name not in built_in():
-        return None
     try:
-        text = draw(*posed(name))
+        text = draw(*posed_in(run, name))
     except LinkageError:
         return None
     return Markup('<div class="player"><div class="stage">{}</div></div>').format(Markup(inline(text, "still")))

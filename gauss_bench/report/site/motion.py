@@ -5,17 +5,15 @@ kinematics solves. A run is played from its stored errors of the crank's angle: 
 magnified, and the rest of the linkage follows from the loops, so that a difference of a thousandth of a degree can be seen.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
 from markupsafe import Markup
 
-from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.reference.certificate import CertificateError, certificate_path, check_holds, read_certificate
 from gauss_bench.report.drawings.animation import bars, slide_parts
@@ -31,7 +29,7 @@ from gauss_bench.report.drawings.drawing import (
     rail,
     slides,
 )
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.linkages import posed_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
 from gauss_bench.terms import Array
@@ -50,14 +48,12 @@ class Film:
         self.states = states
 
 
-def turned(name: str) -> tuple[Mechanism, Array] | None:
-    """A built-in linkage and the states of a turn of its crank; None without a file, or where it does not come round."""
-    if name not in built_in():
-        return None
+def turned(run: Run, name: str) -> tuple[Mechanism, Array] | None:
+    """A linkage and the states of a turn of its crank; None without a file, or where it does not come round."""
     try:
-        mechanism, _, trace = posed(name, 0.0)
+        mechanism, _, trace = posed_in(run, name, 0.0)
         if trace is None:
-            mechanism, _, trace = posed(name)
+            mechanism, _, trace = posed_in(run, name)
     except LinkageError:
         return None
     if trace is None or mechanism.crank is None or mechanism.crank < 0:
@@ -66,9 +62,9 @@ def turned(name: str) -> tuple[Mechanism, Array] | None:
     return (mechanism, trace) if abs(abs(turn) - 2 * np.pi) < 1e-6 else None
 
 
-def drawn(name: str) -> tuple[Markup, dict[str, Any]] | None:
+def drawn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """A linkage's SVG whose parts carry numbers, and where every part is in each state [px, degrees]."""
-    found = turned(name)
+    found = turned(run, name)
     if found is None:
         return None
     mechanism, states = found
@@ -118,9 +114,9 @@ def carried(mechanism: Mechanism, link: int, local: Array, states: Array, canvas
     return [f'<g data-link="{link}" data-x="{x:.2f}" data-y="{y:.2f}">', *shapes, "</g>"]
 
 
-def turning(name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
+def turning(run: Run, name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
     """The player with a slider for the crank's angle."""
-    found = drawn(name)
+    found = drawn(run, name)
     if found is None:
         return None
     svg, data = found
@@ -213,12 +209,3 @@ def side_by_side(run: Run, name: str, scenario: str, svg: Markup) -> tuple[Marku
         "runs": [{"name": label, "error": [float(f"{number(r, 'measured_error'):.4g}") for r in rows]} for label, rows in runs],
     }
     return text, data
-
-
-def points_of(name: str) -> Mapping[str, Array]:
-    """Observed point -> its path (k, 2) [m] over a turn."""
-    found = turned(name)
-    if found is None:
-        return {}
-    mechanism, states = found
-    return {p.name: position(states, p) for p in replace(mechanism).observed_points}

@@ -1,9 +1,8 @@
 """What the linkage looks like."""
 
 from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import built_in
 from gauss_bench.report.content import Section, Text, count
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.linkages import posed_in
 from gauss_bench.report.rows import Run
 
 PLACE = 10
@@ -11,11 +10,9 @@ TABLES = ()
 
 
 def section(run: Run, name: str) -> Section | None:
-    """The size of a linkage that comes with the suite; nothing of others, whose file the report does not have."""
-    if name not in built_in():
-        return None
+    """The size of a linkage; nothing of one whose file an older run did not keep."""
     try:
-        mechanism, _, _ = posed(name)
+        mechanism, _, _ = posed_in(run, name)
     except LinkageError:
         return None
     loops = len(mechanism.joints) - len(mechanism.links)

@@ -1,0 +1,34 @@
+"""How far things are, told to people on stderr: at once, or only once it takes long."""
+
+import sys
+import threading
+from collections.abc import Callable
+
+from gauss_bench.mechanism.limits import harmless
+
+LONG = 2.0  # [s] after which what takes so long says what it is
+Told = Callable[[str], object]
+_later: list[threading.Timer] = []
+
+
+def nobody(sentence: str) -> None:
+    """Tell nobody."""
+
+
+def tell(sentence: str) -> None:
+    """Tell people; names of theirs may hold what drives a terminal."""
+    print(harmless(sentence), file=sys.stderr, flush=True)
+
+
+def tell_if_long(sentence: str) -> None:
+    """Tell people, unless `no_longer` is called within LONG seconds: what ends soon needs no words."""
+    timer = threading.Timer(LONG, tell, (sentence,))
+    timer.daemon = True
+    _later.append(timer)
+    timer.start()
+
+
+def no_longer() -> None:
+    """What was to be told if it took long has come to its end."""
+    while _later:
+        _later.pop().cancel()

@@ -1,0 +1,215 @@
+"""Whether a drawn linkage can be put together and, if not, which loop stays open, how far, and which length would close it.
+
+Without the pairs that close the loops the linkage is a tree, which can always be put together. The loops are then closed one after
+the other: the two ends of the pin that closes the next are drawn together as near as they come, those before it staying closed. At
+the nearest, with the gap g from the one end to the other and w the way of the loop through a link,
+
+    |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|
+
+so that a link along the gap closes it by as much as the gap is long, and one across it never does.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gauss_bench.kinematics.dragging import Drag
+from gauss_bench.kinematics.freedom import Freedom, Place
+from gauss_bench.kinematics.topology import Loop, find_graph
+from gauss_bench.mechanism.closure import CLOSED
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Revolute
+from gauss_bench.terms import Array
+
+TRIES = 6  # from the drawing, then from drawings with links turned by lot: the nearest of all is told
+TURNED = 1.0  # [rad] at most
+ALONG = 0.5  # cosine from which a link counts as lying along the gap
+GENERIC = 0.03  # of the linkage's size: off a position where the rank is lower than elsewhere
+
+
+@dataclass(frozen=True)
+class Length:
+    """A length that closes a loop: between two points of a link, what it is and what it would have to be [m]."""
+
+    link: str
+    points: tuple[str, str]
+    now: float
+    needed: float
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """A loop that does not close.
+
+    Attributes:
+        joints: of the loop, in order. links: that they join, the frame as "ground".
+        at: the pin whose ends stay apart. apart: how far, at best [m].
+        alone: whether the loop stays open by itself, and not only because of the loops before it.
+        lengths: what would close it, the smallest change first.
+    """
+
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    at: str
+    apart: float
+    alone: bool
+    lengths: tuple[Length, ...]
+
+    def __str__(self) -> str:
+        among = "" if self.alone else " while the loops before it are closed"
+        told = f"the loop {'-'.join(self.links)} does not close{among}: at {self.at} its ends stay {self.apart:.4g} m apart"
+        if not self.lengths:
+            return told
+        x = self.lengths[0]
+        return f"{told}; it would with {x.link} ({x.points[0]} to {x.points[1]}) of {x.needed:.4g} m instead of {x.now:.4g} m"
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What came of putting a linkage together.
+
+    Attributes:
+        q: (n,) the position with all loops closed, or with those before the open one.
+        open: the first loop that does not close, or None.
+        dof: degrees of freedom; redundant: rows of the joints beyond their rank; both at a position of no special kind near q,
+            without the pair that stays open.
+        loops: links of every independent loop, in order.
+    """
+
+    q: Array
+    open: OpenLoop | None
+    dof: int
+    redundant: int
+    loops: tuple[tuple[str, ...], ...]
+
+
+def put_together(mechanism: Mechanism) -> Assembly:
+    """Close the loops of a linkage from where q0 has its links, be that drawn or closed; drivers and scenarios count for nothing.
+
+    Raises:
+        ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
+    """
+    graph = find_graph(_held(mechanism))
+    names = tuple(tuple(_links(mechanism, loop)) for loop in graph.loops)
+    bare = replace(mechanism, drivers=(), knife_edges=())
+    chords = [_opened(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
+    joints = [x for x in mechanism.joints if x not in chords]
+    place, found = _closed(bare, joints, mechanism.q0), None
+    for loop, chord in zip(graph.loops, chords, strict=True):
+        nearer, gap = _nearest(bare, joints, chord, place)
+        if gap > CLOSED:
+            alone = _nearest(bare, _of(mechanism, loop, chord), chord, place)
+            found = _told(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
+            break
+        joints = [x for x in mechanism.joints if x in joints or x is chord]
+        place = _closed(bare, joints, nearer.q)
+    rank = _rank(replace(bare, joints=tuple(joints)), place)
+    return Assembly(place.q, found, mechanism.n - rank, 2 * len(joints) - rank, names)
+
+
+def _held(mechanism: Mechanism) -> Mechanism:
+    """With a pin to the ground for every group of links that no joints hold to it; that closes no loop."""
+    while True:
+        try:
+            find_graph(mechanism)
+        except ValueError:
+            reached, joints = {GROUND}, [_ends(x) for x in mechanism.joints]
+            while more := {b for a, b in [*joints, *((b, a) for a, b in joints)] if a in reached} - reached:
+                reached |= more
+            loose = next(i for i in range(len(mechanism.links)) if i not in reached)
+            pin = Revolute(f"loose {loose}", f"loose {loose}", Point(GROUND, np.zeros(2), "ground."), Point(loose, np.zeros(2), ""))
+            mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
+        else:
+            return mechanism
+
+
+def _ends(joint: Joint) -> tuple[int, int]:
+    return (joint.a.link, joint.b.link) if isinstance(joint, Revolute) else (joint.guide.link, joint.block.link)
+
+
+def _links(mechanism: Mechanism, loop: Loop) -> list[str]:
+    return [mechanism.link_name(x.link) for x in loop.passages]
+
+
+def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
+    names = {x.leave.name for x in loop.passages}
+    return [x for x in mechanism.joints if x.name in names]
+
+
+def _of(mechanism: Mechanism, loop: Loop, chord: Joint) -> list[Joint]:
+    return [x for x in _joints(mechanism, loop) if x is not chord]
+
+
+def _opened(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
+    """The pair at which a loop is opened: the last pin in the file that no loop before it needs, else the last pair."""
+    earlier = {x.name for other in before for x in _joints(mechanism, other)}
+    own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
+    return next((x for x in reversed(own) if isinstance(x, Revolute)), own[-1])
+
+
+def _closed(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
+    place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
+    if place is None:
+        raise ValueError(f"{mechanism.name}: its joints cannot be put together from the drawing")
+    return place
+
+
+def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
+    """Where the ends of a pair come nearest to each other, and how near [m]; 0 where they meet."""
+    part = replace(mechanism, joints=tuple(joints))
+    if not isinstance(chord, Revolute):  # a loop of slides alone
+        closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
+        return (place, np.inf) if closed is None else (closed, 0.0)
+    best, apart, rng = place, np.inf, np.random.default_rng(0)
+    for attempt in range(TRIES):
+        q = np.array(place.q)
+        q[2::3] += rng.uniform(-TURNED, TURNED, size=len(q[2::3])) if attempt else 0.0
+        try:
+            drag = Drag(part, q, chord.b, onto=chord.a)
+        except ValueError:
+            continue
+        found = drag.to(np.zeros(2), most=200)
+        if found.apart < apart:
+            best, apart = drag.place, found.apart
+        if found.reached:
+            return best, 0.0
+    return best, apart
+
+
+def _told(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float, alone: bool) -> OpenLoop:
+    lengths: list[Length] = []
+    if isinstance(chord, Revolute):
+        gap = position(q, chord.b) - position(q, chord.a)
+        at = next(k for k, x in enumerate(loop.passages) if x.leave.name == chord.name)
+        onward = loop.passages[at].link == chord.a.link  # the loop passes from a to b: its ways add up to a - b
+        for passage in loop.passages:
+            a, b = (_point(mechanism, passage.link, x.node, x.name) for x in (passage.enter, passage.leave))
+            if a is None or b is None or not (now := float(np.hypot(*(way := position(q, b) - position(q, a))))):
+                continue
+            cosine = float(way @ gap) / (now * apart) * (-1.0 if onward else 1.0)
+            needed = now - apart / cosine if abs(cosine) > ALONG else 0.0
+            if needed > 0.0:
+                names = (a.name.partition(".")[2], b.name.partition(".")[2])
+                lengths.append(Length(mechanism.link_name(passage.link), names, now, needed))
+    lengths.sort(key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0)))
+    return OpenLoop(loop.joints, tuple(_links(mechanism, loop)), chord.joint, apart, alone, tuple(lengths))
+
+
+def _point(mechanism: Mechanism, link: int, node: str, name: str) -> Point | None:
+    """The point of a link at a pin of a loop."""
+    joint = next(x for x in mechanism.joints if x.name == name)
+    if not isinstance(joint, Revolute):
+        return None
+    return joint.a if joint.a.link == link else joint.b
+
+
+def _rank(mechanism: Mechanism, place: Place) -> int:
+    """Rank of the joint rows at a position of no special kind: the largest at the place and beside it."""
+    freedom, rng = Freedom(mechanism), np.random.default_rng(0)
+    rank = mechanism.n - int(place.free.shape[1])
+    for _ in range(3):
+        way = place.free @ rng.normal(size=place.free.shape[1])
+        size = float(np.abs(way).max(initial=0.0)) or 1.0
+        beside = freedom.close(place.q + way * (GENERIC * freedom.size / size) / freedom.scale)
+        rank = max(rank, mechanism.n - int(beside.free.shape[1])) if beside else rank
+    return rank

@@ -1,0 +1,244 @@
+"""A linkage drawn along by one of its points: the least change that takes the point to where it is pulled, or as near as it comes.
+
+With N a basis of the free motions, P = dp/dy how the point moves with them and r what it lacks of its target, each step solves
+
+    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        Levenberg-Marquardt, mu as large as makes it positive definite
+
+and Gauss-Newton takes the result back onto the constraints. Steps are short enough that the way is the linkage's own: the free
+motions turn little from one to the next, and the constraints are met close to the prediction to second order; else the step is
+halved. So no other assembly is reached than by moving there, and through a fork of the motion it goes straight on. Where the point
+determines a linkage of two degrees of freedom, it keeps to its side of their singular positions, det P = 0: an arm
+that is pulled straight folds back to the side it came from.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gauss_bench.kinematics.freedom import CORRECTIONS, Freedom, Place
+from gauss_bench.mechanism.coordinates import arm, position, value, velocity
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute, SlideDriver
+from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.terms import Array
+
+LARGEST_STEP = 0.15  # of the linkage's size, and [rad] of any link
+LARGEST_MISS = 0.25  # of a step: the constraints are met as near as that to the prediction
+SMALLEST_COSINE = 0.9  # between the free motions before and after a step
+HALVINGS = 12
+MOST_STEPS = 60  # nine linkage sizes; a pointer is asked again where it went meanwhile
+NEAR = 1e-13  # of the linkage's size: no step brings the point nearer to its target
+RESTING = 1e-8  # of the linkage's size: a step after which the next, its square, would be lost in rounding
+REACHED = 1e-10  # of the linkage's size: the point is at its target
+FLAT = 1e-9  # part of the largest curvature that counts as none
+MARGIN = 1e-3  # of det P: what a linkage keeps from the singular position, about a degree of a stretched arm, 1e-4 of its length
+
+
+@dataclass(frozen=True)
+class Locks:
+    """What a drag does not move.
+
+    Attributes:
+        links: names of links that keep their angle.
+        points: references "link.point" that stay where they are.
+        slides: names of prismatic joints that do not slide.
+    """
+
+    links: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+    slides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Dragged:
+    """Where a linkage was drawn.
+
+    Attributes:
+        q: (n,) the position.
+        reached: whether the point is at its target. apart: how far from it [m].
+        note: why it is not, in a sentence; empty where it is.
+        steps: steps along the way. solves: decompositions they took.
+    """
+
+    q: Array
+    reached: bool
+    apart: float
+    note: str
+    steps: int
+    solves: int
+
+
+def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
+    """The linkage with what is locked held where it is at q (n,), and nothing driven.
+
+    Raises:
+        ValueError: there is no link, point or slide of a name.
+    """
+    slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    pins, still = [], []
+    for reference in locks.points:
+        point = named(mechanism, reference)
+        at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
+        pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
+    for name in locks.links:
+        if name not in [x.name for x in mechanism.whole.links]:
+            raise ValueError(f"no link {name!r} that could be locked")
+        body, _ = mechanism.placed(name)
+        still.append(AngleDriver(f"lock of {name}", constant(float(q[3 * body + 2]), 0.0), body))
+    for name in locks.slides:
+        if name not in slides:
+            raise ValueError(f"no slide {name!r} that could be locked")
+        here = float(value(slides[name].motion, q))
+        still.append(SlideDriver(f"lock of {name}", constant(here, 0.0), slides[name]))  # type: ignore[arg-type]
+    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
+
+
+def named(mechanism: Mechanism, reference: str | Point) -> Point:
+    """The point "link.point", or the one given.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if isinstance(reference, Point):
+        return reference
+    try:
+        return mechanism.named_point(reference)
+    except (KeyError, StopIteration):
+        raise ValueError(f"no point {reference!r}") from None
+
+
+class Drag:
+    """One drag of a point: keeps the position, and goes on from it."""
+
+    def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
+        """From an assembled q (n,), by the point "link.point"; targets are places, or ways from the point `onto` of another link.
+
+        Raises:
+            ValueError: the point is on the ground, there is nothing of a name, or the joints are open at q.
+        """
+        self.point, self.onto = named(mechanism, point), onto
+        if self.point.link == GROUND and onto is None:
+            raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
+        self.freedom = Freedom(locked(mechanism, q, locks))
+        place = self.freedom.close(np.array(q, dtype=float))
+        if place is None:
+            raise ValueError(f"{mechanism.name} cannot be dragged from here: its joints are open")
+        self.place = place
+        self.side = self._side()
+
+    @property
+    def q(self) -> Array:
+        """(n,) where the linkage is."""
+        return self.place.q
+
+    def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
+        """Toward a target (2,) [m], by at most so many steps."""
+        target, size, solves = np.asarray(target, dtype=float), self.freedom.size, 0
+        last = not self.place.free.shape[1]
+        for steps in range(most + 1):
+            lacking = self.at(self.place) - target
+            apart = float(np.hypot(*lacking))
+            if apart <= NEAR * size or last or steps == most:
+                break
+            bends = self._bends()
+            for y in self._steps(lacking, bends):
+                last = bool(np.abs(y).max() < RESTING * size)
+                place, more = self._go(y, bends)
+                solves += more
+                if place is not None and np.hypot(*(self.at(place) - target)) < apart:
+                    self.place = place
+                    self.side = self.side or self._side()
+                    break
+                if last:
+                    break
+            else:
+                last = True
+        if apart <= REACHED * size:
+            return Dragged(self.q, True, apart, "", steps, solves)
+        why = f"the linkage lets {self.point.name} come no nearer" if self.place.free.shape[1] else "nothing is left to move"
+        return Dragged(self.q, False, apart, why if last else "still on its way", steps, solves)
+
+    def _bends(self) -> Array:
+        """Second derivatives (f, f, n) of the scaled coordinates by the free motions."""
+        N = self.place.free
+        f = N.shape[1]
+        i, j = np.triu_indices(f)
+        both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T  # x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
+        found = self.freedom.bend(self.place, both) / 4
+        bends = np.zeros((f, f, len(self.q)))
+        bends[i, j] = bends[j, i] = found[: len(i)] - found[len(i) :]
+        return bends
+
+    def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
+        """Steps y (f,) that bring the point nearer to first order, the best first, then ever shorter ones."""
+        P, N, limit = self._moves(self.place), self.place.free / self.freedom.scale[:, None], LARGEST_STEP * self.freedom.size
+        states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
+        bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
+        if self.onto:
+            bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
+        gradient, H = P.T @ lacking, P.T @ P + bent @ lacking
+        curvature, V = np.linalg.eigh(H)
+        largest = float(np.abs(curvature).max())
+        mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
+        y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
+        if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
+            y = limit * V[:, 0]  # as far away as can be, where either way leads nearer
+        if self.side:
+            y = self._kept(y, P, bent, gradient, H)
+        y = y * min(1.0, limit / max(float(np.abs(self.place.free @ y).max()), np.finfo(float).tiny))
+        for _ in range(HALVINGS):
+            yield y
+            y = y / 2
+
+    def _kept(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
+        """The step y (2,), or the best one that stays on its side of det P = 0 to first order."""
+        room = MARGIN - self.side * float(np.linalg.det(P))
+        ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
+        if ahead @ y >= room or not ahead.any():
+            return y
+        base, beside = ahead * room / (ahead @ ahead), np.array([-ahead[1], ahead[0]])
+        curved = abs(float(beside @ H @ beside))
+        return np.asarray(base - beside * float(beside @ (gradient + H @ base)) / max(curved, FLAT * float(beside @ beside)))
+
+    def _go(self, y: Array, bends: Array) -> tuple[Place | None, int]:
+        """The place a step y (f,) leads to, if the linkage surely moves there; and the decompositions that took."""
+        N, scale = self.place.free, self.freedom.scale
+        way = N @ y
+        guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
+        place = self.freedom.close(guess)
+        if place is None or place.free.shape[1] > N.shape[1]:
+            return None, CORRECTIONS if place is None else place.solves
+        if place.free.shape[1] < N.shape[1]:  # off a fork of the motion, by one way or another
+            return place, place.solves
+        missed = float(np.abs((place.q - guess) * scale).max())
+        turned = N.T @ place.free
+        if missed > LARGEST_MISS * np.abs(way).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
+            return None, place.solves
+        place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
+        return (None if self.side and self.side * self._det(place) < MARGIN / 2 else place), place.solves
+
+    def _det(self, place: Place) -> float:
+        """det P where the point's place determines that of the linkage; 0 where P is not square."""
+        return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
+
+    def _side(self) -> float:
+        """On which side of the singular position of the point it is, 0 where that is near."""
+        det = self._det(self.place)
+        return float(np.sign(det)) if abs(det) > MARGIN else 0.0
+
+    def at(self, place: Place) -> Array:
+        """(2,) where the point is [m], or how far from `onto`."""
+        here = position(place.q, self.point)
+        return here if self.onto is None else here - position(place.q, self.onto)
+
+    def _moves(self, place: Place) -> Array:
+        """P (2, f): how the point moves with the free motions."""
+        N = place.free.T / self.freedom.scale
+        states = np.broadcast_to(place.q, N.shape)
+        moves = velocity(states, N, self.point)
+        return (moves if self.onto is None else moves - velocity(states, N, self.onto)).T
+
+    def _centripetal(self, N: Array, point: Point) -> Array:
+        """(f, f, 2): what is left of a point's second derivatives by free motions N (n, f) where its link turns alone."""
+        turns = N[3 * point.link + 2]  # of the ground any row does: its arms are nothing
+        return np.outer(turns, turns)[..., None] * arm(self.q, point)

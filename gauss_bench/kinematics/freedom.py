@@ -1,0 +1,88 @@
+"""What the joints leave free at a position: a basis of the free motions, how they bend, and the way back onto the constraints.
+
+Coordinates are scaled, so that a turn of one radian counts as a way of the linkage's own size; a shortest change is shortest in
+that sense. With J of the joint rows in scaled coordinates and its singular values,
+
+    J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...,    J^+ the pseudo-inverse
+
+gamma being the quadratic form in the velocities that `Constraints` knows. What drives the linkage is held as at t = 0;
+knife edges, which hold no position, are left out.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+RANK_TOLERANCE = 1e-7  # of the largest singular value: a freedom more than elsewhere, where the motion forks
+CLOSED = 1e-13  # of the linkage's size: a residual that rounding leaves
+CORRECTIONS = 12  # from a prediction to second order three are usual
+
+
+def extent(mechanism: Mechanism) -> float:
+    """Size of a linkage [m]: the largest distance of two points of a link; of the ground, where links have one point each."""
+    owners = [[*link.points.values()] for link in mechanism.links] or [[]]
+    sizes = [float(np.hypot(*(a - b))) for points in owners for a in points for b in points]
+    ground = [float(np.hypot(*(a - b))) for a in mechanism.ground_points.values() for b in mechanism.ground_points.values()]
+    return max(sizes, default=0.0) or max(ground, default=0.0) or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A position on the constraints.
+
+    Attributes:
+        q: (n,) absolute coordinates.
+        J: (m, n) joint rows in scaled coordinates. inverse: (n, m) its pseudo-inverse.
+        free: (n, f) orthonormal basis N of the free motions in scaled coordinates.
+        solves: decompositions that were needed to get here.
+    """
+
+    q: Array
+    J: Array
+    inverse: Array
+    free: Array
+    solves: int
+
+
+class Freedom:
+    """The joint rows of one linkage in scaled coordinates."""
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        self.constraints = Constraints(replace(mechanism, knife_edges=()))
+        self.size = extent(mechanism)
+        self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
+
+    def at(self, q: Array, solves: int = 0) -> tuple[Array, Place]:
+        """The residual phi (m,) and the decomposition at any q (n,)."""
+        rows = self.constraints(0.0, q, np.zeros_like(q))
+        J = rows.J / self.scale
+        if not len(J):
+            return rows.phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)), solves + 1)
+        U, s, Vt = np.linalg.svd(J)
+        rank = int((s > RANK_TOLERANCE * s[0]).sum())
+        inverse = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T
+        return rows.phi, Place(q, J, inverse, Vt[rank:].T, solves + 1)
+
+    def close(self, q: Array) -> Place | None:
+        """The nearest place on the constraints by Gauss-Newton, or None where none is found."""
+        before = np.inf
+        for solves in range(CORRECTIONS):
+            if not np.isfinite(q).all():
+                return None
+            phi, place = self.at(q, solves)
+            error = float(np.abs(phi).max(initial=0.0))
+            if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
+                return place
+            before, q = error, q - place.inverse @ phi / self.scale
+        return None
+
+    def bend(self, place: Place, directions: Array) -> Array:
+        """Second derivatives (k, n) of q along scaled directions (k, n) through a place, the free motion apart; in scaled terms."""
+        still = np.tile(place.q, (len(directions), 1))
+        gamma = self.constraints(0.0, still, directions / self.scale).gamma
+        return np.asarray(gamma @ place.inverse.T)

@@ -1,0 +1,42 @@
+"""The linkage files of a run: those that come with the suite by their names, a user's own as the run kept them."""
+
+import hashlib
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from gauss_bench.mechanism.errors import Fault, LinkageError
+from gauss_bench.mechanism.load import built_in, document_of
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.report.drawings.pose import POSE_DEG, posed_document
+from gauss_bench.report.rows import Run
+from gauss_bench.terms import Array
+
+KEPT = "linkages"  # key of a run's environment: name -> text of the file
+
+
+def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
+    """Document, digest and path of a linkage of a run.
+
+    Raises:
+        LinkageError: it neither comes with the suite nor was kept, or is damaged.
+    """
+    kept = run.environment.get(KEPT)
+    text = kept.get(name) if isinstance(kept, dict) else None
+    if isinstance(text, str):
+        try:
+            return tomllib.loads(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
+        except tomllib.TOMLDecodeError as error:
+            raise LinkageError(name, [Fault("", f"as the run kept it, no TOML: {error}")]) from error
+    if name not in built_in():
+        raise LinkageError(name, [Fault("", "the run did not keep its file")])
+    return document_of(name)
+
+
+def posed_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
+    """As `pose.posed`, of a linkage of a run.
+
+    Raises:
+        LinkageError: as `document_in`, or where it does not load.
+    """
+    return posed_document(*document_in(run, name), crank_deg)

@@ -1,0 +1,103 @@
+"""What is being drawn, kept beside the user's caches while it is not saved, so that neither browser nor server can lose it.
+
+A file belongs to one process and one document; what a dead process left is offered to whoever opens the same document next.
+"""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from gauss_bench.tables import write_text
+
+NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
+LARGEST = 8 << 20  # bytes; what is larger is not ours
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a process left: the text, and ids of what was locked."""
+
+    file: Path
+    text: str
+    locks: tuple[str, ...]
+
+
+def folder() -> Path:
+    """Where drawings are kept that are not saved yet."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gauss-bench" / "studio"
+
+
+class Autosave:
+    """The file of this process for one document: `named` is its path, or a word for a new drawing."""
+
+    def __init__(self, named: str):
+        self.key = hashlib.sha256(named.encode("utf-8", "surrogateescape")).hexdigest()[:20]
+        self.file = folder() / f"{self.key}.{os.getpid()}.json"
+
+    def keep(self, text: str, locks: tuple[str, ...]) -> None:
+        """Keep this; where the folder cannot be written there is nothing that can be done, and drawing goes on."""
+        with suppress(OSError):
+            self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            said = {"text": text, "locks": locks, "process": os.getpid(), "since": since(os.getpid())}
+            write_text(self.file, json.dumps(said))
+
+    def forget(self) -> None:
+        with suppress(OSError):
+            self.file.unlink()
+
+    def left(self) -> Left | None:
+        """What a process that is no more left of this document: the newest; whatever is spoilt is as if it were not there."""
+        found = []
+        with suppress(OSError):
+            for path in folder().glob(f"{self.key}.*.json"):
+                with suppress(OSError, ValueError, KeyError, TypeError):
+                    status = path.lstat()
+                    if not path.is_file() or path.is_symlink() or status.st_size > LARGEST:
+                        continue
+                    said = json.loads(path.read_text(encoding="utf-8"))
+                    text, locks, process = said["text"], said["locks"], int(said["process"])
+                    sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
+                    if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
+                        found.append((status.st_mtime, Left(path, text, tuple(locks))))
+        return max(found, key=lambda x: x[0])[1] if found else None
+
+
+@contextmanager
+def workplace(text: str, name: str) -> Iterator[Path]:
+    """A file of this text called `name`.toml, for those who read linkages from files; gone with its folder afterwards."""
+    home = folder()
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"run.{os.getpid()}.{since(os.getpid())}.", dir=home) as made:
+        path = Path(made) / f"{name if NAME.fullmatch(name) else 'drawing'}.toml"
+        path.write_text(text, encoding="utf-8")
+        yield path
+
+
+def collect() -> None:
+    """Remove the workplaces of processes that are no more."""
+    with suppress(OSError):
+        for path in folder().glob("run.*"):
+            _, process, began, *_ = [*path.name.split("."), "", ""]
+            if process.isdigit() and since(int(process)) != began and path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def since(process: int) -> str:
+    """When a process began, in the system's own words; "" where it is no more."""
+    with suppress(OSError, IndexError):
+        return Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[19]
+    if Path("/proc/self/stat").exists():
+        return ""
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return ""
+    return "alive"

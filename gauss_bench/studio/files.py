@@ -1,0 +1,118 @@
+"""Files of the studio: only inside the folder it was started in, and a linkage as a link that carries itself."""
+
+import base64
+import tempfile
+import zlib
+from pathlib import Path
+
+from gauss_bench.api.exchange import READING, answered, read_there
+from gauss_bench.bench.worker import Worker
+from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.mechanism.load import MAX_BYTES, built_in
+from gauss_bench.mechanism.load import read as read_file
+from gauss_bench.studio import templates
+from gauss_bench.studio.errors import Refused
+from gauss_bench.tables import write_text
+
+SHOWN = 200  # files of the folder that are listed
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file of the working folder, symbolic links followed.
+
+    Raises:
+        Refused: it lies elsewhere, or is no name of a linkage file.
+    """
+    if not name or "\0" in name or len(name) > 200:
+        raise Refused("a file has a name", field="path")
+    try:
+        path = (folder / name).resolve()
+        within = path.is_relative_to(folder) and path != folder
+    except (OSError, ValueError, RuntimeError) as error:
+        raise Refused(f"{name[:60]}: no path", field="path") from error
+    if not within:
+        raise Refused(f"{name[:60]}: lies outside the folder that the studio was started in", field="path")
+    if path.suffix != ".toml":
+        raise Refused(f"{name[:60]}: a linkage file ends in .toml", field="path")
+    return path
+
+
+def listed(folder: Path) -> list[str]:
+    """Linkage files of the working folder, by name."""
+    try:
+        return sorted(x.name for x in folder.glob("*.toml") if x.is_file())[:SHOWN]
+    except OSError:
+        return []
+
+
+def opened(folder: Path, name: str) -> tuple[str, Path | None]:
+    """Text and path of a file of the folder; of a built-in linkage or a template its text alone.
+
+    Raises:
+        Refused: there is none, or it lies outside the folder.
+        LinkageError: it cannot be read.
+    """
+    if not Path(name).suffix and name in templates.files():
+        return templates.text_of(name), None
+    path = inside(folder, name)
+    read_file(path)
+    return path.read_text(encoding="utf-8"), path
+
+
+def save(folder: Path, path: Path, text: str, replace: bool, own: Path | None) -> None:
+    """Write the text in one move; over another file than the one that was opened only where that is wished.
+
+    Raises:
+        Refused: a name that no linkage may have, or there is a file already.
+    """
+    if path.stem in built_in():
+        raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
+    if path.is_dir() or not path.parent.is_dir():
+        raise Refused(f"{path.name} lies in no folder, or is one", field="path")
+    if path.exists() and path != own and not replace:
+        raise Refused(f"{path.name} is there already", field="replace")
+    try:
+        write_text(path, text)
+    except OSError as error:
+        raise Refused(f"{path.name} cannot be written: {error.strerror}", field="path") from error
+
+
+def imported(text: str) -> tuple[str, list[str]]:
+    """A model in MJCF or URDF as a linkage file, and what that lacks: sentences. Libraries read it in a process of their own.
+
+    Raises:
+        Refused: it is none, or not planar, or what reads it is not installed.
+    """
+    with tempfile.TemporaryDirectory(prefix="gauss-bench-studio-") as folder:
+        model = Path(folder) / "model.xml"
+        model.write_text(text, encoding="utf-8")
+        try:
+            with Worker() as worker:
+                found = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
+        except (ExchangeError, MissingExtra) as error:
+            raise Refused(str(error).replace(f"{model}: ", "")) from error
+        return str(found["text"]).replace(str(model), "model.xml"), [str(x) for x in found["left_out"]]
+
+
+def fragment(text: str) -> str:
+    """The text in the characters that an address may carry."""
+    packed = zlib.compress(text.encode("utf-8"), 9)
+    return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
+
+
+def of_fragment(given: str) -> str:
+    """The text of `fragment`.
+
+    Raises:
+        Refused: it is none, or is larger than any linkage file.
+    """
+    try:
+        packed = base64.b64decode(given + "=" * (-len(given) % 4), altchars=b"-_", validate=True)
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(packed, MAX_BYTES + 1)
+        if len(content) > MAX_BYTES or not unpacking.eof:
+            raise Refused("the link is cut off, or carries more than a linkage file")
+        return content.decode("utf-8")
+    except (ValueError, zlib.error) as error:
+        raise Refused("the link carries no linkage") from error

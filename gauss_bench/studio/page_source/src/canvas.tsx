@@ -1,0 +1,522 @@
+// The drawing area: grid, picture, paths, linkage, ghost, what is being drawn; pointer, touch and keyboard.
+import { signal, useSignalEffect } from "@preact/signals";
+import type { JSX } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import { Linkage, Path } from "./drawing";
+import { apart, figure, middle } from "./geometry";
+import { target } from "./hit";
+import type { Target } from "./hit";
+import type { Poses, Scene, XY } from "./protocol";
+import { ask, pending } from "./socket";
+import {
+  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, shown,
+  show, showCentres, still, take,
+} from "./state";
+import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
+import { pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
+
+export const names = signal(false);
+const cursor = signal<XY | null>(null); // the keyboard's cross, in the world
+const reshaped = signal<{ pin: string; at: XY } | null>(null);
+
+// Dragging: the newest place only, the next one when the last answer has come.
+let drag: { on: boolean; next: XY | null; waiting: boolean; ended: null | boolean } | null = null;
+
+async function beginDrag(pin: string, at: XY): Promise<void> {
+  still();
+  const mine = { on: false, next: null as XY | null, waiting: true, ended: null as boolean | null };
+  drag = mine;
+  frames.value = { solved: 0, ms: 0, jump: 0 };
+  try {
+    await ask("drag_begin", { pin, at });
+    mine.on = true;
+  } catch (error) {
+    say((error as Error).message, "error");
+    if (drag === mine) drag = null;
+    return;
+  }
+  mine.waiting = false;
+  void pull(mine);
+}
+
+async function pull(mine: NonNullable<typeof drag>): Promise<void> {
+  if (mine.waiting) return;
+  if (mine.next) {
+    const at = mine.next;
+    mine.next = null;
+    mine.waiting = true;
+    try {
+      const reply = (await ask("drag", { at })) as unknown as { poses: Poses; reached: boolean; ms: number; note: string | null };
+      const before = dragged.value ?? {};
+      const jump = Math.max(0, ...Object.entries(reply.poses).map(([name, p]) => (before[name] ? Math.abs(p[2] - before[name]![2]) : 0)));
+      if (drag === mine) dragged.value = reply.poses;
+      frames.value = { solved: frames.value.solved + 1, ms: reply.ms, jump: Math.max(frames.value.jump, jump) };
+      if (reply.note && !reply.reached) say(reply.note);
+      else if (said.value?.level === "info") said.value = null;
+    } catch (error) {
+      say((error as Error).message, "error");
+    }
+    mine.waiting = false;
+    return pull(mine);
+  }
+  if (mine.ended !== null) {
+    const keep = mine.ended;
+    if (drag === mine) drag = null;
+    try {
+      const reply = await ask("drag_end", { keep });
+      if (reply.scene) take(reply.scene as Scene);
+    } catch (error) {
+      say((error as Error).message, "error");
+    }
+    dragged.value = null;
+  }
+}
+
+function endDrag(keep: boolean): void {
+  if (!drag) return;
+  drag.ended = keep;
+  if (drag.on) void pull(drag);
+}
+
+const fingers = new Map<number, XY>();
+let pressed: { at: XY; hit: Target; mode: "none" | "pan" | "drag" | "reshape" | "draw"; far: boolean; pin: string | null } | null = null;
+let spread = 0;
+
+export function Canvas(): JSX.Element {
+  const ref = useRef<SVGSVGElement>(null);
+  const here = (e: { clientX: number; clientY: number }): XY => {
+    const box = ref.current!.getBoundingClientRect();
+    return [e.clientX - box.left, e.clientY - box.top];
+  };
+  const look = (e: PointerEvent): Target => target(placed.value!, here(e), e.pointerType === "touch" ? 24 : 13, e.altKey || !lined.value);
+
+  useEffect(() => {
+    const svg = ref.current!;
+    const watch = new ResizeObserver(() => {
+      const box = svg.getBoundingClientRect();
+      if (!box.width) return;
+      const first = size.value[0] === 800 && size.value[1] === 600;
+      const [dx, dy] = [(box.width - size.value[0]) / 2, (box.height - size.value[1]) / 2];
+      size.value = [box.width, box.height];
+      if (first) show();
+      else pan(dx, dy);
+    });
+    watch.observe(svg);
+    const wheel = (e: WheelEvent): void => {
+      e.preventDefault();
+      if (e.ctrlKey || !e.shiftKey) zoom(Math.exp(-e.deltaY * (e.ctrlKey ? 0.01 : 0.0016)), here(e));
+      else pan(-e.deltaY, -e.deltaX);
+    };
+    svg.addEventListener("wheel", wheel, { passive: false });
+    return () => {
+      watch.disconnect();
+      svg.removeEventListener("wheel", wheel);
+    };
+  }, []);
+  useSignalEffect(() => {
+    clock.value;
+    shown.value;
+    if (showCentres.value && scene.value) void findCentres();
+  });
+
+  const down = (e: PointerEvent): void => {
+    if (!placed.value) return;
+    ref.current!.focus({ preventScroll: true });
+    ref.current!.setPointerCapture(e.pointerId);
+    fingers.set(e.pointerId, here(e));
+    cursor.value = null;
+    if (fingers.size === 2) {
+      endDrag(false);
+      pressed = null;
+      reshaped.value = null;
+      const [a, b] = [...fingers.values()] as [XY, XY];
+      spread = apart(a, b);
+      return;
+    }
+    const hit = look(e);
+    const hand = tool.value;
+    const base = { at: here(e), hit, far: false, pin: hit.pin };
+    if (e.button === 1 || e.button === 2 || (hand === "select" && !hit.over)) pressed = { ...base, mode: "pan" };
+    else if (hand === "select") pressed = { ...base, mode: "none" };
+    else if (hand === "reshape") pressed = { ...base, mode: hit.pin !== null ? "reshape" : "pan" };
+    else {
+      pressed = { ...base, mode: "draw" };
+      pick(hit);
+    }
+  };
+
+  const move = (e: PointerEvent): void => {
+    if (!placed.value) return;
+    const at = here(e);
+    if (fingers.size === 2 && fingers.has(e.pointerId)) {
+      const old = [...fingers.values()] as [XY, XY];
+      fingers.set(e.pointerId, at);
+      const now = [...fingers.values()] as [XY, XY];
+      const [m, n] = [middle(old), middle(now)];
+      pan(n[0] - m[0], n[1] - m[1]);
+      if (spread > 0 && apart(...now) > 0) zoom(apart(...now) / spread, n);
+      spread = apart(...now);
+      return;
+    }
+    const before = fingers.get(e.pointerId);
+    if (fingers.has(e.pointerId)) fingers.set(e.pointerId, at);
+    if (!pressed) {
+      if (tool.value !== "select" || e.pointerType === "mouse") hover.value = look(e);
+      return;
+    }
+    if (!pressed.far && apart(at, pressed.at) < 4) return;
+    if (!pressed.far) {
+      pressed.far = true;
+      if (pressed.mode === "none" && tool.value === "select") startPull(e);
+    }
+    if (pressed.mode === "pan" && before) pan(at[0] - before[0], at[1] - before[1]);
+    else if (pressed.mode === "drag" && drag) {
+      drag.next = toWorld(at);
+      if (drag.on) void pull(drag);
+    } else if (pressed.mode === "reshape" && pressed.pin !== null) {
+      const snap = look(e);
+      reshaped.value = { pin: pressed.pin, at: snap.pin === pressed.pin ? toWorld(at) : snap.at };
+    } else if (pressed.mode === "draw") hover.value = look(e);
+  };
+
+  /** A drag with the arrow: a joint that can move is pulled; a fixed one, or one of a linkage that is not whole, is put elsewhere. */
+  const startPull = (e: PointerEvent): void => {
+    const { hit } = pressed!;
+    const grip = hit.pin ?? nearestOf(hit, here(e));
+    if (grip === null) {
+      pressed!.mode = "pan";
+      return;
+    }
+    const pin = scene.value!.pins.find((p) => p.id === grip)!;
+    const status = scene.value!.status;
+    selection.value = [{ kind: "pin", id: grip }];
+    if (!pin.ground && status.assembles && (status.dof ?? 0) > 0 && !e.shiftKey) {
+      pressed!.mode = "drag";
+      void beginDrag(grip, placed.value!.pin(pin));
+    } else {
+      pressed!.mode = "reshape";
+      pressed!.pin = grip;
+      still();
+      if (!pin.ground && !e.shiftKey && status.dof === 0) say("Nothing can move: dragging changes the lengths instead.");
+    }
+  };
+  const nearestOf = (hit: Target, at: XY): string | null => {
+    if (hit.over?.kind !== "link") return null;
+    const own = scene.value!.pins.filter((p) => p.members.some((ref) => ref.startsWith(`${hit.over!.id}.`)));
+    own.sort((p, q) => apart(toScreen(placed.value!.pin(p)), at) - apart(toScreen(placed.value!.pin(q)), at));
+    return (own.find((p) => !p.ground) ?? own[0])?.id ?? null;
+  };
+
+  const up = (e: PointerEvent): void => {
+    fingers.delete(e.pointerId);
+    if (!pressed) return;
+    const { mode, far, hit, pin, at } = pressed;
+    pressed = null;
+    if (mode === "drag") endDrag(true);
+    else if (mode === "reshape" && far && pin !== null) {
+      const to = reshaped.value;
+      reshaped.value = null;
+      const join = look(e);
+      if (join.pin !== null && join.pin !== pin && tool.value === "reshape") void edit("join", { pin, to: join.pin });
+      else if (to) void edit("move", { pin, at: to.at });
+    } else if (mode === "draw" && far && apart(here(e), at) > 10 && picks.value.length) pick(look(e));
+    else if (!far && tool.value === "select" && e.button === 0) {
+      const had = selection.value;
+      const same = hit.over && had.some((p) => p.kind === hit.over!.kind && p.id === hit.over!.id);
+      if (!hit.over) selection.value = e.shiftKey ? had : [];
+      else if (e.shiftKey) selection.value = same ? had.filter((p) => p.id !== hit.over!.id || p.kind !== hit.over!.kind) : [...had, hit.over];
+      else selection.value = [hit.over];
+    }
+  };
+  const lost = (e: PointerEvent): void => {
+    fingers.delete(e.pointerId);
+    endDrag(false);
+    reshaped.value = null;
+    pressed = null;
+  };
+
+  const key = (e: KeyboardEvent): void => {
+    if (!placed.value || e.ctrlKey || e.metaKey) return;
+    const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[e.key];
+    if (by) {
+      e.preventDefault();
+      const step = steps.value.fine * (e.shiftKey ? 5 : 1);
+      const chosenPin = selection.value[0]?.kind === "pin" ? scene.value!.pins.find((p) => p.id === selection.value[0]!.id) : undefined;
+      if (tool.value === "select" && chosenPin) {
+        const round = (v: number): number => Number(v.toFixed(9));
+        void edit("move", { pin: chosenPin.id, at: [round(chosenPin.at[0] + by[0]! * step), round(chosenPin.at[1] + by[1]! * step)] });
+        return;
+      }
+      const from = cursor.value ?? toWorld([size.value[0] / 2, size.value[1] / 2]);
+      cursor.value = [from[0] + by[0]! * step, from[1] + by[1]! * step];
+      const snap = target(placed.value, toScreen(cursor.value), 8, !lined.value);
+      hover.value = snap;
+      if (snap.pin === null && lined.value) cursor.value = snap.at;
+    } else if ((e.key === "Enter" || e.key === " ") && current().open && picks.value.length > 2 && e.key === "Enter") {
+      e.preventDefault();
+      finish();
+    } else if ((e.key === "Enter" || e.key === " ") && cursor.value) {
+      e.preventDefault();
+      const snap = target(placed.value, toScreen(cursor.value), 8, !lined.value);
+      if (tool.value === "select") selection.value = snap.over ? [snap.over] : [];
+      else pick(snap);
+    } else if (e.key === "Delete" || e.key === "Backspace") {
+      e.preventDefault();
+      void remove();
+    } else if (e.key === "Escape") {
+      if (drag) endDrag(false);
+      else {
+        cursor.value = null;
+        cancel();
+      }
+    } else if (e.key === "+" || e.key === "=") zoom(1.25);
+    else if (e.key === "-") zoom(0.8);
+    else if (e.key === "0") show();
+  };
+
+  const { scale, origin } = view.value;
+  const now = placed.value;
+  const title = scene.value ? `${scene.value.title || scene.value.name}: ${scene.value.links.length} links, ${scene.value.pins.length} pins` : "";
+  return (
+    <svg
+      ref={ref}
+      id="canvas"
+      class={`canvas tool-${tool.value}${pressed?.mode === "drag" ? " dragging" : ""}`}
+      role="application"
+      aria-label="Drawing area"
+      aria-roledescription="drawing"
+      aria-describedby="canvas-help"
+      tabindex={0}
+      data-scale={scale}
+      data-origin={`${origin[0]},${origin[1]}`}
+      data-frames={frames.value.solved}
+      data-jump={frames.value.jump}
+      data-pending={pending.value}
+      data-revision={scene.value?.revision}
+      onPointerDown={down}
+      onPointerMove={move}
+      onPointerUp={up}
+      onPointerCancel={lost}
+      onPointerLeave={() => !pressed && (hover.value = null)}
+      onDblClick={() => current().open && picks.value.length > 2 && finish()}
+      onContextMenu={(e) => e.preventDefault()}
+      onKeyDown={key}
+    >
+      <title>{title}</title>
+      <Behind />
+      <Grid />
+      <Paths />
+      {ghosted.value && <Linkage at={ghosted.value} named={false} look="ghost" />}
+      {now && <Linkage at={now} named={names.value} />}
+      <Velocities />
+      <Reshape />
+      <Centres />
+      <Drawn />
+    </svg>
+  );
+}
+
+function Behind(): JSX.Element | null {
+  const picture = scene.value?.picture;
+  if (!picture) return null;
+  const [x, y] = toScreen([picture.at[0], picture.at[1] + picture.height]);
+  const { scale } = view.value;
+  return <image class="behind" href={picture.url} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
+}
+
+function Grid(): JSX.Element {
+  const { fine, strong } = steps.value;
+  const { scale, origin } = view.value;
+  const [w, h] = size.value;
+  const lines = (step: number): string => {
+    let d = "";
+    const gap = step * scale;
+    for (let x = ((origin[0] % gap) + gap) % gap; x < w; x += gap) d += `M${x.toFixed(1)} 0V${h}`;
+    for (let y = ((origin[1] % gap) + gap) % gap; y < h; y += gap) d += `M0 ${y.toFixed(1)}H${w}`;
+    return d;
+  };
+  const bar = strong * scale;
+  const label = strong < 0.01 ? `${figure(strong * 1000)} mm` : strong < 1 ? `${figure(strong * 100)} cm` : `${figure(strong)} m`;
+  return (
+    <g class="grid" aria-hidden="true">
+      <path class="fine" d={lines(fine)} />
+      <path class="bold" d={lines(strong)} />
+      <path class="axis" d={`M${origin[0].toFixed(1)} 0V${h}M0 ${origin[1].toFixed(1)}H${w}`} />
+      <g transform={`translate(${w - bar - 18} ${h - 16})`}>
+        <path class="ruler" d={`M0-5V0H${bar.toFixed(1)}V-5`} />
+        <text x={bar / 2} y="-6" text-anchor="middle">
+          {label}
+        </text>
+      </g>
+    </g>
+  );
+}
+
+function Paths(): JSX.Element | null {
+  const now = motion.value;
+  if (!now) return null;
+  return (
+    <g class="paths">
+      {Object.entries(now.points).map(([ref, series], n) => (
+        <g key={ref} class={`curve-${n % 6}`} data-path={ref}>
+          <Path points={series.p} />
+        </g>
+      ))}
+      {now.singular.map((spot, n) => spot.poses && <Singular key={n} poses={spot.poses} />)}
+    </g>
+  );
+}
+
+/** The velocities of the observed points at the instant on show, the longest of each along its way eighty pixels long. */
+function Velocities(): JSX.Element | null {
+  const now = motion.value;
+  const points = placed.value;
+  if (!now || !points || !moving.value || dragged.value) return null;
+  const i = Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12));
+  return (
+    <g class="velocities">
+      {Object.entries(now.points).map(([ref, { p, v }], n) => v && <Vector key={ref} hue={n % 6} from={points.point(ref) ?? p[i]!} by={v[i]} most={peak(v)} />)}
+    </g>
+  );
+}
+
+const peak = (list: XY[]): number => Math.max(1e-12, ...list.map((v) => Math.hypot(v[0] ?? 0, v[1] ?? 0)));
+
+function Vector({ hue, from, by, most }: { hue: number; from: XY; by: XY | undefined; most: number }): JSX.Element | null {
+  if (!by) return null;
+  const [x, y] = toScreen(from);
+  const length = (80 * Math.hypot(by[0], by[1])) / most;
+  if (length < 4) return null;
+  const turn = (-Math.atan2(by[1], by[0]) * 180) / Math.PI;
+  return (
+    <g class={`velocity curve-${hue}`} transform={`translate(${x.toFixed(2)} ${y.toFixed(2)}) rotate(${turn.toFixed(2)})`}>
+      <path d={`M0 0L${(length - 6).toFixed(1)} 0`} />
+      <path class="tip" d={`M${length.toFixed(1)} 0l-9-4v8z`} />
+    </g>
+  );
+}
+
+/** Where the motion is singular: the links in line, as a faint copy with a diamond on each of its joints. */
+function Singular({ poses }: { poses: Poses }): JSX.Element {
+  const marks = scene.value!.pins
+    .filter((p) => !p.ground && p.joint !== null)
+    .map((p) => p.members.map((ref) => [ref, ref.split(".")[0]!] as const).find(([, owner]) => owner in poses))
+    .filter((m) => m !== undefined)
+    .map(([ref, owner]) => {
+      const link = scene.value!.links.find((l) => l.name === owner);
+      const at = link?.points[ref.slice(owner.length + 1)];
+      const [x, y, a] = poses[owner]!;
+      return at ? toScreen([x + Math.cos(a) * at[0] - Math.sin(a) * at[1], y + Math.sin(a) * at[0] + Math.cos(a) * at[1]]) : null;
+    });
+  return <path class="singular" d={marks.map((m) => (m ? `M${m[0].toFixed(1)} ${(m[1] - 6).toFixed(1)}l6 6l-6 6l-6-6z` : "")).join("")} />;
+}
+
+function Reshape(): JSX.Element | null {
+  const now = reshaped.value;
+  const pin = now && scene.value?.pins.find((p) => p.id === now.pin);
+  if (!now || !pin) return null;
+  const [x, y] = toScreen(now.at);
+  const others = pin.members.flatMap((ref) => {
+    const link = placed.value!.link(ref.split(".")[0]!);
+    return link ? placed.value!.points(link).filter(([name]) => `${link.name}.${name}` !== ref).map(([, p]) => p) : [];
+  });
+  return (
+    <g class="rubber">
+      {others.map((p, i) => {
+        const [a, b] = toScreen(p);
+        const m = middle([[x, y], [a, b]]);
+        return (
+          <g key={i}>
+            <path d={`M${x} ${y}L${a} ${b}`} />
+            <text x={m[0]} y={m[1] - 8}>
+              {figure(apart(p, now.at))} m
+            </text>
+          </g>
+        );
+      })}
+      <circle cx={x} cy={y} r="6" />
+    </g>
+  );
+}
+
+function Centres(): JSX.Element | null {
+  if (!showCentres.value || !centres.value) return null;
+  const order = ["ground", ...(scene.value?.links.map((l) => l.name) ?? [])];
+  return (
+    <g class="centres">
+      {centres.value.map((c) => {
+        if (!c.at) return null;
+        const [x, y] = toScreen(c.at);
+        if (x < -50 || y < -50 || x > size.value[0] + 50 || y > size.value[1] + 50) return null;
+        const label = c.links.map((name) => (order.indexOf(name) < 0 ? name : String(order.indexOf(name)))).join("·");
+        return (
+          <g key={c.links.join()} transform={`translate(${x.toFixed(1)} ${y.toFixed(1)})`}>
+            <path d="M-5 0H5M0-5V5" />
+            <text x="6" y="-5">
+              {label}
+              <title>{c.links.join(" and ")}</title>
+            </text>
+          </g>
+        );
+      })}
+    </g>
+  );
+}
+
+/** What is being drawn: picks, the rubber band with its length and angle, and where the next pick would lie. */
+function Drawn(): JSX.Element | null {
+  const list = picks.value;
+  const next = hover.value;
+  const last = list.at(-1);
+  const drawing = tool.value !== "select" && tool.value !== "reshape";
+  const [nx, ny] = next ? toScreen(next.at) : [0, 0];
+  const points = [...list.map((p) => p.at), ...(next && list.length ? [next.at] : [])].map(toScreen);
+  const d = points.map((p, i) => `${i ? "L" : "M"}${p[0]} ${p[1]}`).join("");
+  const angle = last && next ? (Math.atan2(next.at[1] - last.at[1], next.at[0] - last.at[0]) * 180) / Math.PI : 0;
+  const cross = cursor.value && toScreen(cursor.value);
+  return (
+    <g class="rubber" aria-hidden="true">
+      {points.length > 1 && <path class={current().open ? "area" : ""} d={d + (current().open && points.length > 2 ? "Z" : "")} />}
+      {list.map((p, i) => {
+        const [x, y] = toScreen(p.at);
+        return <circle key={i} cx={x} cy={y} r="5" />;
+      })}
+      {drawing && next && <circle class={next.pin !== null ? "snap" : next.link ? "snap bar" : "spot"} cx={nx} cy={ny} r={next.pin !== null ? 11 : next.link ? 8 : 3.5} />}
+      {last && next && apart(last.at, next.at) > 0 && (
+        <text x={nx + 16} y={ny + 24}>
+          {figure(apart(last.at, next.at))} m, {angle.toFixed(1)}°
+        </text>
+      )}
+      {cross && <path class="cross" d={`M${cross[0] - 12} ${cross[1]}h24M${cross[0]} ${cross[1] - 12}v24`} />}
+    </g>
+  );
+}
+
+const TOOL_OF_KEY = new Map(TOOLS.map((t) => [t.key, t.id]));
+
+/** Keys that work everywhere but in fields. */
+export function shortcuts(e: KeyboardEvent): void {
+  const field = (e.target as HTMLElement | null)?.closest?.("input,textarea,select,dialog");
+  if ((e.ctrlKey || e.metaKey) && !e.altKey) {
+    const k = e.key.toLowerCase();
+    if (field && k !== "s" && k !== "o") return;
+    if (k === "z") void edit(e.shiftKey ? "redo" : "undo");
+    else if (k === "y") void edit("redo");
+    else if (k === "s") document.getElementById("save")?.click();
+    else if (k === "o") dialog.value = "open";
+    else return;
+    e.preventDefault();
+    return;
+  }
+  if (field || e.altKey) return;
+  const still = !cursor.value && tool.value === "select";
+  if (e.key === " " && still && (e.target === document.body || (e.target as Element).id === "canvas")) {
+    e.preventDefault();
+    void play();
+  } else if (e.key === "?") dialog.value = "help";
+  else if (e.key === "Escape" && e.target === document.body) cancel();
+  else {
+    const hand = TOOL_OF_KEY.get(e.key.toLowerCase());
+    if (hand) choose(hand);
+  }
+}

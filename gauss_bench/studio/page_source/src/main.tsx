@@ -1,0 +1,109 @@
+// The page: what stands where, and what holds it together.
+import { render } from "preact";
+import type { JSX } from "preact";
+import { Canvas, shortcuts } from "./canvas";
+import { Dialogs, PictureBar } from "./dialogs";
+import { Properties, show } from "./properties";
+import { hear } from "./runs";
+import { dialog, hello, placed, said, scene, start, touring } from "./state";
+import { Timeline } from "./timeline";
+import { choose, picks, tool } from "./tools";
+import { Moving, Prompt, Tools, Top, ViewSwitches, paint } from "./top";
+import { Tour, begin, firstRun } from "./tour";
+import { toScreen, size } from "./view";
+import type { Problem, XY } from "./protocol";
+import "./studio.css";
+
+/** Where a problem is, in pixels: the first thing that it names and that is drawn. */
+function whereabouts(problem: Problem): XY | null {
+  const now = placed.value!;
+  for (const id of problem.where) {
+    const [kind, name] = [id.slice(0, id.indexOf(".")), id.slice(id.indexOf(".") + 1)];
+    const pin = kind === "pins" && now.scene.pins.find((p) => p.id === name);
+    if (pin) return toScreen(now.pin(pin));
+    const slide = kind === "slides" && now.scene.slides.find((s) => s.id === name);
+    if (slide) return toScreen(now.slide(slide).block);
+    const force = kind === "forces" && now.scene.forces.find((f) => f.id === name);
+    if (force && force.at[0]) return toScreen(now.force(force)[0]!);
+    const link = kind === "links" ? now.link(name) : undefined;
+    const points = link ? now.points(link).map(([, p]) => p) : [];
+    if (points.length) return toScreen([points.reduce((s, p) => s + p[0], 0) / points.length, points.reduce((s, p) => s + p[1], 0) / points.length]);
+  }
+  return null;
+}
+
+/** The first problem, spelled out beside what it is about. */
+function InPlace(): JSX.Element | null {
+  const list = scene.value?.problems ?? [];
+  const problem = list.find((p) => p.level === "error") ?? list.find((p) => p.level === "warning");
+  if (!problem || !placed.value || picks.value.length || touring.value >= 0) return null;
+  const at = whereabouts(problem);
+  const [w, h] = size.value;
+  const left = Math.max(8, Math.min(w - 268, (at?.[0] ?? w / 2) + 18));
+  const top = Math.max(8, Math.min(h - 120, (at?.[1] ?? 40) + 22));
+  return (
+    <button type="button" class={`inplace ${problem.level}`} style={{ left: `${left}px`, top: `${top}px` }} onClick={() => show(problem)}>
+      {problem.text}
+    </button>
+  );
+}
+
+function Empty(): JSX.Element | null {
+  const now = scene.value;
+  if (!now) return <p class="opening">Opening …</p>;
+  if (now.links.length || now.pins.length || tool.value !== "select" || touring.value >= 0) return null;
+  const first = hello.value?.templates.find((t) => /crank_rocker|four_bar/.test(t.name)) ?? hello.value?.templates[0];
+  return (
+    <div class="empty">
+      <h2>Draw a linkage</h2>
+      <p>Set two ground pivots, join them with bars, and drag.</p>
+      <div class="row">
+        <button type="button" class="strong" onClick={() => choose("ground")}>
+          Start with a pivot
+        </button>
+        <button type="button" class="quiet" onClick={() => (dialog.value = "open")}>
+          Choose a template
+        </button>
+        {first && (
+          <button type="button" class="quiet" onClick={() => void begin(first.name)}>
+            Show me a four-bar
+          </button>
+        )}
+      </div>
+    </div>
+  );
+}
+
+function Page(): JSX.Element {
+  return (
+    <>
+      <Top />
+      <Tools />
+      <main>
+        <Canvas />
+        <p id="canvas-help" class="hidden">
+          Choose a tool by its letter. Arrow keys move a cross, Enter clicks with it; the parts of the linkage are listed under Properties.
+        </p>
+        <Moving />
+        <InPlace />
+        <Empty />
+        <ViewSwitches />
+        <PictureBar />
+        <Prompt />
+      </main>
+      <Properties />
+      <Timeline />
+      <Dialogs />
+      <Tour />
+    </>
+  );
+}
+
+paint();
+addEventListener("keydown", shortcuts);
+addEventListener("error", () => (said.value = { text: "Something in the page went wrong. The linkage is safe with the server; loading the page again helps.", level: "error" }));
+const root = document.getElementById("studio")!;
+root.replaceChildren();
+render(<Page />, root);
+firstRun();
+start(hear);

@@ -1,0 +1,262 @@
+// The panel on the right: what is chosen, as numbers; with nothing chosen the linkage as a whole, its parts and its problems.
+import type { JSX } from "preact";
+import { Check, Lock, NumberField, Read, TextField } from "./fields";
+import { apart, direction } from "./geometry";
+import { Sign } from "./icons";
+import type { Force, Link, Pin, Problem, Slide, XY } from "./protocol";
+import { dialog, edit, motion, placed, scene, selection, sheet } from "./state";
+import type { Picked } from "./state";
+import { remove } from "./tools";
+
+const set = (path: string, value: unknown): unknown => edit("set", { path, value });
+const pairKey = (a: string, b: string): string => [a, b].sort().join("\n");
+const degrees = (rad: number): number => Number(((rad * 180) / Math.PI).toFixed(6));
+
+function LinkPanel({ link }: { link: Link }): JSX.Element {
+  const points = new Map(placed.value!.points(link));
+  const names = Object.keys(link.points);
+  const pairs: [string, string][] = link.bars.length ? link.bars : names.slice(1).map((name) => [names[0]!, name]);
+  const locked = new Set(link.locked.lengths.map(([a, b]) => pairKey(a, b)));
+  const first = pairs[0];
+  return (
+    <>
+      <TextField label="Name" value={link.name} send={(to) => edit("rename", { id: `links.${link.name}`, to })} />
+      {pairs.map(([a, b]) => (
+        <NumberField
+          key={pairKey(a, b)}
+          label={pairs.length > 1 ? `Length ${a}–${b}` : "Length"}
+          unit="m"
+          value={points.has(a) && points.has(b) ? apart(points.get(a)!, points.get(b)!) : null}
+          send={(value) => edit("set_length", { link: link.name, a, b, value })}
+        >
+          <Lock of={`length ${a}–${b}`} on={locked.has(pairKey(a, b))} set={(on) => edit("lock", { link: link.name, a, b, on })} />
+        </NumberField>
+      ))}
+      {first && points.has(first[0]) && points.has(first[1]) && (
+        <NumberField
+          label="Angle"
+          unit="°"
+          value={degrees(direction(points.get(first[0])!, points.get(first[1])!))}
+          send={(value_deg) =>
+            edit("set_angle", { link: link.name, value_deg: value_deg! - degrees(direction(points.get(first[0])!, points.get(first[1])!) - placed.value!.pose(link.name)[2]) })
+          }
+        >
+          <Lock of="angle" on={link.locked.angle} set={(on) => edit("lock", { link: link.name, on })} />
+        </NumberField>
+      )}
+      <Check label="Is the crank, whose angle is the motion's phase" on={scene.value!.crank === link.name} set={(on) => set("crank", on ? link.name : null)} />
+      <h3>Mass</h3>
+      <NumberField label="Mass per metre" unit="kg/m" value={link.kg_per_m} empty="none" send={(v) => set(`links.${link.name}.kg_per_m`, v)} />
+      <NumberField label="Mass" unit="kg" value={link.mass} empty="of the bars" send={(v) => set(`links.${link.name}.mass`, v)} />
+      <NumberField label="Inertia" unit="kg m²" value={link.inertia} empty="of the bars" send={(v) => set(`links.${link.name}.inertia`, v)} />
+      <h3>Points</h3>
+      <ul class="chips">
+        {names.map((name) => {
+          const ref = `${link.name}.${name}`;
+          const on = scene.value!.observe.includes(ref);
+          return (
+            <li key={name}>
+              <button type="button" aria-pressed={on} title={on ? `${ref} is observed` : `Observe ${ref}`} onClick={() => void edit("observe", { point: ref, on: !on })}>
+                {name}
+              </button>
+            </li>
+          );
+        })}
+      </ul>
+    </>
+  );
+}
+
+function PinPanel({ pin }: { pin: Pin }): JSX.Element {
+  const at = placed.value!.pin(pin);
+  const put = (to: XY): unknown => edit("move", { pin: pin.id, at: to });
+  const point = pin.members.find((ref) => !ref.startsWith("ground."));
+  const loose = pin.members.length < 2;
+  return (
+    <>
+      <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? pin.id} send={(to) => edit("rename", { id: `pins.${pin.id}`, to })} />
+      <NumberField label="x" unit="m" value={at[0]} send={(x) => put([x!, at[1]])}>
+        <Lock of="place" on={pin.locked} set={(on) => edit("lock", { pin: pin.id, on })} />
+      </NumberField>
+      <NumberField label="y" unit="m" value={at[1]} send={(y) => put([at[0], y!])} />
+      <Check label="Fixed to the ground" on={pin.ground} set={(on) => edit("ground", { pin: pin.id, on })} />
+      {point && <Check label="Observed: path, velocity, acceleration" on={pin.members.some((ref) => scene.value!.observe.includes(ref))} set={(on) => edit("observe", { point: pin.members.find((ref) => scene.value!.observe.includes(ref)) ?? point, on })} />}
+      <p class="note">{loose ? "Nothing is joined here yet. Draw a bar to it, or put another pin on it with Reshape." : `Joins ${pin.members.map((ref) => ref.split(".")[0]).join(", ")}.`}</p>
+    </>
+  );
+}
+
+function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
+  const { angle } = placed.value!.slide(slide);
+  return (
+    <>
+      <TextField label="Name" value={slide.id} send={(to) => edit("rename", { id: `slides.${slide.id}`, to })} />
+      <p class="note">
+        {slide.block} slides along a line of {slide.guide.split(".")[0]}, now at {degrees(angle).toFixed(1)}° to the horizontal.
+      </p>
+      {slide.guide.startsWith("ground.") && <NumberField label="Direction" unit="°" value={degrees(angle)} send={(v) => set(`joints.${slide.id}.angle_deg`, v)} />}
+      <NumberField label="Offset" unit="m" value={null} empty="0" send={(v) => set(`joints.${slide.id}.offset`, v)} />
+    </>
+  );
+}
+
+const UNITS: Record<string, string> = { k: "N/m", c: "N s/m", rest: "m", mu: "", radius: "m", speed: "m/s", angle_deg: "°", rest_deg: "°" };
+const WORDS: Record<string, string> = { k: "Stiffness", c: "Damping", rest: "Length at rest", mu: "Friction", radius: "Pin radius", value: "Value", speed: "Speed", rest_deg: "Angle at rest", angle_deg: "Direction" };
+
+function ForcePanel({ force }: { force: Force }): JSX.Element {
+  const turning = force.type.startsWith("rotational") || force.type === "torque" || scene.value!.pins.some((p) => p.joint === force.table.joint);
+  const table = { ...(force.type === "spring_damper" ? { k: 0, c: 0, rest: 0 } : {}), ...force.table };
+  const unit = (key: string): string => (key === "value" ? (force.type === "torque" ? "N m" : "N") : turning && key === "k" ? "N m/rad" : turning && key === "c" ? "N m s/rad" : (UNITS[key] ?? ""));
+  const path = (key: string): string => `forces.${force.id}.${key}`;
+  return (
+    <>
+      <TextField label="Name" value={force.id} send={(to) => edit("rename", { id: `forces.${force.id}`, to })} />
+      <p class="note">{force.label || force.type.replaceAll("_", " ")}</p>
+      {Object.entries(table).map(([key, value]) => {
+        if (typeof value === "number") return <NumberField key={key} label={WORDS[key] ?? key} unit={unit(key)} value={value} send={(v) => set(path(key), v)} />;
+        if (key === "value" && Array.isArray(value)) {
+          const [fx, fy] = value as XY;
+          return (
+            <>
+              <NumberField label="Force x" unit="N" value={fx} send={(v) => set(path(key), [v, fy])} />
+              <NumberField label="Force y" unit="N" value={fy} send={(v) => set(path(key), [fx, v])} />
+            </>
+          );
+        }
+        return key === "type" ? null : <p class="read" key={key}><span>{WORDS[key] ?? key}</span><b>{Array.isArray(value) ? (value as unknown[]).join(", ") : typeof value === "object" ? "…" : String(value)}</b></p>;
+      })}
+    </>
+  );
+}
+
+export function Problems(): JSX.Element | null {
+  const list = scene.value?.problems ?? [];
+  if (!list.length) return null;
+  return (
+    <section class="problems" aria-label="Problems">
+      <ul>
+        {list.map((problem, i) => (
+          <li key={i} class={problem.level}>
+            <button type="button" onClick={() => show(problem)}>
+              <span class="level">{{ error: "Error", warning: "Warning", hint: "Hint" }[problem.level]}</span>
+              {problem.text}
+              {problem.loop && <small>Loop {problem.loop.join(" – ")}</small>}
+            </button>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+export function show(problem: Problem): void {
+  const kinds: Record<string, Picked["kind"]> = { links: "link", pins: "pin", slides: "slide", forces: "force" };
+  const out: Picked[] = problem.where.flatMap((id) => {
+    const dot = id.indexOf(".");
+    const kind = kinds[id.slice(0, dot)];
+    return kind ? [{ kind, id: id.slice(dot + 1) }] : [];
+  });
+  if (out.length) selection.value = out;
+}
+
+function Part({ kind, id, text }: { kind: Picked["kind"]; id: string; text: string }): JSX.Element {
+  return (
+    <li>
+      <button type="button" aria-label={`${kind} ${text}`} onClick={() => (selection.value = [{ kind, id }])}>
+        {text}
+      </button>
+    </li>
+  );
+}
+
+function Whole(): JSX.Element {
+  const now = scene.value!;
+  const parts = now.links.length + now.pins.length;
+  return (
+    <>
+      <TextField label="Name" value={now.name} send={(v) => set("name", v)} />
+      <TextField label="Title" value={now.title} send={(v) => set("title", v)} />
+      <NumberField label="Gravity x" unit="m/s²" value={now.gravity[0]} send={(v) => set("gravity", [v, now.gravity[1]])} />
+      <NumberField label="Gravity y" unit="m/s²" value={now.gravity[1]} send={(v) => set("gravity", [now.gravity[0], v])} />
+      {parts > 0 && (
+        <div class="row">
+          <button type="button" class="quiet" onClick={() => (dialog.value = "branches")}>
+            <Sign of="branch" /> Other assemblies
+          </button>
+        </div>
+      )}
+      {now.links.length > 0 && <h3>Links</h3>}
+      <ul class="chips">{now.links.map((l) => <Part key={l.name} kind="link" id={l.name} text={l.name} />)}</ul>
+      {now.pins.length > 0 && <h3>Pins</h3>}
+      <ul class="chips">{now.pins.map((p) => <Part key={p.id} kind="pin" id={p.id} text={p.joint ?? p.members[0] ?? p.id} />)}</ul>
+      {now.slides.length + now.forces.length > 0 && <h3>Slides and forces</h3>}
+      <ul class="chips">
+        {now.slides.map((s) => <Part key={s.id} kind="slide" id={s.id} text={s.id} />)}
+        {now.forces.map((f) => <Part key={f.id} kind="force" id={f.id} text={f.id} />)}
+      </ul>
+      {now.status.loop_names.length > 0 && (
+        <>
+          <h3>Independent loops</h3>
+          <ol class="loops" data-testid="loops">
+            {now.status.loop_names.map((loop, i) => (
+              <li key={i}>
+                <button type="button" onClick={() => (selection.value = loop.filter((n) => n !== "ground").map((id) => ({ kind: "link", id })))}>
+                  {loop.join(" – ")}
+                </button>
+              </li>
+            ))}
+          </ol>
+        </>
+      )}
+      {motion.value?.limits && <p class="note">{motion.value.limits}</p>}
+    </>
+  );
+}
+
+export function Properties(): JSX.Element {
+  const now = scene.value;
+  const picked = selection.value;
+  const one = picked.length === 1 ? picked[0]! : null;
+  const link = one?.kind === "link" && now?.links.find((l) => l.name === one.id);
+  const pin = one?.kind === "pin" && now?.pins.find((p) => p.id === one.id);
+  const slide = one?.kind === "slide" && now?.slides.find((s) => s.id === one.id);
+  const force = one?.kind === "force" && now?.forces.find((f) => f.id === one.id);
+  const heading = link ? "Link" : pin ? (pin.ground ? "Ground pivot" : "Pin") : slide ? "Slide" : force ? "Force" : picked.length ? `${picked.length} things` : "Linkage";
+  return (
+    <aside id="properties" class={`properties${sheet.value === "properties" ? " up" : ""}`} aria-label="Properties">
+      <header>
+        <h2>{heading}</h2>
+        {picked.length > 0 && (
+          <>
+            <button type="button" class="icon" aria-label="Delete" title="Delete (Del)" onClick={() => void remove()}>
+              <Sign of="trash" />
+            </button>
+            <button type="button" class="icon" aria-label="Select nothing" title="Select nothing (Esc)" onClick={() => (selection.value = [])}>
+              <Sign of="close" />
+            </button>
+          </>
+        )}
+        <button type="button" class="icon sheet-close" aria-label="Close properties" onClick={() => (sheet.value = "")}>
+          <Sign of="close" />
+        </button>
+      </header>
+      <Problems />
+      <div class="fields" key={one ? `${one.kind} ${one.id}` : "whole"}>
+        {link ? <LinkPanel link={link} /> : pin ? <PinPanel pin={pin} /> : slide ? <SlidePanel slide={slide} /> : force ? <ForcePanel force={force} /> : now && !picked.length ? <Whole /> : null}
+        {picked.length === 2 && picked.every((p) => p.kind === "pin") && <TwoPins ids={picked.map((p) => p.id)} />}
+      </div>
+    </aside>
+  );
+}
+
+function TwoPins({ ids }: { ids: string[] }): JSX.Element {
+  const [a, b] = ids.map((id) => placed.value!.pin(scene.value!.pins.find((p) => p.id === id)!));
+  return (
+    <>
+      <Read label="Distance" value={apart(a!, b!)} unit="m" />
+      <button type="button" onClick={() => void edit("join", { pin: ids[0], to: ids[1] })}>
+        Join the two
+      </button>
+    </>
+  );
+}

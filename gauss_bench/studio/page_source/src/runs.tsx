@@ -1,0 +1,252 @@
+// What runs in workers of the server: release and its overlay, and which engine to take.
+import { signal } from "@preact/signals";
+import type { JSX } from "preact";
+import { useState } from "preact/hooks";
+import { Sheet } from "./dialogs";
+import { figure } from "./geometry";
+import type { Event, Motion, Pose } from "./protocol";
+import { attempt, clock, dialog, ghost, hello, motion, moving, play, playing, say } from "./state";
+
+interface Run {
+  engine: string;
+  times: number[];
+  poses: Record<string, Pose[]>;
+  verdict: string;
+  reason: string | null;
+  trusted_until: number | null;
+}
+interface Compare {
+  engine: string;
+  worst_apart: number | null;
+  at: number | null;
+  point: string | null;
+  curve: { times: number[]; apart: (number | null)[] } | null;
+}
+interface Answer {
+  engine: string;
+  setting: string;
+  ratio: number | null;
+  error: number | null;
+  snippet: string | null;
+}
+
+const job = signal<number | null>(null);
+const runs = signal<Run[]>([]);
+const compared = signal<Compare[]>([]);
+const progress = signal("");
+const advice = signal<{ job: number | null; answers: Answer[]; done: boolean; note: string }>({ job: null, answers: [], done: true, note: "" });
+
+/** What the server says unasked. */
+export function hear(event: Event): void {
+  if (event.event === "progress") progress.value = String(event.text ?? event.note ?? "");
+  else if (event.event === "release" && event.job === job.value) {
+    const run = event as unknown as Run;
+    runs.value = [...runs.value.filter((r) => r.engine !== run.engine), run];
+    if (runs.value.length === 1) watch(run);
+    else if (run.times?.length) ghost.value = { engine: run.engine, times: run.times, poses: run.poses };
+  } else if (event.event === "release_done" && event.job === job.value) {
+    const made = event.compare as Compare | Compare[] | null;
+    compared.value = Array.isArray(made) ? made : made ? [made] : [];
+    job.value = null;
+    progress.value = "";
+    if (event.error) say(String((event.error as { text?: string }).text ?? event.error), "error");
+  } else if (event.event === "recommend") {
+    const more = Array.isArray(event.answers) ? (event.answers as Answer[]) : event.answer ? [event.answer as Answer] : typeof event.engine === "string" ? [event as unknown as Answer] : [];
+    const all = Array.isArray(event.answers) ? more : [...advice.value.answers, ...more];
+    advice.value = { ...advice.value, answers: all, done: event.done === true, note: String(event.note ?? event.text ?? "") };
+  } else if (event.event === "recommend_done" || event.event === "stopped") {
+    advice.value = { ...advice.value, done: true, note: String(event.note ?? event.text ?? advice.value.note) };
+    if (event.event === "stopped" && event.job === job.value) job.value = null;
+  } else if (event.event === "failed" || event.event === "error") {
+    const text = String((event.error as { text?: string } | undefined)?.text ?? event.text ?? "It failed.");
+    say(text, "error");
+    if (event.job === job.value) job.value = null;
+    if (event.job === advice.value.job) advice.value = { ...advice.value, done: true, note: text };
+    progress.value = "";
+  }
+}
+
+/** Shows a released run in place of the driven motion. */
+function watch(run: Run): void {
+  if (!run.times?.length) return;
+  const empty: Motion = { times: run.times, poses: run.poses, points: {}, input: null, singular: [], transmission: [], torque: null, pins: [], advantage: null, limits: null, note: null };
+  motion.value = empty;
+  clock.value = 0;
+  moving.value = true;
+  playing.value = false;
+  void play();
+}
+
+const verdictWord = (run: Run): string => (run.trusted_until !== null && run.trusted_until !== undefined ? `${run.verdict}, trusted to ${figure(run.trusted_until, 3)} s` : run.verdict);
+
+export function Release(): JSX.Element {
+  const engines = hello.value?.engines ?? [];
+  const [until, setUntil] = useState("2");
+  const [engine, setEngine] = useState("gauss-native");
+  const [overlay, setOverlay] = useState("mujoco");
+  const missing = engines.find((e) => e.name === overlay && !e.here) ?? engines.find((e) => e.name === engine && !e.here);
+  const go = async (): Promise<void> => {
+    const seconds = Number(until.replace(",", "."));
+    if (!(seconds > 0)) return say("The duration is a positive number of seconds.", "error");
+    runs.value = [];
+    compared.value = [];
+    ghost.value = null;
+    const reply = await attempt("release", { until: seconds, engine, overlay: overlay ? [overlay] : [] });
+    if (!reply) return;
+    job.value = Number(reply.job);
+  };
+  return (
+    <Sheet title="Release">
+      <p class="note">The linkage starts from the sketch and moves under gravity, springs and torques. Another engine can be laid over it, to see where the two part and by how much.</p>
+      <div class="triple">
+        <label class="field">
+          <span>Until, s</span>
+          <span class="entry">
+            <input type="text" inputMode="decimal" value={until} onInput={(e) => setUntil(e.currentTarget.value)} />
+          </span>
+        </label>
+        <label class="field">
+          <span>Engine</span>
+          <select value={engine} onChange={(e) => setEngine(e.currentTarget.value)}>
+            {(engines.length ? engines : [{ name: "gauss-native", here: true }]).map((e) => (
+              <option key={e.name} value={e.name}>
+                {e.name}
+                {e.here ? "" : " (not installed)"}
+              </option>
+            ))}
+          </select>
+        </label>
+        <label class="field">
+          <span>Laid over it</span>
+          <select value={overlay} onChange={(e) => setOverlay(e.currentTarget.value)}>
+            <option value="">nothing</option>
+            {engines.map((e) => (
+              <option key={e.name} value={e.name}>
+                {e.name}
+                {e.here ? "" : " (not installed)"}
+              </option>
+            ))}
+          </select>
+        </label>
+      </div>
+      {missing && <p class="refusal">{missing.reason ?? `${missing.name} is not installed.`}</p>}
+      <div class="row">
+        <button type="button" class="strong" disabled={job.value !== null} onClick={() => void go()}>
+          Let it go
+        </button>
+        {job.value !== null && (
+          <button type="button" class="quiet" onClick={() => void attempt("stop", { job: job.value })}>
+            Stop
+          </button>
+        )}
+        <button type="button" class="quiet" onClick={() => (dialog.value = "recommend")}>
+          Which engine should I take?
+        </button>
+      </div>
+      {job.value !== null && <p class="note" role="status">Running … {progress.value}</p>}
+      <ul class="verdicts" aria-live="polite">
+        {runs.value.map((run) => (
+          <li key={run.engine}>
+            <b>{run.engine}</b> <span class={`verdict ${/^(ok|trusted|accurate)/.test(run.verdict) ? "good" : "doubtful"}`}>{verdictWord(run)}</span>
+            {run.reason && <small>{run.reason}</small>}
+          </li>
+        ))}
+        {compared.value.map((c) => (
+          <li key={`apart ${c.engine}`}>
+            <b>{c.engine}</b> parts by at most <b>{figure(c.worst_apart, 3)} m</b>
+            {c.point ? ` at ${c.point}` : ""}, {figure(c.at, 3)} s after the start.
+            {c.curve && <Apart curve={c.curve} />}
+          </li>
+        ))}
+      </ul>
+      {runs.value.length > 0 && (
+        <div class="row">
+          <button type="button" class="quiet" onClick={() => (dialog.value = "")}>
+            Watch it
+          </button>
+        </div>
+      )}
+    </Sheet>
+  );
+}
+
+/** How far two runs are apart over time, on a scale of powers of ten. */
+function Apart({ curve }: { curve: NonNullable<Compare["curve"]> }): JSX.Element {
+  const end = curve.times.at(-1) || 1;
+  const logs = curve.apart.map((v) => (v !== null && v > 0 ? Math.log10(v) : null));
+  const known = logs.filter((v): v is number => v !== null);
+  const [low, high] = [Math.floor(Math.min(...known, 0)), Math.ceil(Math.max(...known, -12))];
+  let d = "";
+  logs.forEach((v, i) => {
+    if (v !== null) d += `${d ? "L" : "M"}${((curve.times[i]! / end) * 260).toFixed(1)} ${(70 - ((v - low) / (high - low || 1)) * 70).toFixed(1)}`;
+  });
+  return (
+    <figure class="chart">
+      <figcaption>
+        Apart <small>1e{low} to 1e{high} m</small>
+      </figcaption>
+      <svg viewBox="0 0 260 70" preserveAspectRatio="none" role="img" aria-label="Distance of the two runs over time">
+        <path class="curve-1" d={d} vector-effect="non-scaling-stroke" />
+      </svg>
+    </figure>
+  );
+}
+
+export function Recommend(): JSX.Element {
+  const [position, setPosition] = useState("1e-5");
+  const [copied, setCopied] = useState("");
+  const now = advice.value;
+  const go = async (): Promise<void> => {
+    advice.value = { job: null, answers: [], done: false, note: "" };
+    const reply = await attempt("recommend", { position: Number(position) });
+    if (reply) advice.value = { ...advice.value, job: Number(reply.job) };
+    else advice.value = { ...advice.value, done: true };
+  };
+  return (
+    <Sheet title="Which engine, with which setting">
+      <p class="note">Every engine that is installed is run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
+      <div class="row">
+        <label class="field">
+          <span>Position to within, m</span>
+          <span class="entry">
+            <input type="text" inputMode="decimal" value={position} onInput={(e) => setPosition(e.currentTarget.value)} />
+          </span>
+        </label>
+        <button type="button" class="strong" disabled={!now.done} onClick={() => void go()}>
+          Recommend
+        </button>
+        {!now.done && now.job !== null && (
+          <button type="button" class="quiet" onClick={() => void attempt("stop", { job: now.job })}>
+            Stop
+          </button>
+        )}
+      </div>
+      {!now.done && <p class="note" role="status">Measuring … {progress.value || now.note}</p>}
+      {now.done && now.note && <p class="note">{now.note}</p>}
+      <ol class="answers" aria-live="polite">
+        {now.answers.map((a) => (
+          <li key={`${a.engine} ${a.setting}`}>
+            <b>{a.engine}</b> <span>{a.setting}</span>
+            <small>
+              {a.ratio !== null && a.ratio !== undefined ? `${figure(a.ratio, 3)} times the cheapest, ` : ""}error {figure(a.error, 2)} m
+            </small>
+            {a.snippet && (
+              <>
+                <pre tabIndex={0}>{a.snippet}</pre>
+                <button
+                  type="button"
+                  class="quiet"
+                  onClick={() => {
+                    void navigator.clipboard?.writeText(a.snippet!).then(() => setCopied(a.engine));
+                  }}
+                >
+                  {copied === a.engine ? "Copied" : "Copy"}
+                </button>
+              </>
+            )}
+          </li>
+        ))}
+      </ol>
+    </Sheet>
+  );
+}

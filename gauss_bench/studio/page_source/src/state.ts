@@ -1,0 +1,284 @@
+// What the page knows: the scene, what is chosen, what is shown over it. Every change of the linkage goes through `edit`.
+import { batch, computed, signal } from "@preact/signals";
+import { Placed } from "./geometry";
+import type { Centre, Event, Hello, Motion, Poses, Reply, Scene, XY } from "./protocol";
+import { Refused, ask, connect, listen } from "./socket";
+import { fit } from "./view";
+
+export type Picked = { kind: "link" | "pin" | "slide" | "force"; id: string };
+
+export const hello = signal<Hello | null>(null);
+export const scene = signal<Scene | null>(null);
+export const selection = signal<Picked[]>([]);
+export const said = signal<{ text: string; level: "error" | "info" } | null>(null); // the line that is read aloud
+export const dialog = signal<"" | "gallery" | "open" | "share" | "release" | "recommend" | "help" | "export" | "save" | "branches">("");
+export const sheet = signal<"" | "properties" | "curves">(""); // narrow screens: which panel covers the drawing
+export const touring = signal(-1);
+
+// Over the scene
+export const dragged = signal<Poses | null>(null);
+export const motion = signal<Motion | null>(null);
+export const moving = signal(false); // the motion is shown rather than the sketch
+export const playing = signal(false);
+export const clock = signal(0); // seconds of the motion
+export const pace = signal(1);
+export const ghost = signal<{ engine: string; times: number[]; poses: Record<string, [number, number, number][]> } | null>(null);
+export const centres = signal<Centre[] | null>(null);
+export const showCentres = signal(false);
+export const lined = signal(true); // a grid that pulls
+export const frames = signal({ solved: 0, ms: 0, jump: 0 });
+
+let fitting = false;
+
+/** Where every pin goes in the motion, one place in eight. */
+const swept = (): XY[] => {
+  const now = motion.value;
+  if (!now || !scene.value) return [];
+  const out: XY[] = Object.values(now.points).flatMap(({ p }) => p.filter((_, i) => i % 8 === 0));
+  for (let i = 0; i < now.times.length; i += 8) {
+    const at = new Placed(scene.value, Object.fromEntries(Object.entries(now.poses).flatMap(([name, list]) => (list[i] ? [[name, list[i]]] : []))));
+    for (const pin of scene.value.pins) out.push(at.pin(pin));
+  }
+  return out;
+};
+
+/** The whole linkage in the window, and its motion too, once that is there. */
+export function show(): void {
+  fit(scene.value, swept());
+  fitting = true;
+}
+
+const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
+  const last = times.length - 1;
+  let i = Math.max(0, times.findIndex((t) => t >= at) - 1);
+  if (at >= (times[last] ?? 0)) i = Math.max(last - 1, 0);
+  const t0 = times[i] ?? 0;
+  const t1 = times[i + 1] ?? t0;
+  const share = t1 > t0 ? Math.max(0, Math.min(1, (at - t0) / (t1 - t0))) : 0;
+  const out: Poses = {};
+  for (const [name, list] of Object.entries(poses)) {
+    const a = list[i];
+    const b = list[i + 1] ?? a;
+    if (a && b) out[name] = [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])];
+  }
+  return out;
+};
+
+/** The poses on show: of the drag, else of the motion, else the scene's own. */
+export const shown = computed<Poses>(() => {
+  if (dragged.value) return dragged.value;
+  if (moving.value && motion.value) return interpolate(motion.value.times, motion.value.poses, clock.value);
+  return {};
+});
+export const placed = computed(() => (scene.value ? new Placed(scene.value, shown.value) : null));
+export const ghosted = computed(() =>
+  scene.value && ghost.value && moving.value ? new Placed(scene.value, interpolate(ghost.value.times, ghost.value.poses, clock.value)) : null,
+);
+export const chosen = (kind: Picked["kind"], id: string): boolean => selection.value.some((p) => p.kind === kind && p.id === id);
+
+/** Says a sentence in the status line, which screen readers read aloud. */
+export function say(text: string, level: "error" | "info" = "info"): void {
+  said.value = { text, level };
+}
+
+/** Runs a request and says its refusal instead of throwing it. */
+export async function attempt(verb: string, what: object = {}): Promise<Reply | null> {
+  try {
+    const reply = await ask(verb, what);
+    if (said.value?.level === "error") said.value = null;
+    return reply;
+  } catch (error) {
+    if (!(error instanceof Refused)) throw error;
+    say(error.fault.text, "error");
+    return null;
+  }
+}
+
+export function take(next: Scene): void {
+  const before = scene.value;
+  batch(() => {
+    const other = scene.value && scene.value.revision !== next.revision;
+    scene.value = next;
+    dragged.value = null;
+    if (other || !motion.value) {
+      moving.value = playing.value = false;
+      ghost.value = null;
+      centres.value = null;
+    }
+    const there = (p: Picked) =>
+      p.kind === "link"
+        ? next.links.some((l) => l.name === p.id)
+        : (p.kind === "pin" ? next.pins : p.kind === "slide" ? next.slides : next.forces).some((x) => x.id === p.id);
+    selection.value = selection.value.filter(there);
+  });
+  if (!before) show();
+  keep();
+  refresh();
+}
+
+/** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */
+export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
+  const reply = await attempt(verb, what);
+  if (reply?.scene) take(reply.scene);
+  return reply;
+}
+
+// The motion follows the linkage by itself, a moment after the last edit.
+let later: ReturnType<typeof setTimeout> | undefined;
+let wanted = 0;
+export const motionNote = signal("");
+
+/** Computes the driven motion of the scene anew, a moment from now. */
+export function refresh(): void {
+  clearTimeout(later);
+  const mine = ++wanted;
+  const now = scene.value;
+  const driven = now?.scenarios.some((s) => s.kind === "driven");
+  if (!now || !now.status.assembles || !driven) {
+    motion.value = null;
+    motionNote.value = !now?.links.length
+      ? ""
+      : !now.status.assembles
+        ? "What does not assemble does not move: see the problems."
+        : now.drivers_possible.length
+          ? "Choose what is driven, and it moves."
+          : "Nothing can be driven yet: pin a link to the ground.";
+    return;
+  }
+  later = setTimeout(() => void compute(mine), 250);
+}
+
+async function compute(mine: number): Promise<void> {
+  try {
+    const reply = await ask("motion", { samples: 181 });
+    if (mine !== wanted) return;
+    batch(() => {
+      motion.value = ((reply as { motion?: Motion }).motion ?? reply) as unknown as Motion;
+      clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
+      motionNote.value = motion.value.note ?? "";
+    });
+    if (fitting) fit(scene.value, swept());
+    fitting = false;
+  } catch (error) {
+    if (mine !== wanted || !(error instanceof Refused)) return;
+    motion.value = null;
+    motionNote.value = error.fault.text;
+  }
+}
+
+/** The motion of now, computed if it is not there yet. */
+export async function ready(): Promise<Motion | null> {
+  if (!motion.value && scene.value?.scenarios.some((s) => s.kind === "driven")) {
+    clearTimeout(later);
+    await compute(++wanted);
+  }
+  return motion.value;
+}
+
+export async function play(): Promise<void> {
+  if (playing.value) {
+    playing.value = false;
+    return;
+  }
+  const now = await ready();
+  if (!now) {
+    say(motionNote.value || "There is no motion to play.", "error");
+    return;
+  }
+  batch(() => {
+    if (clock.value >= (now.times.at(-1) ?? 0)) clock.value = 0;
+    moving.value = true;
+    playing.value = true;
+  });
+  let before = performance.now();
+  const step = (t: number): void => {
+    if (!playing.value || !motion.value) return;
+    const end = motion.value.times.at(-1) ?? 0;
+    const next = clock.value + ((t - before) / 1000) * pace.value;
+    before = t;
+    clock.value = end > 0 && next > end ? next % end : next;
+    requestAnimationFrame(step);
+  };
+  requestAnimationFrame(step);
+}
+
+export function scrub(at: number): void {
+  batch(() => {
+    playing.value = false;
+    moving.value = motion.value !== null;
+    clock.value = at;
+  });
+}
+
+/** Back to the sketch, which is what is edited. */
+export function still(): void {
+  batch(() => {
+    playing.value = false;
+    moving.value = false;
+    centres.value = null;
+  });
+}
+
+let asking = false;
+/** The instant centres of what is on show. */
+export async function findCentres(): Promise<void> {
+  if (asking || !showCentres.value) return;
+  asking = true;
+  const poses = Object.fromEntries(scene.value!.links.map((link) => [link.name, placed.value!.pose(link.name)]));
+  const reply = await attempt("centres", { at: poses });
+  asking = false;
+  if (reply) centres.value = (reply as { centres?: Centre[] }).centres ?? null;
+  else showCentres.value = false;
+}
+
+// A copy of the document in the browser, should the server be lost.
+let keeping: ReturnType<typeof setTimeout> | undefined;
+const KEPT = "studio.document";
+
+function keep(): void {
+  clearTimeout(keeping);
+  keeping = setTimeout(async () => {
+    try {
+      const reply = await ask("text");
+      localStorage.setItem(KEPT, String(reply.text ?? ""));
+    } catch {
+      // a copy is a courtesy: without it the server's own autosave remains
+    }
+  }, 1500);
+}
+
+export const kept = (): string => localStorage.getItem(KEPT) ?? "";
+
+/** Greets the server after every opening of the socket. */
+export function start(onEvent: (event: Event) => void): void {
+  listen(onEvent);
+  let first = true;
+  connect(() => {
+    void (async () => {
+      const reply = await attempt("hello");
+      if (!reply) return;
+      const known = reply as unknown as Hello;
+      hello.value = known;
+      const shared = first && location.hash.length > 2 ? location.hash.slice(1) : "";
+      take(known.scene);
+      if (shared) {
+        const opened = await edit("open", { fragment: shared });
+        if (opened) history.replaceState(null, "", location.pathname + location.search);
+      } else if (!first && scene.value && kept() && !known.scene.links.length) {
+        await edit("open", { text: kept() });
+      }
+      if (!first) say("The server is back.");
+      first = false;
+    })();
+  });
+}
+
+export const nearestPin = (at: XY): string | null => {
+  let best: string | null = null;
+  let distance = Infinity;
+  for (const pin of scene.value?.pins ?? []) {
+    const d = Math.hypot(pin.at[0] - at[0], pin.at[1] - at[1]);
+    if (d < distance) [best, distance] = [pin.id, d];
+  }
+  return best;
+};

@@ -1,0 +1,311 @@
+// Below the drawing: play, scrub, pace, what drives the motion, and the curves of what is observed.
+import { signal } from "@preact/signals";
+import type { JSX } from "preact";
+import { NumberField } from "./fields";
+import { figure } from "./geometry";
+import { Sign } from "./icons";
+import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
+import { choose } from "./tools";
+import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, refresh, scene, scrub, sheet, showCentres, still } from "./state";
+
+interface Curve {
+  name: string;
+  unit: string;
+  hue: number;
+  values: (number | null)[];
+}
+interface Chart {
+  id: string;
+  title: string;
+  unit: string;
+  curves: Curve[];
+}
+
+const open = signal(innerWidth > 560);
+const off = signal<Set<string>>(new Set(["pins", "advantage"]));
+const lengths = (list: XY[] | null): (number | null)[] => (list ?? []).map((v) => (v && v[0] !== null ? Math.hypot(v[0], v[1]) : null));
+
+function charts(now: Motion): Chart[] {
+  const points = Object.entries(now.points);
+  const chart = (id: string, title: string, unit: string, curves: Omit<Curve, "unit">[]): Chart => ({ id, title, unit, curves: curves.map((c) => ({ ...c, unit })) });
+  const advantage = Array.isArray(now.advantage) ? now.advantage : [];
+  const gains = advantage.length && typeof advantage[0] === "object" && advantage[0] !== null ? (advantage as { name: string; values: (number | null)[] }[]) : advantage.length ? [{ name: "advantage", values: advantage as (number | null)[] }] : [];
+  return [
+    chart("v", "Speed", "m/s", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.v) }))),
+    chart("a", "Acceleration", "m/s²", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.a) }))),
+    chart("torque", "Drive", now.torque?.unit ?? "N m", now.torque ? [{ name: "drive", hue: 1, values: now.torque.values }] : []),
+    chart("transmission", "Transmission angle", "°", now.transmission.map((t, hue) => ({ ...t, hue }))),
+    chart("pins", "Pin forces", "N", now.pins.map((p, hue) => ({ name: p.joint, hue, values: p.force.map((f) => (typeof f === "number" ? f : f && f[0] !== null && f[1] !== null ? Math.hypot(f[0], f[1]) : null)) }))),
+    chart("advantage", "Mechanical advantage", "", gains.map((g, hue) => ({ ...g, hue }))),
+  ].filter((c) => c.curves.some((curve) => curve.values.some((v) => v !== null)));
+}
+
+const [W, H] = [260, 92];
+
+/** Values are cut where they run away near a singular position: the 2nd and the 98th percentile and a margin bound the picture. */
+function bounds(curves: Curve[]): [number, number] {
+  const all = curves.flatMap((c) => c.values.filter((v): v is number => v !== null && Number.isFinite(v))).sort((a, b) => a - b);
+  const at = (share: number): number => all[Math.round(share * (all.length - 1))] ?? 0;
+  const [low, high] = [at(0), at(1)];
+  const [inner, outer] = [at(0.02), at(0.98)];
+  const wide = (outer - inner) * 2 + 1e-12;
+  const from = low < inner - wide ? inner - wide / 4 : low;
+  const to = high > outer + wide ? outer + wide / 4 : high;
+  const gap = to - from || Math.abs(to) || 1;
+  return [Math.min(from, from > 0 && from < gap ? 0 : from), to + 0.06 * gap];
+}
+
+function ChartView({ chart, times }: { chart: Chart; times: number[] }): JSX.Element {
+  const end = times.at(-1) || 1;
+  const [low, high] = bounds(chart.curves);
+  const x = (t: number): number => (t / end) * W;
+  const y = (v: number): number => Math.max(-4, Math.min(H + 4, H - ((v - low) / (high - low || 1)) * H));
+  const line = (values: (number | null)[]): string => {
+    let d = "";
+    let gap = true;
+    values.forEach((v, i) => {
+      if (v === null || !Number.isFinite(v)) gap = true;
+      else {
+        d += `${gap ? "M" : "L"}${x(times[i]!).toFixed(1)} ${y(v).toFixed(1)}`;
+        gap = false;
+      }
+    });
+    return d;
+  };
+  const i = Math.max(0, times.findIndex((t) => t >= clock.value - 1e-12));
+  const move = (e: PointerEvent): void => {
+    if (!e.buttons && e.type === "pointermove") return;
+    const box = (e.currentTarget as SVGElement).getBoundingClientRect();
+    scrub(Math.max(0, Math.min(end, ((e.clientX - box.left) / box.width) * end)));
+  };
+  return (
+    <figure class="chart" data-chart={chart.id}>
+      <figcaption>
+        {chart.title} {chart.unit && <small>{chart.unit}</small>}
+      </figcaption>
+      <svg viewBox={`0 0 ${W} ${H}`} preserveAspectRatio="none" onPointerDown={move} onPointerMove={move} role="img" aria-label={`${chart.title} over time of ${chart.curves.map((c) => c.name).join(", ")}`}>
+        {low < 0 && high > 0 && <path class="zero" d={`M0 ${y(0)}H${W}`} />}
+        {chart.curves.map((c) => <path key={c.name} class={`curve-${c.hue % 6}`} d={line(c.values)} vector-effect="non-scaling-stroke" />)}
+        <path class="now" d={`M${x(clock.value)} 0V${H}`} vector-effect="non-scaling-stroke" />
+      </svg>
+      <ul>
+        {chart.curves.slice(0, 6).map((c) => (
+          <li key={c.name} class={`curve-${c.hue % 6}`}>
+            {c.name} <b>{figure(c.values[i] ?? null, 3)}</b>
+          </li>
+        ))}
+      </ul>
+    </figure>
+  );
+}
+
+const LAWS: [string, string][] = [["constant", "constant speed"], ["sine", "cycloidal, rest to rest"], ["cosine", "harmonic"], ["poly345", "3-4-5 polynomial"]];
+
+/** What is driven, and by which laws: the scenario "driven" as it stands. Each change is an edit. */
+function Drive(): JSX.Element | null {
+  const now = scene.value;
+  if (!now) return null;
+  const scenario = now.scenarios.find((s) => s.name === "driven" && s.kind === "driven") ?? now.scenarios.find((s) => s.kind === "driven");
+  const table = (scenario?.table ?? {}) as { driver?: Table; drivers?: Table[]; duration?: number };
+  const drivers = table.drivers ?? (table.driver ? [table.driver] : []);
+  if (!now.drivers_possible.length && !drivers.length) return null;
+  const named = drivers.map(nameOf).filter(Boolean);
+  const free = now.drivers_possible.filter((d) => !named.includes(d.name));
+  const more = drivers.length === 0 || drivers.length < (now.status.dof ?? 0);
+  return (
+    <details class="drive">
+      <summary title="What moves, and by which law">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
+      <div class="pop">
+        {drivers.map((driver) => (
+          <OneDriver key={nameOf(driver)} driver={driver} free={free} duration={table.duration ?? 1} />
+        ))}
+        {more && free.length > 0 && (
+          <label class="field">
+            <span>{drivers.length ? "And drive" : "Drive"}</span>
+            <select value="" onChange={(e) => void begin(e.currentTarget.value)} aria-label="Driven coordinate">
+              <option value="">choose …</option>
+              {free.map(option)}
+            </select>
+          </label>
+        )}
+        {drivers.length > 0 && (
+          <NumberField label="Duration" unit="s" value={table.duration ?? null} send={(duration) => edit("drive", { ...lawOf(drivers[0]!), coordinate: nameOf(drivers[0]!), duration })} />
+        )}
+      </div>
+    </details>
+  );
+}
+
+const nameOf = (driver: Table): string => String(driver.link ?? driver.joint ?? (Array.isArray(driver.between) ? driver.between.join(" to ") : ""));
+const option = (d: { name: string; kind: string }): JSX.Element => (
+  <option key={d.name} value={d.name}>
+    {d.name} ({d.kind})
+  </option>
+);
+
+/** A driver's law, without what it drives. */
+function lawOf(driver: Table): Table {
+  const { link: _link, joint: _joint, between: _between, ...law } = driver;
+  return law;
+}
+
+/** Drives a coordinate by what is usual for its kind, from where it is drawn. */
+function begin(name: string): Promise<unknown> {
+  const kind = scene.value?.drivers_possible.find((d) => d.name === name)?.kind;
+  if (!kind) return Promise.resolve();
+  return edit("drive", kind === "angle" ? { coordinate: name, law: "constant", speed: 2 * Math.PI, duration: 1 } : { coordinate: name, law: "sine", travel: 0.05, time: 1, duration: 1 });
+}
+
+function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind[]; duration: number }): JSX.Element {
+  const name = nameOf(driver);
+  const kind = scene.value!.drivers_possible.find((d) => d.name === name)?.kind ?? (driver.link ? "angle" : "slide");
+  const angle = kind === "angle";
+  const law = String(driver.law ?? "constant");
+  const value = (key: string): number | null => (typeof driver[key] === "number" ? (driver[key] as number) : null);
+  const coordinate = Array.isArray(driver.between) ? { between: driver.between } : name;
+  const drive = (change: Table): unknown => edit("drive", { ...lawOf(driver), coordinate, duration, ...change });
+  const rate = value("speed");
+  const start = angle ? (value("start_deg") ?? ((value("start") ?? 0) * 180) / Math.PI) : (value("start") ?? 0);
+  const another = async (next: string): Promise<void> => {
+    await edit("drive", { coordinate, off: true });
+    if (next) await begin(next);
+  };
+  const byLaw = (next: string): unknown => {
+    const { speed: _speed, travel: _travel, travel_deg: _degrees, time: _time, rows: _rows, ...rest } = lawOf(driver);
+    const rise = angle ? { travel_deg: value("travel_deg") ?? 360 } : { travel: value("travel") ?? 0.05 };
+    const numbers = next === "constant" ? { speed: angle ? 2 * Math.PI : 0.05 } : { ...rise, time: value("time") ?? 1 };
+    return edit("drive", { ...rest, coordinate, duration, law: next, ...numbers });
+  };
+  return (
+    <fieldset>
+      <label class="field">
+        <span>Drive</span>
+        <select value={name} onChange={(e) => void another(e.currentTarget.value)} aria-label="Driven coordinate">
+          <option value={name}>
+            {name} ({kind})
+          </option>
+          {free.map(option)}
+          <option value="">nothing</option>
+        </select>
+      </label>
+      <label class="field">
+        <span>Law</span>
+        <select value={law} aria-label="Law of motion" onChange={(e) => void byLaw(e.currentTarget.value)}>
+          {!LAWS.some(([id]) => id === law) && <option value={law}>{law}</option>}
+          {LAWS.map(([id, text]) => (
+            <option key={id} value={id}>
+              {text}
+            </option>
+          ))}
+        </select>
+      </label>
+      <NumberField label="Start" unit={angle ? "°" : "m"} value={start} send={(v) => drive(angle ? { start_deg: v } : { start: v })} />
+      {law === "constant" && (
+        <NumberField label="Speed" unit={angle ? "rev/min" : "m/s"} value={rate === null ? null : angle ? (rate * 30) / Math.PI : rate} send={(v) => drive({ speed: angle ? (v! * Math.PI) / 30 : v })} />
+      )}
+      {law !== "constant" && law !== "table" && (
+        <>
+          <NumberField label="Travel" unit={angle ? "°" : "m"} value={value(angle ? "travel_deg" : "travel")} send={(v) => drive(angle ? { travel_deg: v } : { travel: v })} />
+          <NumberField label="In" unit="s" value={value("time")} send={(v) => drive({ time: v })} />
+        </>
+      )}
+    </fieldset>
+  );
+}
+
+export function Timeline(): JSX.Element {
+  const now = motion.value;
+  const end = now?.times.at(-1) ?? 1;
+  const list = now ? charts(now) : [];
+  const input = now?.input;
+  const i = now ? Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12)) : 0;
+  return (
+    <section class={`timeline${sheet.value === "curves" ? " up" : ""}${open.value && list.length ? "" : " low"}`} aria-label="Motion">
+      <div class="transport">
+        <button type="button" class="play" aria-label={playing.value ? "Pause" : "Play"} title={playing.value ? "Pause (Space)" : "Play"} onClick={() => { choose("select"); void play(); }}>
+          <Sign of={playing.value ? "pause" : "play"} />
+        </button>
+        <input
+          type="range"
+          aria-label="Time"
+          min="0"
+          max={end}
+          step={end / 360}
+          value={clock.value}
+          disabled={!now}
+          aria-valuetext={`${figure(clock.value, 3)} seconds`}
+          onInput={(e) => scrub(Number(e.currentTarget.value))}
+        />
+        <output>
+          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${figure(input.values[i] ?? null, 4)}` : ""}
+        </output>
+        <label class="pace">
+          <span class="hidden">Pace</span>
+          <select value={String(pace.value)} aria-label="Pace" onChange={(e) => (pace.value = Number(e.currentTarget.value))}>
+            {[0.1, 0.25, 0.5, 1, 2].map((p) => (
+              <option key={p} value={String(p)}>
+                {p}×
+              </option>
+            ))}
+          </select>
+        </label>
+        <Drive />
+        <button
+          type="button"
+          class="quiet"
+          aria-pressed={showCentres.value}
+          aria-label="Instant centres"
+          title="Points about which every two links turn at this instant"
+          onClick={() => {
+            showCentres.value = !showCentres.value;
+            if (showCentres.value) void ready().then(findCentres);
+          }}
+        >
+          <span class="long">Instant centres</span>
+          <span class="short">Centres</span>
+        </button>
+        <button type="button" class="quiet" title="Let it go under gravity and torques, and lay another engine over it" onClick={() => (dialog.value = "release")}>
+          Release
+        </button>
+        {moving.value && (
+          <button type="button" class="quiet" aria-label="Back to the sketch" onClick={() => { still(); ghost.value = null; refresh(); }}>
+            <span class="long">Back to the sketch</span>
+            <span class="short">Sketch</span>
+          </button>
+        )}
+        {list.length > 0 && (
+          <button type="button" class="icon fold" aria-expanded={open.value} aria-label="Curves" title="Show or hide the curves" onClick={() => (open.value = !open.value)}>
+            <Sign of="curves" />
+          </button>
+        )}
+      </div>
+      {motionNote.value && !now && <p class="note">{motionNote.value}</p>}
+      {open.value && list.length > 0 && (
+        <>
+          <div class="chips which" role="group" aria-label="Curves shown">
+            {list.map((c) => (
+              <button
+                type="button"
+                key={c.id}
+                aria-pressed={!off.value.has(c.id)}
+                onClick={() => {
+                  const next = new Set(off.value);
+                  if (!next.delete(c.id)) next.add(c.id);
+                  off.value = next;
+                }}
+              >
+                {c.title}
+              </button>
+            ))}
+            {now!.singular.map((spot, n) => (
+              <span key={n} class="flag" title={`${spot.coordinate} = ${figure(spot.value)}`}>
+                {spot.kind} at {figure(spot.value)}
+              </span>
+            ))}
+          </div>
+          <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
+        </>
+      )}
+    </section>
+  );
+}

@@ -1,0 +1,161 @@
+// Above the drawing: files, undo, what the linkage is, the switches of the view.
+import { signal } from "@preact/signals";
+import type { JSX } from "preact";
+import { names } from "./canvas";
+import { Sign } from "./icons";
+import { connected } from "./socket";
+import { dialog, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
+import { TOOLS, choose, current, finish, picks, tool } from "./tools";
+import { zoom } from "./view";
+
+type Theme = "light" | "dark" | "";
+export const theme = signal<Theme>((localStorage.getItem("studio.theme") as Theme | null) ?? "");
+
+export function paint(): void {
+  if (theme.value) document.documentElement.dataset.theme = theme.value;
+  else delete document.documentElement.dataset.theme;
+}
+const dark = (): boolean => (theme.value || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
+
+function turn(): void {
+  theme.value = dark() ? "light" : "dark";
+  localStorage.setItem("studio.theme", theme.value);
+  paint();
+}
+
+/** The name that the next save writes to; the first save asks for one. */
+async function save(): Promise<void> {
+  if (!scene.value?.path) dialog.value = "save";
+  else await edit("save");
+}
+
+const Button = ({ sign, name, hint, go, off, wide }: { sign: string; name: string; hint?: string; go: () => unknown; off?: boolean; wide?: boolean }): JSX.Element => (
+  <button type="button" id={name === "Save" ? "save" : undefined} class={wide ? "quiet labelled" : "icon"} aria-label={name} title={hint ?? name} disabled={off} onClick={() => void go()}>
+    <Sign of={sign} />
+    {wide && <span>{name}</span>}
+  </button>
+);
+
+export function Top(): JSX.Element {
+  const now = scene.value;
+  const status = now?.status;
+  const wrong = now?.problems.filter((p) => p.level === "error").length ?? 0;
+  const count = (n: number, word: string): string => `${n} ${word}${n === 1 ? "" : "s"}`;
+  return (
+    <header class="top">
+      <p class="brand">
+        gauss<span>_bench</span> <small>studio</small>
+      </p>
+      <div class="group" role="group" aria-label="File">
+        <Button sign="open" name="Open" hint="Open a template, a linkage or a file (Ctrl+O)" wide go={() => (dialog.value = "open")} />
+        <Button sign="save" name="Save" hint="Save the linkage file (Ctrl+S)" wide go={save} />
+        <Button sign="share" name="Share" hint="Export, or a link that carries the linkage" wide go={() => (dialog.value = "export")} />
+      </div>
+      <div class="group" role="group" aria-label="History">
+        <Button sign="undo" name="Undo" hint="Undo (Ctrl+Z)" off={!now?.can_undo} go={() => edit("undo")} />
+        <Button sign="redo" name="Redo" hint="Redo (Ctrl+Shift+Z)" off={!now?.can_redo} go={() => edit("redo")} />
+      </div>
+      <h1 class="document" title={now?.path ?? "not saved yet"}>
+        {now?.name ?? ""}
+        {now?.unsaved && (
+          <span class="unsaved" title="Changed since it was saved">
+            <span class="hidden">unsaved</span>
+          </span>
+        )}
+      </h1>
+      {status && now.links.length > 0 && (
+        <ul class="status" data-testid="status" aria-label="State of the linkage">
+          <li title="Degrees of freedom">
+            <b data-testid="dof">{status.dof ?? "–"}</b> <abbr title="degrees of freedom">DOF</abbr>
+          </li>
+          <li title="Independent loops">
+            <b data-testid="loop-count">{status.loops}</b> {status.loops === 1 ? "loop" : "loops"}
+          </li>
+          {(status.redundant ?? 0) > 0 && (
+            <li class="doubtful" title="Constraints that say nothing new">
+              <b>{status.redundant}</b> redundant
+            </li>
+          )}
+          <li class={status.assembles && !wrong ? "good" : "bad"}>
+            {status.assembles && !wrong ? "assembles" : (
+              <button type="button" onClick={() => { sheet.value = "properties"; }}>
+                {wrong ? count(wrong, "problem") : "does not assemble"}
+              </button>
+            )}
+          </li>
+        </ul>
+      )}
+      <div class="group end" role="group" aria-label="More">
+        <Button sign="help" name="Help" hint="Help (?)" go={() => (dialog.value = "help")} />
+        <Button sign="sun" name={dark() ? "Light theme" : "Dark theme"} go={turn} />
+        <button type="button" class="icon narrow" aria-label="Properties" aria-expanded={sheet.value === "properties"} onClick={() => (sheet.value = sheet.value === "properties" ? "" : "properties")}>
+          <Sign of="panel" />
+          {wrong > 0 && <span class="count">{wrong}</span>}
+        </button>
+      </div>
+      {connected.value === "gone" && (
+        <p class="gone" role="alert">
+          The server has gone. Start it again, and this page goes on where it was.
+        </p>
+      )}
+    </header>
+  );
+}
+
+export function Tools(): JSX.Element {
+  return (
+    <nav class="tools" aria-label="Tools">
+      {TOOLS.map((t) => (
+        <button key={t.id} type="button" aria-label={t.name} aria-pressed={tool.value === t.id} aria-keyshortcuts={t.key} title={`${t.name} (${t.key.toUpperCase()})\n${t.help}`} onClick={() => choose(t.id)}>
+          <Sign of={t.id} />
+          <span aria-hidden="true">{t.name}</span>
+        </button>
+      ))}
+    </nav>
+  );
+}
+
+/** Switches of the view, in a corner of the drawing. */
+export function ViewSwitches(): JSX.Element {
+  return (
+    <div class="switches" role="group" aria-label="View">
+      <Button sign="plus" name="Zoom in" hint="Zoom in (+)" go={() => zoom(1.25)} />
+      <Button sign="minus" name="Zoom out" hint="Zoom out (-)" go={() => zoom(0.8)} />
+      <Button sign="fit" name="Fit" hint="Fit the linkage into the window (0)" go={show} />
+      <button type="button" class="icon" aria-label="Snap to the grid" aria-pressed={lined.value} title="Snap to the grid (hold Alt to leave it)" onClick={() => (lined.value = !lined.value)}>
+        <Sign of="magnet" />
+      </button>
+      <button type="button" class="icon" aria-label="Names" aria-pressed={names.value} title="Show names" onClick={() => (names.value = !names.value)}>
+        <Sign of="tag" />
+      </button>
+    </div>
+  );
+}
+
+/** What the tool in hand asks for next, or what was last said; read aloud. */
+export function Prompt(): JSX.Element {
+  const hand = current();
+  const ask = hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];
+  const word = said.value;
+  const quiet = tool.value === "select" && !scene.value?.links.length ? "" : hand.id === "reshape" ? hand.help : "";
+  const text = word ? word.text : (ask ?? quiet);
+  return (
+    <div class={`prompt${word?.level === "error" ? " refused" : ""}${text ? "" : " empty"}`}>
+      <p role="status" aria-live="polite" data-testid="said">
+        {text}
+      </p>
+      {word && (
+        <button type="button" class="icon" aria-label="Dismiss" onClick={() => (said.value = null)}>
+          <Sign of="close" />
+        </button>
+      )}
+      {hand.open && picks.value.length > 2 && !word && (
+        <button type="button" class="done" onClick={() => finish()}>
+          Done
+        </button>
+      )}
+    </div>
+  );
+}
+
+export const Moving = (): JSX.Element | null => (moving.value ? <p class="badge">Showing the motion{ghost.value ? `; dashed: ${ghost.value.engine}` : ""}</p> : null);

@@ -1,0 +1,346 @@
+"""A linkage file read as far as it goes: half a drawing is a drawing too.
+
+What the loader refuses is told as a problem, with the place in the drawing that it is about, and left out; what is left is built
+and placed by the loader's own functions. So nothing is read here in another way than the suite reads it.
+"""
+
+import copy
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.kinematics.topology import find_graph
+from gauss_bench.mechanism.build import build_mechanism
+from gauss_bench.mechanism.closure import close_joints
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.cylinders import written_out
+from gauss_bench.mechanism.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
+from gauss_bench.mechanism.load import document_faults, load_document
+from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
+from gauss_bench.mechanism.references import items, sequence, table
+from gauss_bench.mechanism.welding import spread
+from gauss_bench.studio.document import Document
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory, in_a_sentence
+
+ROUNDS = 200  # of leaving out what is at fault; each leaves out something
+MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link that says nothing of either, so that it can be shown
+STILL = {"drawn": {"duration": 1.0}}  # a scenario in which nothing is held, driven or pushed
+TRIED = 6  # scenarios that are looked at whether they start
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong or missing: `level` is error, warning or hint, `where` what of the drawing it is about."""
+
+    level: str
+    text: str
+    where: tuple[str, ...] = ()
+    loop: tuple[str, ...] | None = None
+    apart: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"level": self.level, "text": self.text, "where": self.where, "loop": self.loop, "apart": self.apart}
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What could be read of a document.
+
+    Attributes:
+        document: as it was given.
+        rest: what is left of it, which has no faults but those of its scenarios.
+        mechanism: that, without forces and drivers; None where there are no links.
+        q: (n,) where the links are drawn; closed, where the joints close from there.
+        unplaced: links of which the drawing does not say where they are.
+        problems: what is wrong, errors first.
+    """
+
+    document: Document
+    rest: Document
+    mechanism: Mechanism | None
+    q: Array
+    closed: bool
+    unplaced: tuple[str, ...]
+    problems: tuple[Problem, ...] = field(default=())
+
+    @cached_property
+    def joints(self) -> Constraints | None:
+        """The rows of the joints alone."""
+        return None if self.mechanism is None else Constraints(replace(self.mechanism, drivers=(), knife_edges=()))
+
+    def whole(self, q: Array) -> Array:
+        """State(s) (..., n) of the bodies as those of the links of the file."""
+        return np.zeros(0) if self.mechanism is None else of_links(self.mechanism, q)
+
+    def poses(self, q: Array) -> dict[str, list[float]]:
+        """Link -> [x, y, theta] of its own frame at a state q (n,)."""
+        if self.mechanism is None:
+            return {}
+        return poses(self.mechanism.whole, self.whole(q))
+
+
+def of_links(mechanism: Mechanism, q: Array) -> Array:
+    """States (..., n) of the bodies of a mechanism as those of the links of its file."""
+    if not mechanism.parts:
+        return q
+    return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
+
+
+def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
+    """Link -> [x, y, theta] of its own frame in the world, at a state q (n,) of the links of the file."""
+    found = {}
+    for i, link in enumerate(whole.links):
+        x, y, theta = q[3 * i : 3 * i + 3]
+        c, s = np.cos(theta), np.sin(theta)
+        found[link.name] = [
+            float(x - c * link.com[0] + s * link.com[1]),
+            float(y - s * link.com[0] - c * link.com[1]),
+            float(theta),
+        ]
+    return found
+
+
+def read(document: Document) -> Reading:
+    """What can be read of a document, whatever is wrong with it."""
+    faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
+    problems = [Problem("error", said(f), place(document, f.path)) for f in faults]
+    rest = _still(copy.deepcopy(document))
+    mechanism, more = _built(rest)
+    problems += [Problem("error", said(f), place(document, f.path)) for f in more if f not in faults]
+    if mechanism is None:
+        problems += [Problem("hint", "nothing is drawn yet: a bar between two places is a beginning")] if not problems else []
+        return Reading(document, rest, None, np.zeros(0), False, (), (*problems, *_lone(document)))
+    q, unplaced = _placed(mechanism, rest)
+    problems += [
+        Problem("warning", f"{name} is not placed: the drawing says too little of where it lies", (f"links.{name}",))
+        for name in unplaced
+    ]
+    closed = True
+    try:
+        with np.errstate(all="ignore"):
+            q = close_joints(mechanism, Constraints(mechanism), q)
+    except AssemblyError:
+        closed = False
+        problems += _open(mechanism, q)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        closed = False
+        problems.append(Problem("error", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
+    found = Reading(document, rest, mechanism, q, closed, unplaced)
+    problems += [*_lone(document), *_loose(mechanism)]
+    if not any(x.level == "error" for x in problems):
+        problems += _scenarios(document)
+    order = ("error", "warning", "hint")
+    return replace(found, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
+
+
+def said(fault: Fault) -> str:
+    """A fault for people: the path without what the drawing shows anyway."""
+    return str(fault)
+
+
+def place(document: Document, path: str) -> tuple[str, ...]:
+    """What of the drawing the path of a fault is about."""
+    parts = path.split(".")
+    if len(parts) < 2:
+        return ()
+    group, name = parts[0], re.sub(r"\[.*", "", parts[1])
+    match group:
+        case "links" | "forces" | "scenarios" | "welds" | "cylinders" | "constraints":
+            return (f"{group}.{name}",)
+        case "joints":
+            joint = table(table(document, "joints"), name)
+            return (f"{'slides' if joint.get('type') == 'prismatic' else 'pins'}.{name}",)
+        case "assembly" if len(parts) > 2:
+            return (f"pins.{'.'.join(parts[2:])}",)
+        case "ground" if len(parts) > 2:
+            return (f"pins.ground.{parts[2]}",)
+    return ()
+
+
+def lone_pins(document: Document) -> dict[str, list[float]]:
+    """Pins that nothing holds: places of the drawing that bear the name of no joint and no point."""
+    named = {*table(document, "joints"), *table(document, "cylinders")}
+    sketch = table(table(document, "assembly"), "sketch")
+    return {k: x for k, x in sketch.items() if "." not in k and k not in named and _is_place(x)}
+
+
+def _is_place(x: Any) -> bool:
+    return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
+
+
+def _is_told_otherwise(document: Document, fault: Fault) -> bool:
+    """Whether a fault only says that a drawing is not finished, which is told in the words of a drawing."""
+    lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
+    return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
+
+
+def _lone(document: Document) -> list[Problem]:
+    return [
+        Problem("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", (f"pins.{name}",))
+        for name in lone_pins(document)
+    ]
+
+
+def new_faults(before: Document, after: Document) -> list[Fault]:
+    """What is wrong with a document that was not wrong before."""
+    known = {(x.path, x.text) for x in document_faults(before)}
+    lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
+    return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
+
+
+def _still(document: Document) -> Document:
+    """The document without what moves it: one scenario in which nothing acts; and without pins that hold nothing."""
+    lone = lone_pins(document)
+    for key in ("expect", "measure", "observe", "crank"):
+        document.pop(key, None)
+    document |= {"scenarios": copy.deepcopy(STILL)}
+    if lone:
+        for name in lone:
+            del document["assembly"]["sketch"][name]
+    document.setdefault("name", "drawing")
+    return document
+
+
+def _built(document: Document) -> tuple[Mechanism | None, list[Fault]]:
+    """The mechanism of what is left of a document once all that is at fault is left out of it, and what only building showed."""
+    more: list[Fault] = []
+    for _ in range(ROUNDS):
+        if not table(document, "links"):
+            return None, more
+        faults = document_faults(document)
+        if not faults:
+            try:
+                with np.errstate(all="ignore"):
+                    return build_mechanism(document, "drawn", "", ""), more
+            except BuildError as error:
+                faults = [error.fault]
+                more += faults
+            except (ArithmeticError, ValueError, KeyError, TypeError, np.linalg.LinAlgError) as error:
+                more.append(Fault("", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
+                return None, more
+        for fault in faults:
+            leave_out(document, fault)
+    return None, more
+
+
+def leave_out(document: Document, fault: Fault) -> None:
+    """Take out what a fault is about; of a link that lacks a mass or an inertia, give it one instead."""
+    keys: list[str | int] = [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", fault.path)]
+    match keys:
+        case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
+            if lacking not in (link := document["links"][name]):
+                link[lacking] = MASS if lacking == "mass" else INERTIA
+                return
+        case ["format"]:
+            document["format"] = "planar-linkage/2"
+            return
+        case ["name"]:
+            document["name"] = "drawing"
+            return
+    owner: Any = document
+    chain: list[tuple[Any, Any]] = []
+    for key in keys:
+        inside = key in owner if isinstance(owner, dict) else isinstance(owner, list) and isinstance(key, int) and key < len(owner)
+        if not inside:
+            break
+        chain.append((owner, key))
+        owner = owner[key]
+    if not chain:
+        return
+    holder, key = chain[-1]
+    del holder[key]
+
+
+def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
+    """Where the sketch has the links; those that it does not place stand at the origin, or hang from the one point known."""
+    from gauss_bench.mechanism.sketch import sketch
+
+    unplaced: list[str] = []
+    document = copy.deepcopy(document)
+    assembly = document.setdefault("assembly", {})
+    angles, drawing = assembly.setdefault("angles", {}), assembly.setdefault("sketch", {})
+    for _ in range(2 * len(mechanism.links) + 1):
+        try:
+            return np.nan_to_num(sketch(mechanism, document)), tuple(unplaced)
+        except NotPlaced as error:
+            name = next((x for x in error.links if x not in unplaced), None)
+            if name is not None:
+                unplaced.append(name)
+                if name not in assembly.get("angles_deg", {}):
+                    angles[name] = 0.0
+                continue
+            body = mechanism.placed(error.links[0])[0]
+            point = next(iter(mechanism.links[body].points))
+            owner = f"{error.links[0]}.{point}" if "." not in point else point
+            drawing[owner] = [float(x) for x in mechanism.links[body].points[point]]
+    return np.zeros(mechanism.n), tuple(unplaced)
+
+
+def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
+    """What does not assemble, with how far its ends are apart in the drawing."""
+    found = []
+    for joint in mechanism.joints:
+        if isinstance(joint, Revolute):
+            apart = float(np.hypot(*(position(q, joint.b) - position(q, joint.a))))
+            if apart > 1e-9:
+                found.append((apart, joint))
+    if not found:
+        return [Problem("error", "this does not assemble: the slides do not close")]
+    apart, joint = max(found, key=lambda x: x[0])
+    where = (f"pins.{joint.joint}",)
+    return [Problem("error", f"this does not assemble: pin {joint.joint} stays open by {apart:.4g} m", where, None, apart)]
+
+
+def _loose(mechanism: Mechanism) -> list[Problem]:
+    """Links that no chain of joints holds to the ground."""
+    held, before = {GROUND}, 0
+    while len(held) != before:
+        before = len(held)
+        for j in mechanism.joints:
+            ends = {j.a.link, j.b.link} if isinstance(j, Revolute) else {j.guide.link, j.block.link}
+            if ends & held:
+                held |= ends
+    names = [x.name for i, x in enumerate(mechanism.links) if i not in held]
+    return [
+        Problem("warning", f"{name} hangs on nothing: no joints lead from it to the ground", (f"links.{name}",)) for name in names
+    ]
+
+
+def _scenarios(document: Document) -> Iterator[Problem]:
+    """Scenarios that do not start, and what the loader warns of."""
+    told: set[str] = set()
+    for name, _ in [*items(document, "scenarios")][:TRIED]:
+        try:
+            mechanism = load_document(document, name)
+        except LinkageError as error:
+            for fault in error.faults:
+                if str(fault) not in told:
+                    yield Problem("warning", f"scenario {name} does not start: {fault}", (f"scenarios.{name}",))
+                told.add(str(fault))
+            continue
+        for sentence in mechanism.warnings:
+            if sentence not in told:
+                yield Problem("warning", sentence, place(document, sentence.split(":")[0]))
+            told.add(sentence)
+
+
+def loops_of(mechanism: Mechanism) -> list[list[str]]:
+    """The links of every independent loop, without the ground; none while links hang on nothing."""
+    try:
+        graph = find_graph(mechanism)
+    except ValueError:
+        return []
+    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in graph.loops]
+
+
+def pins_of(document: Document) -> list[tuple[str, list[str]]]:
+    """Joint -> references of every pin joint, those of cylinders too."""
+    return [
+        (name, sequence(joint, "at")) for name, joint in items(written_out(document), "joints") if joint.get("type") == "revolute"
+    ]

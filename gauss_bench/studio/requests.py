@@ -1,0 +1,269 @@
+"""What the page may ask for: one function for every verb of the protocol, which README.md describes."""
+
+import contextlib
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from gauss_bench import __version__
+from gauss_bench.bench.offers import SAFE, ChoiceError, offers
+from gauss_bench.engines import all_names
+from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.mechanism.load import built_in
+from gauss_bench.studio import dragging, dynamics, editing, files, motion, templates
+from gauss_bench.studio.document import EMPTY, written
+from gauss_bench.studio.drawing import NAME
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.session import Session
+from gauss_bench.trajectory import in_a_sentence
+
+Message = Mapping[str, Any]
+Reply = dict[str, Any]
+
+
+def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
+    """A value of a message.
+
+    Raises:
+        Refused: it is of another kind, or missing where nothing else is given.
+    """
+    value = message.get(key, otherwise)
+    if value is None and otherwise is None:
+        raise Refused(f"{key} is missing", field=key)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise Refused(f"{key} is not what it should be", field=key)
+    return value
+
+
+def hello(session: Session, message: Message) -> Reply:
+    left = session.autosave.left()
+    engines = [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
+    return {
+        "version": __version__,
+        "templates": templates.listed(),
+        "linkages": [*built_in()],
+        "files": files.listed(session.folder),
+        "folder": session.folder.name,
+        "engines": engines,
+        "kernel": any(x["here"] for x in engines if x["name"] == "gauss-native"),
+        "recovered": None if left is None else {"text": left.text},
+        "scene": session.scene(),
+    }
+
+
+def shown(session: Session) -> Reply:
+    return {"scene": session.scene()}
+
+
+def new(session: Session, message: Message) -> Reply:
+    session.open(EMPTY)
+    return shown(session)
+
+
+def template(session: Session, message: Message) -> Reply:
+    session.open(templates.text_of(told(message, "name", str)))
+    return shown(session)
+
+
+def drawing(session: Session, message: Message) -> Reply:
+    return {"svg": templates.drawing(told(message, "name", str))}
+
+
+def open_file(session: Session, message: Message) -> Reply:
+    if "text" in message:
+        session.open(told(message, "text", str))
+    elif "fragment" in message:
+        session.open(files.of_fragment(told(message, "fragment", str)))
+    else:
+        session.open(*files.opened(session.folder, told(message, "name", str)))
+    return shown(session)
+
+
+def undo(session: Session, message: Message) -> Reply:
+    session.undo()
+    return shown(session)
+
+
+def redo(session: Session, message: Message) -> Reply:
+    session.redo()
+    return shown(session)
+
+
+def text(session: Session, message: Message) -> Reply:
+    return {"text": session.text}
+
+
+def save(session: Session, message: Message) -> Reply:
+    """Write the file; the linkage is called as the file is."""
+    name = told(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
+    path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
+    if not NAME.fullmatch(path.stem):
+        raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
+    content = written(session.text, session.document | {"name": path.stem})
+    files.save(session.folder, path, content, bool(message.get("replace")), session.path)
+    session.saved_as(path, content)
+    return {"path": path.name} | shown(session)
+
+
+def bring_in(session: Session, message: Message) -> Reply:
+    content, left_out = files.imported(told(message, "text", str))
+    with session.lock:
+        session.open(content)
+    return {"left_out": left_out} | shown(session)
+
+
+def recover(session: Session, message: Message) -> Reply:
+    """Take what a process that is no more left of this document, or let it go."""
+    left = session.autosave.left()
+    if left is not None:
+        if message.get("take", True):
+            session.put(left.text, frozenset(left.locks))
+        left.file.unlink(missing_ok=True)
+    return shown(session)
+
+
+def share(session: Session, message: Message) -> Reply:
+    return {"fragment": files.fragment(session.text)}
+
+
+def make_edit(session: Session, message: Message) -> Reply:
+    made = editing.edit(session, message)
+    return {"made": made} | shown(session)
+
+
+def lock(session: Session, message: Message) -> Reply:
+    editing.lock(session, message)
+    return shown(session)
+
+
+def picture(session: Session, message: Message) -> Reply:
+    editing.picture(session, message)
+    return shown(session)
+
+
+def drag_begin(session: Session, message: Message) -> Reply:
+    session.drag = dragging.begun(session.reading, session.locks, message)
+    return {"poses": session.drag.reading.poses(session.drag.drag.q)}
+
+
+def drag(session: Session, message: Message) -> Reply:
+    if session.drag is None:
+        raise Refused("nothing is being dragged")
+    return dragging.dragged(session.drag, message)
+
+
+def drag_end(session: Session, message: Message) -> Reply:
+    held, session.drag = session.drag, None
+    if held is not None and message.get("keep", True):
+        editing.posed(session, held.drag.q)
+    return shown(session)
+
+
+def branches(session: Session, message: Message) -> Reply:
+    session.branches = session.reading, dragging.found_branches(session.reading)
+    names = ["as drawn", *(f"branch {k}" for k in range(1, len(session.branches[1])))]
+    found = zip(names, session.branches[1], strict=True)
+    return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in found]}
+
+
+def branch(session: Session, message: Message) -> Reply:
+    index = message.get("index")
+    if session.branches is None or session.branches[0] is not session.reading:
+        session.branches = session.reading, dragging.found_branches(session.reading)
+    if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
+        raise Refused("there is no such branch", field="index")
+    editing.posed(session, session.branches[1][index])
+    return shown(session)
+
+
+def move_by_law(session: Session, message: Message) -> Reply:
+    """The motion at once; what is singular along it in an event, because looking for that takes seconds."""
+    with session.lock:
+        text, reading = session.text, session.reading
+    mechanism, found = motion.motion(text, reading, message)
+    session.motions += 1
+    job = -session.motions  # of no process that could be stopped
+
+    def look() -> None:
+        try:
+            marks, why = motion.singular(mechanism)
+        except Exception as error:
+            marks, why = [], in_a_sentence(error)
+        session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
+
+    threading.Thread(target=look, daemon=True).start()
+    return found | {"singular": [], "job": job}
+
+
+def centres(session: Session, message: Message) -> Reply:
+    return {"centres": motion.instant_centres(session.reading, message.get("at"))}
+
+
+def release(session: Session, message: Message) -> Reply:
+    return dynamics.release(session, message)
+
+
+def recommend(session: Session, message: Message) -> Reply:
+    return dynamics.recommend(session, message)
+
+
+def stop(session: Session, message: Message) -> Reply:
+    session.jobs.stop(told(message, "job", int))
+    return {}
+
+
+VERBS: dict[str, Callable[[Session, Message], Reply]] = {
+    "hello": hello,
+    "new": new,
+    "template": template,
+    "drawing": drawing,
+    "open": open_file,
+    "undo": undo,
+    "redo": redo,
+    "text": text,
+    "save": save,
+    "import": bring_in,
+    "recover": recover,
+    "share": share,
+    "lock": lock,
+    "picture": picture,
+    "drag_begin": drag_begin,
+    "drag": drag,
+    "drag_end": drag_end,
+    "branches": branches,
+    "branch": branch,
+    "motion": move_by_law,
+    "centres": centres,
+    "release": release,
+    "recommend": recommend,
+    "stop": stop,
+    **dict.fromkeys(editing.EDITS, make_edit),
+}
+
+
+APART = ("drawing", "motion", "stop", "import")  # verbs that take long, or must not wait for others; they mind the lock themselves
+
+
+def answer(session: Session, message: Message) -> Reply:
+    """The reply to a message: what it asked for, or a sentence on why not; never an exception of whatever kind."""
+    id, verb = message.get("id"), message.get("do")
+    if not isinstance(id, (int, str)) or isinstance(id, bool):
+        id = None
+    try:
+        if not isinstance(verb, str) or verb not in VERBS:
+            raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
+        with contextlib.nullcontext() if verb in APART else session.lock:
+            return {"id": id, "ok": True} | VERBS[verb](session, message)
+    except Refused as error:
+        return {"id": id, "ok": False, "error": {"text": str(error), "where": error.where, "field": error.field}}
+    except (ChoiceError, MissingExtra) as error:
+        return {"id": id, "ok": False, "error": {"text": str(error), "where": (), "field": ""}}
+    except LinkageError as error:
+        sentences = "; ".join(str(x) for x in error.faults[:5])
+        return {"id": id, "ok": False, "error": {"text": sentences, "where": (), "field": ""}}
+    except Exception as error:
+        said = f"a fault of the studio, not of the drawing: {type(error).__name__}: {in_a_sentence(error)}"
+        return {"id": id, "ok": False, "error": {"text": said, "where": (), "field": "", "fault": True}}

@@ -1,0 +1,233 @@
+"""The studio's server: the page, its files, and one socket; on this machine alone, for as long as the process lives.
+
+Whatever takes time runs in a thread, so that the socket stays awake; requests of all pages come one after the other.
+"""
+
+import asyncio
+import contextlib
+import json
+import signal
+import socket
+import webbrowser
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gauss_bench.api.results import plain
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.mechanism.load import find
+from gauss_bench.studio import files
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.requests import answer
+from gauss_bench.studio.security import LARGEST, SOCKETS, Guard, Rate, headers
+from gauss_bench.studio.session import Session
+
+PAGE = Path(__file__).parent / "page"
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".woff2": "font/woff2",
+    ".png": "image/png",
+    ".txt": "text/plain; charset=utf-8",
+    ".md": "text/plain; charset=utf-8",
+}
+
+
+class Guarded:
+    """Refuses whatever does not come from the studio's own page, before anything else looks at it."""
+
+    def __init__(self, app: ASGIApp, guard: Guard):
+        self.app, self.guard, self.said = app, guard, headers(guard.port)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        given = [(k.decode("latin-1"), v.decode("latin-1")) for k, v in scope["headers"]]
+        hosts, origins = ([v for k, v in given if k == key] for key in ("host", "origin"))
+        only = len(hosts) == 1 and len(origins) <= 1
+        refused = self.guard.refusal(hosts[0] if only else None, origins[0] if origins else None)
+        if not refused:
+            await self.app(scope, receive, self._with_headers(send))
+        elif scope["type"] == "http":
+            await PlainTextResponse(refused, 403, self.said)(scope, receive, send)
+        else:
+            await WebSocket(scope, receive, send).close(1008)
+
+    def _with_headers(self, send: Send) -> Send:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message.get("headers", []),
+                    *((k.encode(), v.encode()) for k, v in self.said.items()),
+                ]
+            await send(message)
+
+        return sending
+
+
+class Studio:
+    """The application of one session."""
+
+    def __init__(self, session: Session, guard: Guard):
+        self.session, self.guard = session, guard
+        self.pages: set[asyncio.Queue[str]] = set()
+        self.loop: asyncio.AbstractEventLoop | None = None
+        routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
+        self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        self.loop = asyncio.get_running_loop()
+        yield
+        self.session.stop()
+
+    async def index(self, request: Request) -> Response:
+        if not self.guard.knows(request.query_params.get("token")):
+            return PlainTextResponse("the studio opens with the address that it printed", 403)
+        return served(PAGE / "index.html")
+
+    async def file(self, request: Request) -> Response:
+        name = str(request.path_params["name"])
+        known = {x.name: x for x in PAGE.iterdir() if x.is_file()}
+        return served(known[name]) if name in known else PlainTextResponse("there is no such file", 404)
+
+    async def socket(self, socket: WebSocket) -> None:
+        if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
+            await socket.close(1008)
+            return
+        await socket.accept()
+        outgoing: asyncio.Queue[str] = asyncio.Queue()
+        self.pages.add(outgoing)
+        sending, rate = asyncio.create_task(self._send(socket, outgoing)), Rate()
+        try:
+            while True:
+                told = await socket.receive_text()
+                outgoing.put_nowait(await self._answer(told, rate))
+        except (WebSocketDisconnect, KeyError, RuntimeError):  # gone, or it sent bytes
+            pass
+        finally:
+            self.pages.discard(outgoing)
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError, RuntimeError, WebSocketDisconnect):
+                await sending
+            with contextlib.suppress(RuntimeError):
+                await socket.close(1003)
+
+    async def _send(self, socket: WebSocket, outgoing: "asyncio.Queue[str]") -> None:
+        while True:
+            await socket.send_text(await outgoing.get())
+
+    async def _answer(self, told: str, rate: Rate) -> str:
+        try:
+            message = json.loads(told, parse_constant=_no_number)
+        except (ValueError, RecursionError):
+            return as_json({"id": None, "ok": False, "error": {"text": "the message is no JSON", "where": (), "field": ""}})
+        if not isinstance(message, dict):
+            return as_json({"id": None, "ok": False, "error": {"text": "a message is an object", "where": (), "field": ""}})
+        if not rate.allows():
+            said = {"text": "too many messages in a second", "where": (), "field": ""}
+            return as_json({"id": message.get("id"), "ok": False, "error": said})
+        return as_json(await asyncio.to_thread(answer, self.session, message))
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Tell every page; from any thread."""
+        if self.loop is not None and not self.loop.is_closed():
+            text = as_json(event)
+            with contextlib.suppress(RuntimeError):  # it has ended meanwhile
+                self.loop.call_soon_threadsafe(self._tell_all, text)
+
+    def _tell_all(self, text: str) -> None:
+        for page in self.pages:
+            page.put_nowait(text)
+
+
+def as_json(item: dict[str, Any]) -> str:
+    return json.dumps(plain(item), allow_nan=False)
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number")
+
+
+def served(path: Path) -> Response:
+    """A file of the page, as what it is."""
+    return FileResponse(path, media_type=KINDS.get(path.suffix, "application/octet-stream"))
+
+
+def session_of(linkage: str | None, folder: Path) -> Session:
+    """A session with a linkage of that name or file; a file's folder is then the one that is worked in.
+
+    Raises:
+        LinkageError, Refused: it cannot be read.
+    """
+    if linkage is None:
+        return Session(folder)
+    path = find(linkage)
+    if path.suffix == ".toml" and path == Path(linkage):
+        session = Session(path.resolve().parent)
+        linkage = path.name
+    else:
+        session = Session(folder)
+    session.open(*files.opened(session.folder, linkage))
+    return session
+
+
+def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Callable[[str], object]) -> int:
+    """Serve the studio until it is interrupted.
+
+    Raises:
+        ExchangeError: the port cannot be had, or what is to be opened cannot be read.
+        LinkageError: likewise.
+    """
+    try:
+        session = session_of(linkage, folder)
+    except Refused as error:
+        raise ExchangeError(f"{linkage}: {error}") from error
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind(("127.0.0.1", port))
+        listening.listen()  # so that whoever reads the address is heard
+    except (OSError, OverflowError) as error:
+        listening.close()
+        raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
+    guard = Guard(int(listening.getsockname()[1]))
+    studio = Studio(session, guard)
+    session.tell = studio.tell
+    address = f"http://127.0.0.1:{guard.port}/?token={quote(guard.token)}"
+    tell(f"the studio is at {address}")
+    tell("it ends with Ctrl-C")
+    config = uvicorn.Config(
+        studio.app,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws="websockets-sansio",
+        ws_max_size=LARGEST,
+        ws_ping_interval=20.0,
+        ws_ping_timeout=60.0,
+        timeout_graceful_shutdown=2,
+        limit_concurrency=64,
+    )
+    if browser:
+        with contextlib.suppress(webbrowser.Error):
+            webbrowser.open(address)
+    with contextlib.suppress(KeyboardInterrupt), listening:
+        signal.signal(signal.SIGHUP, signal.default_int_handler)  # a terminal that is closed ends it in order
+        uvicorn.Server(config).run(sockets=[listening])
+    session.stop()
+    if session.close():
+        tell("what was drawn and not saved is kept, and will be offered when the studio opens it again")
+    return 0

@@ -1,0 +1,147 @@
+"""One drawing and its history: texts of the file, forwards and back, with what is locked and the picture behind it."""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gauss_bench.studio.autosave import Autosave
+from gauss_bench.studio.document import EMPTY, Document, parsed
+from gauss_bench.studio.dragging import Dragging
+from gauss_bench.studio.jobs import Jobs
+from gauss_bench.studio.reading import Reading, read
+from gauss_bench.studio.scene import scene
+from gauss_bench.terms import Array
+
+STEPS = 200  # texts that are remembered for undo
+
+
+class Session:
+    """What is open. All of it is plain state: the text is the truth, and the reading follows from it.
+
+    Attributes:
+        folder: where files may be opened and saved.
+        text: of the linkage file as it stands.
+        path: the file that it was opened from or saved to, or None.
+        saved: the text that is on disk; of a new drawing the empty one.
+        locks: ids of pins, slides, links and lengths that a drag leaves alone.
+        picture: what the page shows behind the grid, as it gave it.
+        revision: how often anything changed.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder.resolve()
+        self.lock = threading.RLock()
+        self.revision = 0
+        self.path: Path | None = None
+        self.picture: dict[str, Any] | None = None
+        self.autosave = Autosave(self._named())
+        self.tell: Callable[[dict[str, Any]], object] = lambda event: None
+        self.jobs = Jobs(lambda event: self.tell(event))
+        self._begin(EMPTY, EMPTY)
+
+    def _named(self) -> str:
+        return str(self.path or self.folder / "a new drawing")
+
+    def _begin(self, text: str, saved: str) -> None:
+        self.text, self.saved = text, saved
+        self.undone: list[tuple[str, frozenset[str]]] = []
+        self.done: list[tuple[str, frozenset[str]]] = []
+        self.locks: frozenset[str] = frozenset()
+        self._read: tuple[str, Reading] | None = None
+        self.drag: Dragging | None = None
+        self.branches: tuple[Reading, list[Array]] | None = None
+        self.motions = 0
+
+    def open(self, text: str, path: Path | None = None) -> None:
+        """Begin anew with a text; one that was read from a file is saved there.
+
+        Raises:
+            Refused: it is no linkage file.
+        """
+        parsed(text)
+        self.autosave.forget()
+        self._begin(text, text if path or text == EMPTY else "")
+        self.path = path
+        self.autosave = Autosave(self._named())
+        self._changed()
+
+    def saved_as(self, path: Path, text: str) -> None:
+        """The text stands on disk now."""
+        self.autosave.forget()
+        self.text, self.saved, self.path = text, text, path
+        self.autosave = Autosave(self._named())
+        self._changed()
+
+    @property
+    def unsaved(self) -> bool:
+        return self.text != self.saved
+
+    @property
+    def document(self) -> Document:
+        """The tables of the text, for whoever changes them: a new copy each time."""
+        return parsed(self.text)
+
+    @property
+    def reading(self) -> Reading:
+        """What can be read of the text."""
+        if self._read is None or self._read[0] != self.text:
+            self._read = self.text, read(self.document)
+        return self._read[1]
+
+    def put(self, text: str, locks: frozenset[str]) -> None:
+        """Another text, as one step of the history.
+
+        Raises:
+            Refused: it is no linkage file.
+        """
+        if (text, locks) == (self.text, self.locks):
+            return
+        parsed(text)
+        self.done = [*self.done, (self.text, self.locks)][-STEPS:]
+        self.undone = []
+        self.text, self.locks = text, locks
+        self._changed()
+
+    def undo(self) -> None:
+        if self.done:
+            self.undone.append((self.text, self.locks))
+            self.text, self.locks = self.done.pop()
+            self._changed()
+
+    def redo(self) -> None:
+        if self.undone:
+            self.done.append((self.text, self.locks))
+            self.text, self.locks = self.undone.pop()
+            self._changed()
+
+    def _changed(self) -> None:
+        self.revision += 1
+        self.drag = None
+        if self.unsaved:
+            self.autosave.keep(self.text, tuple(sorted(self.locks)))
+        else:
+            self.autosave.forget()
+
+    def scene(self) -> dict[str, Any]:
+        """What the page draws."""
+        found = scene(self.reading, self.locks)
+        state = {
+            "revision": self.revision,
+            "path": None if self.path is None else self.path.name,
+            "unsaved": self.unsaved,
+            "can_undo": bool(self.done),
+            "can_redo": bool(self.undone),
+            "picture": self.picture,
+        }
+        return state | found
+
+    def stop(self) -> None:
+        """End what still runs."""
+        self.jobs.stop_all()
+
+    def close(self) -> bool:
+        """End; True where something is not saved, which is kept and will be offered again."""
+        if not self.unsaved:
+            self.autosave.forget()
+        return self.unsaved

@@ -1,0 +1,153 @@
+"""A linkage drawn along by a point: what is reached, what is the nearest, what stays locked, and that no assembly is jumped to."""
+
+import numpy as np
+import pytest
+
+from gauss_bench.kinematics.dragging import Drag, Locks
+from gauss_bench.kinematics.singular import STEP, Curve
+from gauss_bench.mechanism.coordinates import position, value
+from gauss_bench.mechanism.load import load
+from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.terms import Array
+
+
+def residual(mechanism: Mechanism, q: Array) -> float:
+    return float(np.abs(Curve(mechanism).rows(q)[0]).max()) if mechanism.dof == 1 else 0.0
+
+
+def at(mechanism: Mechanism, q: Array, point: str) -> Array:
+    return position(q, mechanism.named_point(point))
+
+
+def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle() -> None:
+    mechanism = load("four_bar")
+    drag, pin = Drag(mechanism, mechanism.q0, "crank.B"), 0.12
+    for angle in np.radians([10.0, 60.0, 130.0, 200.0, 290.0, 400.0, 250.0]):
+        for radius in (pin, 0.05, 0.4):
+            found = drag.to(radius * np.array([np.cos(angle), np.sin(angle)]))
+            nearest = pin * np.array([np.cos(angle), np.sin(angle)])
+            assert np.abs(at(mechanism, found.q, "crank.B") - nearest).max() < 1e-10
+            assert found.reached == (radius == pin)
+            assert found.apart == pytest.approx(abs(radius - pin), abs=1e-11)
+            assert bool(found.note) != found.reached
+            assert residual(mechanism, found.q) < 1e-12
+
+
+def test_the_farthest_point_is_left() -> None:
+    mechanism = load("four_bar")
+    here = at(mechanism, mechanism.q0, "crank.B")
+    found = Drag(mechanism, mechanism.q0, "crank.B").to(-here)
+    assert found.reached
+
+
+def test_a_slider_goes_no_further_than_its_stroke_and_comes_back() -> None:
+    mechanism = load("crank_slider")
+    drag = Drag(mechanism, mechanism.q0, "slider.B")
+    for target, end in ((0.9, 0.71), (0.2, 0.41), (0.5, 0.5), (0.9, 0.71), (0.6, 0.6)):
+        found = drag.to(np.array([target, 0.1]))
+        assert at(mechanism, found.q, "slider.B") == pytest.approx([end, 0.0], abs=1e-9)
+        assert not found.reached
+        assert "no nearer" in found.note
+
+
+def nearest_in_reach(target: Array) -> Array | None:
+    """The point nearest to a target within 0.6 of both pivots of the five-bar; None where that is a corner."""
+    for centre, other in ((np.zeros(2), np.array([0.5, 0.0])), (np.array([0.5, 0.0]), np.zeros(2))):
+        way = target - centre
+        on_circle = centre + 0.6 * way / np.hypot(*way)
+        if np.hypot(*way) > 0.6 and np.hypot(*(on_circle - other)) < 0.6:
+            return on_circle
+    return None
+
+
+def test_two_freedoms_follow_the_pointer_and_an_arm_pulled_straight_folds_back_as_it_was() -> None:
+    mechanism = load("five_bar")
+    drag, rng = Drag(mechanism, mechanism.q0, "left_arm.C"), np.random.default_rng(3)
+    home, told = at(mechanism, mechanism.q0, "left_arm.C"), 0
+    for _ in range(25):
+        angle = rng.uniform(np.radians(60.0), np.radians(140.0))
+        outside = 0.75 * np.array([np.cos(angle), np.sin(angle)])
+        found, nearest = drag.to(outside), nearest_in_reach(outside)
+        assert not found.reached
+        assert found.solves < 150
+        if nearest is not None:
+            told += 1
+            assert found.apart == pytest.approx(np.hypot(*(outside - nearest)), abs=1e-4 * 0.6)  # the arm stays a little bent
+        back = drag.to(home)
+        assert back.reached
+        assert np.abs(np.angle(np.exp(1j * (back.q - mechanism.q0)[2::3]))).max() < 1e-8
+    assert told > 10
+
+
+@pytest.mark.parametrize("targets", [30, pytest.param(1000, marks=pytest.mark.slow)])
+def test_random_targets_leave_the_eight_bar_on_its_branch(targets: int) -> None:
+    """The branch is the closed curve of positions, followed by its length with a step of `singular`: every drag ends on it."""
+    mechanism = load("eight_bar")
+    curve, positions = Curve(mechanism), [mechanism.q0]
+    x = curve.tangent(mechanism.q0)
+    while len(positions) < 20 or np.linalg.norm(np.exp(1j * positions[-1][2::3]) - np.exp(1j * mechanism.q0[2::3])) > STEP:
+        positions.append(curve.step(positions[-1], x))
+        x = curve.tangent(positions[-1], x)
+    turns = np.exp(1j * np.array(positions)[:, 2::3])
+    drag, rng = Drag(mechanism, mechanism.q0, "rod79.R"), np.random.default_rng(0)
+    home = at(mechanism, mechanism.q0, "rod79.R")
+    for _ in range(targets):
+        found = drag.to(home + rng.normal(scale=0.04, size=2))
+        assert np.abs(turns - np.exp(1j * found.q[2::3])).max(axis=1).min() < STEP
+    assert residual(mechanism, drag.q) < 1e-12
+
+
+def test_a_pointer_costs_few_solves() -> None:
+    """A centimetre or so a frame, as a hand moves."""
+    mechanism = load("eight_bar")
+    drag, home = Drag(mechanism, mechanism.q0, "rod79.R"), at(mechanism, mechanism.q0, "rod79.R")
+    turns = np.arange(0.0, 2 * np.pi, 0.1)
+    near = [drag.to(home + 0.12 * np.array([np.cos(angle) - 1, np.sin(angle)])).solves for angle in turns]
+    assert np.mean(near[1:]) < 10
+
+
+def test_locks_hold_angles_places_and_slides() -> None:
+    mechanism = load("five_bar")
+    crank = mechanism.links[0].name
+    angle = mechanism.q0[2]
+    drag = Drag(mechanism, mechanism.q0, "left_arm.C", Locks(links=(crank,)))
+    for target in ([0.1, 0.3], [0.4, 0.2], [0.3, 0.6]):
+        assert abs(drag.to(np.array(target)).q[2] - angle) < 1e-12
+    held = at(mechanism, mechanism.q0, "left_arm.C")
+    fixed = Drag(mechanism, mechanism.q0, "right_arm.P", Locks(points=("left_arm.C",))).to(np.array([0.0, 0.0]))
+    assert np.abs(at(mechanism, fixed.q, "left_arm.C") - held).max() < 1e-12
+    shaper = load("shaper")
+    ram = next(x for x in shaper.joints if isinstance(x, Prismatic) and x.name == "ram")
+    still = Drag(shaper, shaper.q0, "crank.A", Locks(slides=("ram",))).to(np.array([0.0, 0.2]))
+    assert abs(value(ram.motion, still.q) - value(ram.motion, shaper.q0)) < 1e-12
+    assert "nothing is left to move" in still.note
+
+
+def test_a_parallelogram_goes_straight_through_its_flat_positions() -> None:
+    """There the motion forks; all three cranks stay parallel, drawn around by any of them, twice each way."""
+    mechanism = load("parallelogram")
+    name = mechanism.links[0].name
+    tip = next(p for p in mechanism.links[0].points if np.hypot(*mechanism.links[0].points[p]) > 0)
+    drag = Drag(mechanism, mechanism.q0, f"{name}.{tip}")
+    pivot = at(mechanism, mechanism.q0, f"{name}.{next(p for p in mechanism.links[0].points if p != tip)}")
+    start = at(mechanism, mechanism.q0, f"{name}.{tip}") - pivot
+    for angle in [*np.arange(0.0, 4 * np.pi, 0.1), *np.arange(4 * np.pi, 0.0, -0.17)]:
+        c, s = np.cos(angle), np.sin(angle)
+        found = drag.to(pivot + np.array([[c, -s], [s, c]]) @ start)
+        assert found.reached
+        coupler = mechanism.links.index(next(x for x in mechanism.links if x.name == "coupler"))
+        assert abs(found.q[3 * coupler + 2] - mechanism.q0[3 * coupler + 2]) < 1e-7
+
+
+def test_what_cannot_be_dragged_is_refused_by_name() -> None:
+    mechanism = load("four_bar")
+    for point, locks, said in (
+        ("ground.A", Locks(), "fixed to the ground"),
+        ("crank.nowhere", Locks(), "no point"),
+        ("crank.B", Locks(links=("lever",)), "no link 'lever'"),
+        ("crank.B", Locks(slides=("guide",)), "no slide 'guide'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Drag(mechanism, mechanism.q0, point, locks)
+    with pytest.raises(ValueError, match="joints are open"), np.errstate(all="ignore"):
+        Drag(mechanism, np.full(mechanism.n, np.nan), "crank.B")

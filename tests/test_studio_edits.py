@@ -1,0 +1,248 @@
+"""Drawing by edits: what is drawn is a file that the suite takes, every edit can be taken back, and comments stay."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("tomlkit")
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.studio.document import written
+from tests.studio import DRAWN, Pen, four_bar
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pen]:
+    return {name: draw(tmp_path_factory.mktemp(name)) for name, draw in DRAWN.items()}
+
+
+LOOPS = {"four_bar": 1, "quick_return": 2, "eight_bar": 3}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_linkage_drawn_from_nothing_assembles(drawn: dict[str, Pen], name: str) -> None:
+    found = drawn[name].now
+    assert found["problems"] == []
+    counts = {"assembles": True, "dof": 1, "loops": LOOPS[name], "redundant": 0}
+    assert {k: found["status"][k] for k in counts} == counts
+    assert len(found["status"]["loop_names"]) == LOOPS[name]
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_what_was_drawn_is_a_file_that_the_suite_takes(drawn: dict[str, Pen], name: str) -> None:
+    """Both scenarios start where it was drawn, to what the file's digits say."""
+    pen = drawn[name]
+    pen.ask("save", path=f"my_{name}", replace=True)
+    file = pen.session.folder / f"my_{name}.toml"
+    poses = {x["name"]: x["pose"] for x in pen.now["links"]}
+    for scenario in ("released", "driven"):
+        mechanism = load(file, scenario)
+        for i, link in enumerate(mechanism.links):
+            turned = math.remainder(mechanism.q0[3 * i + 2] - poses[link.name][2], 2 * math.pi)
+            assert abs(turned) < 1e-7
+        assert not mechanism.v0.any() or scenario == "driven"
+
+
+def test_a_drawn_four_bar_runs_in_own_and_foreign_engines(drawn: dict[str, Pen]) -> None:
+    from gauss_bench.api.simulate import simulate
+
+    pytest.importorskip("mujoco")
+    pen = drawn["four_bar"]
+    pen.ask("save", path="my_four_bar", replace=True)
+    file = str(pen.session.folder / "my_four_bar.toml")
+    ends = [simulate(file, engine, at=[0.0, 0.2]).points["bar2.P"] for engine in ("gauss", "mujoco")]
+    assert ends[0]["x"][1] == pytest.approx(ends[1]["x"][1], abs=5e-4)
+    assert abs(ends[0]["x"][1] - ends[0]["x"][0]) > 1e-2
+
+
+def test_every_edit_is_taken_back_and_made_again(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    last, seen = pen.session.text, []
+    while pen.now["can_undo"]:
+        seen.append(pen.session.text)
+        pen.ask("undo")
+    assert pen.now["pins"] == []
+    assert len(set(seen)) == len(seen) == 7
+    while pen.now["can_redo"]:
+        pen.ask("redo")
+    assert pen.session.text == last
+
+
+@pytest.mark.parametrize("name", sorted(built_in()))
+def test_an_edit_leaves_comments_and_everything_else_as_they_were(tmp_path: Path, name: str) -> None:
+    before = built_in()[name].read_text(encoding="utf-8")
+    pen = Pen(tmp_path)
+    pen.ask("template", name=name)
+    link = pen.now["links"][0]["name"]
+    pen.ask("set", path="gravity", value=[0.0, -1.62])
+    pen.ask("rename", id=f"links.{link}", to="renamed_link")
+    after = pen.session.text
+    comments = [line.partition("#")[2] for line in before.splitlines() if "#" in line]
+    assert [line.partition("#")[2] for line in after.splitlines() if "#" in line] == comments
+    assert len(after.split()) <= len(before.split()) + 6
+    pen.ask("rename", id="links.renamed_link", to=link)
+    pen.ask("set", path="gravity", value=tomllib.loads(before).get("gravity"))
+    assert tomllib.loads(pen.session.text) == tomllib.loads(before)
+    pen.refused("rename", id=f"links.{link}", to="no name")
+
+
+def test_a_renamed_link_is_the_same_motion(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.ask("template", name="shaper")
+    pen.ask("rename", id="links.lever", to="arm")
+    pen.ask("rename", id="pins.A", to="77")
+    pen.ask("rename", id="slides.slot", to="groove")
+    pen.ask("save", path="renamed")
+    old, new = load("shaper"), load(tmp_path / "renamed.toml")
+    assert np.array_equal(old.q0, new.q0)
+    assert [x.name for x in new.links] == ["crank", "block", "arm", "rod", "ram"]
+
+
+def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
+    """Dotted keys and tables out of order are TOML too."""
+    odd = 'name = "odd"\nlinks.a.points = { P = [0.0, 1.0] }\n[joints.x]\ntype = "revolute"\n[links.b]\nmass = 1.0\n[joints.y]\n'
+    document = tomllib.loads(odd)
+    document["links"]["c"] = {"mass": 2.0}
+    document["links"]["a"]["points"] = {"Q": [1.0, 2.0]}
+    del document["joints"]["x"]
+    assert tomllib.loads(written(odd, document)) == document
+
+
+def test_moving_a_pin_changes_lengths_and_nothing_else(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    pen.ask("move", pin=pen.at(0.3, 0.28), at=[0.35, 0.3])
+    found = pen.now
+    assert found["status"]["assembles"]
+    assert pen.at(0.35, 0.3)
+    assert pen.at(0.0, 0.12)
+    lengths = {x["name"]: max(p[0] for p in x["points"].values()) for x in found["links"]}
+    assert lengths["bar1"] == pytest.approx(0.12, abs=1e-10)
+    assert lengths["bar3"] == pytest.approx(math.hypot(0.05, 0.3), abs=1e-10)
+    assert lengths["bar2"] == pytest.approx(math.hypot(0.35, 0.18), abs=1e-10)
+
+
+def test_a_length_and_an_angle_are_numbers(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    pen.ask("set_length", link="bar1", a="1", b="3", value=0.1)
+    assert pen.now["links"][0]["points"]["3"] == [0.1, 0.0]
+    pen.ask("set_angle", link="bar1", value_deg=30.0)
+    found = pen.now
+    assert found["links"][0]["pose"][2] == pytest.approx(math.radians(30.0), abs=1e-8)
+    assert found["status"]["assembles"]
+    scenarios = {x["name"]: x["table"] for x in found["scenarios"]}
+    assert scenarios["driven"]["driver"]["start_deg"] == pytest.approx(30.0, abs=1e-7)
+    assert scenarios["released"]["start"]["angles_deg"]["bar1"] == pytest.approx(30.0, abs=1e-7)
+    assert "cannot stand" in pen.refused("set_angle", link="bar3", value_deg=0.0)
+
+
+def test_a_length_that_does_not_assemble_is_told_in_place_and_taken_back(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    found = pen.scene("set_length", link="bar1", a="1", b="3", value=2.0)
+    assert not found["status"]["assembles"]
+    (problem, *_) = found["problems"]
+    assert problem["level"] == "error"
+    assert problem["apart"] > 0.5
+    assert pen.scene("undo")["status"]["assembles"]
+
+
+def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    a, b = pen.at(0.0, 0.12), pen.at(0.4, 0.0)
+    asked: list[dict[str, Any]] = [
+        {"type": "spring", "a": a, "b": b, "k": 50.0},
+        {"type": "damper", "a": a, "b": b},
+        {"type": "torque", "link": "bar1", "value": 0.5},
+        {"type": "force", "point": a},
+        {"type": "joint_damping", "joint": b},
+        {"type": "rotational_spring_damper", "links": ["bar1", "bar2"]},
+        {"type": "coulomb_friction", "joint": a},
+        {"type": "axis_spring_damper", "point": b},
+    ]
+    for force in asked:
+        pen.ask("add_force", **force)
+    found = pen.now
+    assert found["problems"] == []
+    assert len(found["forces"]) == 8
+    assert all(x["at"] for x in found["forces"])
+    released = next(x for x in found["scenarios"] if x["name"] == "released")
+    assert released["table"]["forces"] == [x["id"] for x in found["forces"]]
+    (rest,) = [x["table"]["rest"] for x in found["forces"] if x["id"] == "spring1"]
+    assert rest == pytest.approx(math.hypot(0.4, 0.12), abs=1e-8)
+    pen.ask("add_force", type="cylinder", a=pen.at(0.0, 0.0), b=pen.at(0.3, 0.28))
+    assert pen.now["status"] == found["status"] | {"dof": 1, "loops": 2, "loop_names": pen.now["status"]["loop_names"]}
+    pen.ask("delete", ids=["forces.cylinder1", "forces.spring1", "links.bar3"])
+    assert not any(x["level"] == "error" for x in pen.now["problems"])
+
+
+def test_joining_and_freeing_pins(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    first = pen.bar((0.0, 0.0), (0.1, 0.0))
+    pen.bar((0.2, 0.1), (0.3, 0.05))
+    pen.ask("ground", pin=pen.at(0.0, 0.0))
+    assert pen.now["pins"][0]["ground"]
+    pen.ask("join", pin=pen.at(0.2, 0.1), to=pen.at(0.1, 0.0))
+    found = pen.now
+    assert pen.at(0.1, 0.0)
+    assert found["status"]["dof"] == 2
+    assert "on bar1" in pen.refused("join", pin=pen.at(0.0, 0.0), to=pen.at(0.1, 0.0))
+    pen.ask("ground", pin=pen.at(0.3, 0.05), on=True)
+    assert pen.now["status"]["dof"] == 0
+    pen.ask("ground", pin=pen.at(0.3, 0.05), on=False)
+    assert pen.now["status"]["dof"] == 2
+    assert pen.now["links"][0]["name"] == first
+
+
+def test_what_cannot_be_drawn_is_refused_with_its_reason(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    text = pen.session.text
+    one, two, tip = pen.at(0.0, 0.0), pen.at(0.4, 0.0), pen.at(0.0, 0.12)
+    assert "fixed to the ground" in pen.refused("add_bar", **{"from": {"pin": one}, "to": {"pin": two}})
+    assert "on bar1 already" in pen.refused("add_bar", **{"from": {"pin": one}, "to": {"pin": tip}})
+    assert "no length" in pen.refused("add_bar", **{"from": {"pin": tip}, "to": {"pin": tip}})
+    assert "itself" in pen.refused("add_slide", pin=tip, guide="bar1")
+    assert "three points" in pen.refused("add_link", points=[{"pin": one}])
+    assert "unknown link" in pen.refused("add_force", type="torque", link="nothing")
+    assert "must be positive" in pen.refused("set", path="links.bar1.kg_per_m", value=-1.0)
+    assert "unknown key" in pen.refused("set", path="links.bar1.colour", value="red")
+    assert pen.refused("move", pin="nothing", at=[0.0, 0.0])
+    assert pen.refused("move", pin=one, at=[1e9, 0.0])
+    assert pen.refused("drive", coordinate="bar2")
+    assert pen.session.text == text
+
+
+def test_locked_lengths_are_not_changed(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    pen.ask("lock", length={"link": "bar1", "a": "1", "b": "3"})
+    assert pen.now["links"][0]["locked"]["lengths"] == [["1", "3"]]
+    assert "locked" in pen.refused("move", pin=pen.at(0.0, 0.12), at=[0.1, 0.1])
+    pen.ask("lock", length={"link": "bar1", "a": "1", "b": "3"}, on=False)
+    pen.ask("move", pin=pen.at(0.0, 0.12), at=[0.1, 0.1])
+
+
+def test_deleting_takes_what_cannot_be_without_it(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.ask("template", name="eight_bar")
+    pen.ask("delete", ids=["links.upper"])
+    found = pen.now
+    assert not any(x["level"] == "error" for x in found["problems"])
+    assert {"6", "7", "8"}.isdisjoint(x["joint"] for x in found["pins"])
+    pen.ask("delete", ids=["pins.1"])
+    assert "crank" not in [x["name"] for x in pen.now["links"]]
+    pen.ask("delete", ids=[f"links.{x['name']}" for x in pen.now["links"]])
+    assert pen.now["links"] == []
+    assert pen.session.text.count("[joints") == 0
+
+
+def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    text, fragment = pen.session.text, pen.ask("share")["fragment"]
+    assert set(fragment) <= set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_")
+    assert len(fragment) < 2000
+    other = Pen(tmp_path)
+    other.ask("open", fragment=fragment)
+    assert other.session.text == text
+    for spoilt in ("", "AAAA", fragment[:-8], "%%%", fragment + "*"):
+        assert other.refused("open", fragment=spoilt)

@@ -1,0 +1,396 @@
+"""The studio's page in a real browser: linkages drawn from nothing, driven, dragged, saved, and what the suite makes of them."""
+
+import json
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
+BUILT = ROOT / "gauss_bench" / "studio" / "page"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+XY = tuple[float, float]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = (
+        pytest.importorskip("playwright.sync_api") if not os.environ.get("CI") else __import__("playwright.sync_api").sync_api
+    )
+    if CHROMIUM is None:
+        assert not os.environ.get("CI"), "no Chromium here, and the page must be looked at where CI is set"
+        pytest.skip("no Chromium here to draw with")
+    with playwright.sync_playwright() as started:
+        found = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("drawn")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    """A studio of its own, with its own cache."""
+    pytest.importorskip("starlette")
+    command = [sys.executable, "-m", "gauss_bench", "studio", "--no-browser"]
+    cache = {"XDG_CACHE_HOME": str(folder / "cache")}
+    with subprocess.Popen(
+        command, cwd=folder, env=os.environ | cache, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as server:
+        assert server.stdout is not None
+        said = ""
+        for line in server.stdout:
+            said += line
+            if found := re.search(r"http://\S+", line):
+                yield found[0]
+                break
+        else:
+            pytest.fail(f"the studio did not start: {said}")
+        server.terminate()
+        server.wait(20)
+
+
+class Page:
+    """A page and a hand that points at metres."""
+
+    def __init__(self, browser: Any, url: str, **look: Any):
+        self.page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
+        self.wrong: list[str] = []
+        own = url.split("?")[0]
+        self.page.on("console", lambda m: self.wrong.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda e: self.wrong.append(str(e)))
+        self.page.on(
+            "request",
+            lambda r: self.wrong.append(r.url) if not r.url.startswith((own, "ws" + own[4:], "data:", "blob:")) else None,
+        )
+        self.page.on("dialog", lambda d: d.accept())
+        self.page.add_init_script("localStorage.setItem('studio.tour', 'seen')")
+        self.page.goto(url)
+        self.canvas = self.page.get_by_role("application", name="Drawing area")
+        self.page.wait_for_selector("#canvas[data-revision]", timeout=60_000)
+
+    def begin(self) -> None:
+        """An empty drawing."""
+        self.button("Open").click()
+        self.button("Empty drawing").click()
+        self.page.wait_for_selector("dialog", state="detached")
+
+    def button(self, name: str) -> Any:
+        return self.page.get_by_role("button", name=name, exact=True)
+
+    def revision(self) -> int:
+        return int(self.canvas.get_attribute("data-revision"))
+
+    def changed(self, before: int) -> None:
+        """Waits until the drawing is another; the page lets nobody evaluate text, so that it is asked again and again."""
+        for _ in range(400):
+            if self.revision() > before:
+                self.settled()
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"nothing has changed: {self.page.get_by_test_id('said').inner_text()}")
+
+    def settled(self) -> None:
+        """Waits until every request has its reply."""
+        for _ in range(1200):
+            if self.canvas.get_attribute("data-pending") == "0":
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError("the server does not answer")
+
+    def pixel(self, at: XY) -> XY:
+        scale = float(self.canvas.get_attribute("data-scale"))
+        x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
+        box = self.canvas.bounding_box()
+        return box["x"] + x + scale * at[0], box["y"] + y - scale * at[1]
+
+    def use(self, tool: str, *places: XY, end: bool = False) -> None:
+        """Take a tool and click; waits until the drawing has changed."""
+        before = self.revision()
+        self.button(tool).click()
+        for place in places:
+            self.page.mouse.click(*self.pixel(place))
+        if end:
+            self.page.keyboard.press("Enter")
+        self.changed(before)
+
+    def drive(self, coordinate: str) -> None:
+        before = self.revision()
+        self.page.locator("details.drive > summary").click()
+        self.page.get_by_label("Driven coordinate").select_option(coordinate)
+        self.changed(before)
+        self.page.locator("details.drive > summary").click()
+
+    def status(self) -> tuple[str, str]:
+        return self.page.get_by_test_id("dof").inner_text(), self.page.get_by_test_id("loop-count").inner_text()
+
+    def problems(self) -> list[str]:
+        return list(self.page.locator(".problems li").all_inner_texts())
+
+    def path(self, point: str) -> Any:
+        """The path on show, in metres (k, 2), and the width of a pixel."""
+        drawn = self.page.locator(f'[data-path="{point}"] path.path')
+        drawn.wait_for(state="attached", timeout=30_000)
+        scale = float(self.canvas.get_attribute("data-scale"))
+        x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
+        pixels = np.array([[float(v) for v in pair.split()] for pair in re.findall(r"[ML]([-\d. ]+)", drawn.get_attribute("d"))])
+        return (pixels - [x, y]) / [scale, -scale], 1 / scale
+
+    def save(self, name: str) -> None:
+        self.button("Save").click()
+        self.page.locator('dialog input[name="path"]').fill(f"{name}.toml")
+        self.button("Save the file").click()
+        self.page.wait_for_selector("dialog", state="detached")
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Iterator[Page]:
+    opened = Page(browser, address)
+    opened.begin()
+    yield opened
+    opened.page.close()
+    assert not opened.wrong, opened.wrong[:3]
+
+
+def told(folder: Path, *arguments: str) -> dict[str, Any]:
+    """What a command of the suite says with --json, in the folder of the drawing."""
+    done = subprocess.run([sys.executable, "-m", "gauss_bench", *arguments, "--json"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return dict(json.loads(done.stdout))
+
+
+A, B, C, D, P = (0.0, 0.0), (0.0, 0.12), (0.32, 0.28), (0.4, 0.0), (0.12, 0.28)
+
+
+def four_bar(page: Page) -> None:
+    for pivot in (A, D):
+        page.use("Ground pivot", pivot)
+    page.use("Bar", A, B)
+    page.use("Link", B, C, P, end=True)
+    page.use("Bar", C, D)
+    page.use("Observe", P)
+
+
+def quick_return(page: Page) -> None:
+    """Crank and slotted lever, the pin in the slot, and a ram."""
+    foot, crank, pin, tip, ram = (0.0, 0.0), (0.0, 0.3), (0.1, 0.3), (0.2, 0.6), (0.4, 0.58)
+    for pivot in (foot, crank):
+        page.use("Ground pivot", pivot)
+    for bar in ((crank, pin), (foot, tip), (tip, ram)):
+        page.use("Bar", *bar)
+    page.use("Slider", pin, (0.16, 0.48))  # a bar: its slot
+    page.use("Slider", ram, (0.6, 0.58))  # a place: a line on the ground
+    page.use("Observe", ram)
+
+
+EIGHT = {
+    1: (0.0, 0.0),
+    2: (0.08, 0.0),
+    3: (0.36, -0.08),
+    4: (0.48, 0.48),
+    5: (0.42, 0.12),
+    6: (0.12, 0.22),
+    7: (0.34, 0.34),
+    8: (0.16, 0.4),
+    9: (0.26, 0.58),
+    10: (0.38, 0.7),
+}
+LINKS = ((1, 2), (2, 5, 6), (3, 5), (6, 7, 8), (7, 9), (8, 10), (4, 9, 10))
+
+
+def eight_bar(page: Page) -> None:
+    """The class IV linkage of Wang et al. (2010), fig. 5."""
+    for k in (1, 3, 4):
+        page.use("Ground pivot", EIGHT[k])
+    for link in LINKS:
+        page.use("Bar" if len(link) == 2 else "Link", *(EIGHT[k] for k in link), end=len(link) > 2)
+    page.use("Observe", (0.3, 0.46))  # R, halfway from 7 to 9
+
+
+DRAWN = {"four_bar": (four_bar, "1", "1"), "quick_return": (quick_return, "1", "2"), "eight_bar": (eight_bar, "1", "3")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path, name: str) -> None:
+    """The path on show is that of `gauss-bench kinematics` on the saved file to a pixel; Gauss and MuJoCo take the file."""
+    draw, dof, loops = DRAWN[name]
+    for _ in range(2):
+        page.button("Zoom out").click()
+    draw(page)
+    assert not [x for x in page.problems() if x.startswith("Error")]
+    assert page.status() == (dof, loops)
+    assert page.page.get_by_test_id("loops").locator("li").count() == int(loops)
+    page.drive("bar1")
+    page.save(f"{name}_drawn")
+    kept = told(folder, "show", f"{name}_drawn.toml")
+    assert kept["loops"] == int(loops) or len(kept["loops"]) == int(loops)
+
+    computed = told(folder, "kinematics", f"{name}_drawn.toml", "--intervals", "180")
+    (point,) = computed["points"]
+    shown, pixel = page.path(point)
+    truth = np.column_stack([computed["points"][point][k] for k in "xy"])
+    assert shown.shape == truth.shape
+    assert np.abs(shown - truth).max() < pixel
+
+    for engine, near in (("gauss-native", 1e-6), ("mujoco", 1e-2)):
+        ran = told(folder, "simulate", f"{name}_drawn.toml", "--engine", engine, "--scenario", "driven")
+        followed = np.column_stack([ran["points"][point][k] for k in "xy"])
+        moved = np.array([np.interp(ran["t"], computed["t"], truth[:, k]) for k in (0, 1)]).T
+        assert np.abs(followed - moved).max() < near + 1e-3  # chords of the path between 181 places
+
+
+@pytest.mark.slow
+def test_dragging_goes_on_from_where_it_is_and_jumps_to_no_branch(
+    page: Page, record_property: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A joint of the eight-bar follows the pointer for three seconds; how many frames came is told, and no figure depends on it."""
+    page.button("Open").click()
+    page.page.get_by_role("button", name=re.compile("^eight bar", re.I)).click()
+    page.page.wait_for_selector("dialog", state="detached")
+    page.settled()
+    page.button("Select").click()
+    x, y = page.pixel((0.08, 0.0))
+    cx, cy = page.pixel((0.0, 0.0))
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    turned, moves = 0.0, 180
+    for _ in range(moves):
+        turned += 2 * math.pi / moves
+        page.page.mouse.move(cx + (x - cx) * math.cos(turned), cy - (x - cx) * math.sin(turned))
+        page.page.wait_for_timeout(1000 * 3 / moves)
+    frames, jump = (float(page.canvas.get_attribute(f"data-{k}")) for k in ("frames", "jump"))
+    page.page.mouse.up()
+    page.settled()
+    record_property("frames", frames)
+    with capsys.disabled():
+        print(f"\n{frames:.0f} solved frames of {moves} pointer moves")
+    assert frames > 20
+    assert jump < 0.6, f"a link turned by {jump} rad from one frame to the next"
+    assert page.status() == ("1", "3")
+    assert not page.problems()
+
+
+@pytest.mark.slow
+def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
+    steps: list[tuple[str, tuple[XY, ...]]] = [
+        ("Ground pivot", (A,)),
+        ("Bar", ((0.2, 0.1), (0.3, 0.2))),  # hangs on nothing
+        ("Bar", (A, B)),
+        ("Bar", (B, (0.2, 0.1))),
+        ("Spring", (B, (0.3, 0.2))),
+        ("Torque", ((0.0, 0.06),)),
+    ]
+    for tool, places in steps:
+        page.use(tool, *places)
+        assert page.page.locator("g.linkage [data-pin]").count() >= 1, "the drawing has gone"
+    assert page.page.locator("[data-force]").count() == 2
+    page.button("Play").click()
+    page.page.locator(".timeline .note, .prompt.refused").first.wait_for()
+    page.button("Undo").click()
+    page.settled()
+    assert page.page.locator("[data-force]").count() == 1
+    page.button("Redo").click()
+    page.settled()
+    assert page.page.locator("[data-force]").count() == 2
+
+
+@pytest.mark.slow
+def test_a_length_that_does_not_close_is_said_in_place(page: Page) -> None:
+    four_bar(page)
+    page.button("Select").click()
+    page.page.mouse.click(*page.pixel((0.36, 0.14)))
+    length = page.page.get_by_label("Length", exact=True)
+    length.fill("2")
+    length.press("Enter")
+    page.page.locator(".problems .error").first.wait_for()
+    assert page.page.locator(".inplace.error").inner_text().strip()
+    assert page.page.locator("g.linkage [data-link]").count() == 3
+    page.button("Undo").click()
+    page.page.locator(".problems .error").first.wait_for(state="detached")
+
+
+@pytest.mark.slow
+def test_a_bar_is_drawn_by_keys_alone(page: Page) -> None:
+    page.canvas.focus()
+    for key in ("b", "ArrowRight", "Enter", *["ArrowUp"] * 6, "Enter"):
+        page.page.keyboard.press(key)
+    page.page.locator("g.linkage [data-link]").wait_for(state="attached")
+    page.page.keyboard.press("Control+z")
+    page.page.locator("g.linkage [data-link]").wait_for(state="detached")
+
+
+@pytest.mark.slow
+def test_names_of_a_file_are_text(page: Page, folder: Path) -> None:
+    hostile = "<img src=x onerror=alert(1)>"
+    text = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
+    (folder / "hostile.toml").write_text(text.replace("Crank-rocker four-bar with a coupler point", hostile), encoding="utf-8")
+    page.button("Open").click()
+    page.page.locator('dialog input[type="file"]').set_input_files(folder / "hostile.toml")
+    page.page.wait_for_selector("dialog", state="detached")
+    page.settled()
+    assert page.page.get_by_label("Title").input_value() == hostile
+    assert page.page.locator("img").count() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, address: str, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for width, height in ((375, 812), (768, 1024), (1440, 900)):
+        here = Page(browser, address, viewport={"width": width, "height": height}, color_scheme=scheme, bypass_csp=True)
+        here.button("Open").click()
+        here.page.get_by_role("button", name=re.compile("^four bar", re.I)).click()
+        here.page.wait_for_selector("dialog", state="detached")
+        here.settled()
+        shows: list[Any] = [lambda: None]
+        if width == 375:
+            shows.append(here.button("Properties").click)
+        if width == 1440:
+            shows += [here.button(name).click for name in ("Open", "Share", "Help", "Release")]
+        for show in shows:
+            show()
+            here.page.wait_for_timeout(300)
+            assert here.page.evaluate("document.documentElement.scrollWidth") <= width
+            faults = [x for x in axe.run(here.page).response["violations"] if x["impact"] in ("serious", "critical")]
+            said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
+            assert not faults, f"{width} {scheme}: {said}"
+            here.page.keyboard.press("Escape")
+        assert not here.wrong, here.wrong[:3]
+        here.page.close()
+
+
+@pytest.mark.slow
+def test_the_page_is_what_its_sources_give(tmp_path: Path) -> None:
+    """The same bytes from the sources, where node and the packages of the lock file are here."""
+    node, esbuild = shutil.which("node"), SOURCE / "node_modules" / "esbuild"
+    if node is None or not esbuild.is_dir():
+        pytest.skip("no node here with the packages of page_source/package-lock.json: the page is not rebuilt")
+    subprocess.run([node, "build.mjs", str(tmp_path)], cwd=SOURCE, check=True, capture_output=True)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {p.name: p.read_bytes() for p in BUILT.iterdir()}
+
+
+def test_the_page_is_small_and_names_no_other_place() -> None:
+    assert sum(p.stat().st_size for p in BUILT.iterdir()) < 150_000
+    for path in (*BUILT.iterdir(), SOURCE / "package.json"):
+        addresses = {x for x in re.findall(r"https?://[^\s\"'`)]+", path.read_text(encoding="utf-8")) if "www.w3.org/" not in x}
+        assert not addresses, f"{path.name}: {addresses}"
+    lock = (SOURCE / "package-lock.json").read_text(encoding="utf-8")
+    assert '"resolved"' not in lock
+    assert "registry" not in lock
+    page = (BUILT / "index.html").read_text(encoding="utf-8")
+    assert not re.findall(r"<script(?![^>]*\ssrc=)|<style|\son\w+=", page)
+    for package in re.findall(r'^    "node_modules/(preact|@preact/[\w-]+)"', lock, re.M):
+        assert f"## {package} " in (BUILT.parent / "THIRD_PARTY.md").read_text(encoding="utf-8")

@@ -1,0 +1,150 @@
+"""The studio's server as a browser meets it: a page with a token, one socket, and nobody else."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("uvicorn")
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+
+@dataclass(frozen=True)
+class Running:
+    process: "subprocess.Popen[str]"
+    port: int
+    token: str
+    folder: Path
+
+    def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", headers=headers)
+        try:
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                return answer.status, answer.read().decode(), answer.headers
+        except urllib.error.HTTPError as error:
+            return error.code, error.read().decode(), error.headers
+
+    def socket(self, token: str | None = None, **headers: str) -> ClientConnection:
+        address = f"ws://127.0.0.1:{self.port}/socket?token={self.token if token is None else token}"
+        return connect(address, additional_headers=headers, max_size=None, open_timeout=20)
+
+
+def started(folder: Path, *arguments: str) -> Running:
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "gauss_bench", "studio", "--no-browser", *arguments]
+    process = subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if found := re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line):
+            return Running(process, int(found[1]), found[2], folder)
+    raise AssertionError("the studio did not say where it is")
+
+
+def ended(running: Running, by: int = signal.SIGINT) -> int:
+    running.process.send_signal(by)
+    code = running.process.wait(30)
+    assert running.process.stderr is not None
+    running.process.stderr.close()
+    return code
+
+
+def ask(socket: ClientConnection, do: str, **more: Any) -> dict[str, Any]:
+    socket.send(json.dumps({"id": 1, "do": do} | more))
+    while True:
+        found: dict[str, Any] = json.loads(socket.recv(60))
+        if "event" not in found:
+            return found
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    found = started(tmp_path_factory.mktemp("studio"))
+    yield found
+    if found.process.poll() is None:
+        assert ended(found) == 0
+
+
+def test_the_page_wants_its_token(running: Running) -> None:
+    assert running.get(f"/?token={running.token}")[0] == 200
+    assert running.get("/")[0] == running.get("/?token=guessed")[0] == 403
+
+
+def test_the_page_may_run_nothing_from_elsewhere(running: Running) -> None:
+    _, _, headers = running.get(f"/?token={running.token}")
+    policy = headers["content-security-policy"]
+    assert "default-src 'self'" in policy
+    assert "unsafe" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("host", ["example.org", "127.0.0.1", "127.0.0.1:1", "localhost.example.org:{port}"])
+def test_another_host_is_refused(running: Running, host: str) -> None:
+    host = host.format(port=running.port)
+    assert running.get(f"/?token={running.token}", Host=host)[0] == 403
+    assert running.get("/page/index.html", Host=host)[0] == 403
+
+
+@pytest.mark.parametrize("origin", ["http://example.org", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
+def test_another_origin_is_refused(running: Running, origin: str) -> None:
+    origin = origin.format(port=running.port)
+    assert running.get(f"/?token={running.token}", Origin=origin)[0] == 403
+    with pytest.raises(InvalidStatus):
+        running.socket(Origin=origin)
+
+
+def test_the_socket_wants_the_token(running: Running) -> None:
+    for token in ("", "guessed", running.token[:-1]):
+        with pytest.raises(InvalidStatus):
+            running.socket(token)
+    with running.socket(Origin=f"http://127.0.0.1:{running.port}") as socket:
+        assert ask(socket, "hello")["ok"]
+
+
+@pytest.mark.parametrize(
+    "path", ["/page/../server.py", "/page/..%2fserver.py", "/page/%2e%2e/server.py", "/page//etc/passwd", "/etc/passwd"]
+)
+def test_no_file_but_the_pages_own_is_served(running: Running, path: str) -> None:
+    code, content, _ = running.get(path)
+    assert code == 404
+    assert "import" not in content
+
+
+def test_a_template_is_a_scene(running: Running) -> None:
+    with running.socket() as socket:
+        found = ask(socket, "template", name="eight_bar")["scene"]
+        assert found["status"]["loops"] == 3
+        assert found["status"]["dof"] == 1
+        assert len(found["links"]) == 7
+        assert ask(socket, "new")["scene"]["links"] == []
+
+
+def test_what_is_no_message_gets_a_sentence(running: Running) -> None:
+    with running.socket() as socket:
+        for sent in ("", "{", "[1]", '{"do": 3}', '{"do": "nothing"}', '{"do": "open", "text": NaN}', "[" * 100_000):
+            socket.send(sent)
+            found = json.loads(socket.recv(20))
+            assert not found["ok"]
+            assert found["error"]["text"]
+        assert ask(socket, "hello")["ok"]
+
+
+def test_what_is_too_large_ends_its_socket_alone(running: Running) -> None:
+    from websockets.exceptions import ConnectionClosed
+
+    with running.socket() as socket:
+        socket.send("x" * (3 << 20))
+        with pytest.raises(ConnectionClosed):
+            socket.recv(20)
+    with running.socket() as socket:
+        assert ask(socket, "hello")["ok"]
