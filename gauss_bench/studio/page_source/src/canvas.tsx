@@ -9,11 +9,11 @@ import type { Target } from "./hit";
 import type { Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
-  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, said, say, scene, selection, shown,
-  showCentres, still, take,
+  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, shown,
+  show, showCentres, still, take,
 } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
-import { fit, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
+import { pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
 export const names = signal(false);
 const cursor = signal<XY | null>(null); // the keyboard's cross, in the world
@@ -98,7 +98,7 @@ export function Canvas(): JSX.Element {
       const first = size.value[0] === 800 && size.value[1] === 600;
       const [dx, dy] = [(box.width - size.value[0]) / 2, (box.height - size.value[1]) / 2];
       size.value = [box.width, box.height];
-      if (first) fit(scene.value);
+      if (first) show();
       else pan(dx, dy);
     });
     watch.observe(svg);
@@ -271,7 +271,7 @@ export function Canvas(): JSX.Element {
       }
     } else if (e.key === "+" || e.key === "=") zoom(1.25);
     else if (e.key === "-") zoom(0.8);
-    else if (e.key === "0") fit(scene.value);
+    else if (e.key === "0") show();
   };
 
   const { scale, origin } = view.value;
@@ -509,7 +509,11 @@ export function shortcuts(e: KeyboardEvent): void {
     return;
   }
   if (field || e.altKey) return;
-  if (e.key === "?") dialog.value = "help";
+  const still = !cursor.value && tool.value === "select";
+  if (e.key === " " && still && (e.target === document.body || (e.target as Element).id === "canvas")) {
+    e.preventDefault();
+    void play();
+  } else if (e.key === "?") dialog.value = "help";
   else if (e.key === "Escape" && e.target === document.body) cancel();
   else {
     const hand = TOOL_OF_KEY.get(e.key.toLowerCase());

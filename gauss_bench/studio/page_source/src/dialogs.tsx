@@ -6,7 +6,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
-import { attempt, dialog, dragged, edit, hello, kept, said, say, scene, touring } from "./state";
+import { attempt, dialog, dragged, edit, hello, kept, motion, said, say, scene, show, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
 import { ask } from "./socket";
 import { fit, size, toWorld } from "./view";
@@ -43,7 +43,8 @@ async function opened(what: object, verb = "open"): Promise<void> {
   if (scene.value?.unsaved && scene.value.links.length && !confirm(`${scene.value.name} has changes that are not saved. Leave them?`)) return;
   if (await edit(verb, what)) {
     close();
-    fit(scene.value);
+    motion.value = null;
+    show();
   }
 }
 
@@ -310,6 +311,7 @@ const KEYS: [string, string][] = [
   ["Arrows", "move the chosen pin, or the cross that draws; with Shift five steps"],
   ["Enter", "click with the cross; end a link of three or more corners"],
   ["Esc", "let go, put the tool away, select nothing"],
+  ["Space", "play and pause"],
   ["Del", "delete what is selected"],
   ["Ctrl+Z, Ctrl+Shift+Z", "undo, redo"],
   ["Ctrl+S, Ctrl+O", "save, open"],

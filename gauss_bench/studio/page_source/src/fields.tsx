@@ -32,6 +32,7 @@ export function NumberField({ label, value, unit, empty, send, children }: Numer
         <input
           type="text"
           inputMode="decimal"
+          aria-label={label}
           value={draft ?? shown}
           placeholder={empty}
           onInput={(e) => setDraft(e.currentTarget.value)}

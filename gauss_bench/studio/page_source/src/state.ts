@@ -28,6 +28,26 @@ export const showCentres = signal(false);
 export const lined = signal(true); // a grid that pulls
 export const frames = signal({ solved: 0, ms: 0, jump: 0 });
 
+let fitting = false;
+
+/** Where every pin goes in the motion, one place in eight. */
+const swept = (): XY[] => {
+  const now = motion.value;
+  if (!now || !scene.value) return [];
+  const out: XY[] = Object.values(now.points).flatMap(({ p }) => p.filter((_, i) => i % 8 === 0));
+  for (let i = 0; i < now.times.length; i += 8) {
+    const at = new Placed(scene.value, Object.fromEntries(Object.entries(now.poses).flatMap(([name, list]) => (list[i] ? [[name, list[i]]] : []))));
+    for (const pin of scene.value.pins) out.push(at.pin(pin));
+  }
+  return out;
+};
+
+/** The whole linkage in the window, and its motion too, once that is there. */
+export function show(): void {
+  fit(scene.value, swept());
+  fitting = true;
+}
+
 const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
   const last = times.length - 1;
   let i = Math.max(0, times.findIndex((t) => t >= at) - 1);
@@ -91,7 +111,7 @@ export function take(next: Scene): void {
         : (p.kind === "pin" ? next.pins : p.kind === "slide" ? next.slides : next.forces).some((x) => x.id === p.id);
     selection.value = selection.value.filter(there);
   });
-  if (!before) fit(next);
+  if (!before) show();
   keep();
   refresh();
 }
@@ -108,7 +128,8 @@ let later: ReturnType<typeof setTimeout> | undefined;
 let wanted = 0;
 export const motionNote = signal("");
 
-function refresh(): void {
+/** Computes the driven motion of the scene anew, a moment from now. */
+export function refresh(): void {
   clearTimeout(later);
   const mine = ++wanted;
   const now = scene.value;
@@ -136,6 +157,8 @@ async function compute(mine: number): Promise<void> {
       clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
       motionNote.value = motion.value.note ?? "";
     });
+    if (fitting) fit(scene.value, swept());
+    fitting = false;
   } catch (error) {
     if (mine !== wanted || !(error instanceof Refused)) return;
     motion.value = null;

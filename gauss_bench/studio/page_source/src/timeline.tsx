@@ -6,7 +6,7 @@ import { figure } from "./geometry";
 import { Sign } from "./icons";
 import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
 import { choose } from "./tools";
-import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, scene, scrub, sheet, showCentres, still } from "./state";
+import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, refresh, scene, scrub, sheet, showCentres, still } from "./state";
 
 interface Curve {
   name: string;
@@ -21,7 +21,7 @@ interface Chart {
   curves: Curve[];
 }
 
-const open = signal(true);
+const open = signal(innerWidth > 560);
 const off = signal<Set<string>>(new Set(["pins", "advantage"]));
 const lengths = (list: XY[] | null): (number | null)[] => (list ?? []).map((v) => (v && v[0] !== null ? Math.hypot(v[0], v[1]) : null));
 
@@ -254,20 +254,23 @@ export function Timeline(): JSX.Element {
           type="button"
           class="quiet"
           aria-pressed={showCentres.value}
+          aria-label="Instant centres"
           title="Points about which every two links turn at this instant"
           onClick={() => {
             showCentres.value = !showCentres.value;
             if (showCentres.value) void ready().then(findCentres);
           }}
         >
-          Instant centres
+          <span class="long">Instant centres</span>
+          <span class="short">Centres</span>
         </button>
         <button type="button" class="quiet" title="Let it go under gravity and torques, and lay another engine over it" onClick={() => (dialog.value = "release")}>
           Release
         </button>
         {moving.value && (
-          <button type="button" class="quiet" onClick={() => { still(); ghost.value = null; }}>
-            Back to the sketch
+          <button type="button" class="quiet" aria-label="Back to the sketch" onClick={() => { still(); ghost.value = null; refresh(); }}>
+            <span class="long">Back to the sketch</span>
+            <span class="short">Sketch</span>
           </button>
         )}
         {list.length > 0 && (

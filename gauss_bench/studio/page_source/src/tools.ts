@@ -43,9 +43,18 @@ export function linkOf(pick: Target): string | null {
 
 const pointOf = (id: string): string | null => scene.value?.pins.find((p) => p.id === id)?.members.find((ref) => !ref.startsWith("ground.")) ?? null;
 
+/** Something between two points: at a place where there is nothing it is held by a new pivot on the ground. */
 async function connectTwo(type: string, picks: Target[], values: object): Promise<unknown> {
-  const [a, b] = await ends(picks);
-  return edit("add_force", { type, a, b, ...values });
+  const held: string[] = [];
+  for (const pick of picks) {
+    let at = await end(pick);
+    if ("at" in at) {
+      if (!(await edit("add_pin", { at: pick.at, ground: true }))) return null;
+      at = { pin: nearestPin(pick.at) ?? "" };
+    }
+    held.push(at.pin);
+  }
+  return edit("add_force", { type, a: held[0], b: held[1], ...values });
 }
 
 async function slider(picks: Target[]): Promise<unknown> {

@@ -4,9 +4,9 @@ import type { JSX } from "preact";
 import { names } from "./canvas";
 import { Sign } from "./icons";
 import { connected } from "./socket";
-import { dialog, edit, lined, moving, said, scene, sheet } from "./state";
+import { dialog, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
 import { TOOLS, choose, current, finish, picks, tool } from "./tools";
-import { fit, zoom } from "./view";
+import { zoom } from "./view";
 
 type Theme = "light" | "dark" | "";
 export const theme = signal<Theme>((localStorage.getItem("studio.theme") as Theme | null) ?? "");
@@ -121,7 +121,7 @@ export function ViewSwitches(): JSX.Element {
     <div class="switches" role="group" aria-label="View">
       <Button sign="plus" name="Zoom in" hint="Zoom in (+)" go={() => zoom(1.25)} />
       <Button sign="minus" name="Zoom out" hint="Zoom out (-)" go={() => zoom(0.8)} />
-      <Button sign="fit" name="Fit" hint="Fit the linkage into the window (0)" go={() => fit(scene.value)} />
+      <Button sign="fit" name="Fit" hint="Fit the linkage into the window (0)" go={show} />
       <button type="button" class="icon" aria-label="Snap to the grid" aria-pressed={lined.value} title="Snap to the grid (hold Alt to leave it)" onClick={() => (lined.value = !lined.value)}>
         <Sign of="magnet" />
       </button>
@@ -158,4 +158,4 @@ export function Prompt(): JSX.Element {
   );
 }
 
-export const Moving = (): JSX.Element | null => (moving.value ? <p class="badge">Showing the motion</p> : null);
+export const Moving = (): JSX.Element | null => (moving.value ? <p class="badge">Showing the motion{ghost.value ? `; dashed: ${ghost.value.engine}` : ""}</p> : null);

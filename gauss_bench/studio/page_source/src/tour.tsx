@@ -1,9 +1,8 @@
 // The tour of the first run: five steps, beside what they speak of. Once left it does not come back by itself.
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { edit, scene, touring } from "./state";
+import { edit, show, touring } from "./state";
 import { choose } from "./tools";
-import { fit } from "./view";
 
 const SEEN = "studio.tour";
 const STEPS: { title: string; text: string; at: string; do?: () => unknown }[] = [
@@ -66,5 +65,5 @@ export function Tour(): JSX.Element | null {
 
 /** On an empty drawing: three ways to begin. */
 export async function begin(name: string): Promise<void> {
-  if (await edit("template", { name })) fit(scene.value);
+  if (await edit("template", { name })) show();
 }
