@@ -153,7 +153,7 @@ def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
-    plans = [Plan("lagrange", (), drop)] if formulation != "gauss" else []
+    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x, drop) for x in choices]
@@ -173,7 +173,7 @@ class Program:
         name: of the mechanism.
         formulation: "gauss" or "lagrange".
         n, m: coordinates, and constraint rows that are kept.
-        independent: coordinates of the partition; () for lagrange.
+        independent: coordinates of the partition; under lagrange those of the directions alone.
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p.
         values: (n_p,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
@@ -182,7 +182,8 @@ class Program:
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
             the shortest one under gauss, and the shortest in the mass metric under lagrange.
         velocity_correction: (t, q, v, p) -> dv (n,).
-        directions: (t, q, v, p) -> (n,) of each independent coordinate: the free motion along it; none under lagrange.
+        directions: (t, q, v, p) -> (n,) of each independent coordinate, the free motion along it; a guard of them alone.
+        direction_thresholds: likewise.
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
@@ -202,6 +203,7 @@ class Program:
     position_correction: Function
     velocity_correction: Function
     directions: Function
+    direction_thresholds: Array
     multipliers: Function
     energy: Function
     residual: Function
@@ -284,6 +286,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     dv = vector(graph, algebra.correction(work.rates()), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = {work.kept[k]: x for k, x in algebra.multipliers(work.terms.gamma).items()}
+    directions, apart = algebra.directions
     phi, phi_dot, energy = work.exact()
     shared = uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized])
     size = len(links.parameters.names)
@@ -303,7 +306,8 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),
-        directions=function(at, [vector(graph, N, n) for N in algebra.directions], shared),
+        directions=function(at, [*(vector(graph, N, n) for N in directions), [x for x, _ in apart]], shared),
+        direction_thresholds=work.caution * np.array([x for _, x in apart]),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),
