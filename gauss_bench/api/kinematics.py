@@ -105,8 +105,8 @@ def _undriven(mechanism: Mechanism) -> str:
         return "drives nothing; name a driven scenario, or give a driver"
     names = ", ".join(x.name for x in mechanism.knife_edges)
     return (
-        f"the knife edge {names} holds a direction of motion and no position: where the linkage goes follows from its start and from "
-        f"forces, not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+        f"the knife edge {names} holds a direction of motion and no position: where the linkage goes follows from its start and "
+        f"from forces, not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
     )
 
 
