@@ -4,7 +4,7 @@ import { Check, Lock, NumberField, Read, TextField } from "./fields";
 import { apart, direction } from "./geometry";
 import { Sign } from "./icons";
 import type { Force, Link, Pin, Problem, Slide, XY } from "./protocol";
-import { dialog, edit, motion, placed, scene, selection, sheet } from "./state";
+import { dialog, edit, placed, scene, selection, sheet } from "./state";
 import type { Picked } from "./state";
 import { remove } from "./tools";
 
@@ -208,7 +208,6 @@ function Whole(): JSX.Element {
           </ol>
         </>
       )}
-      {motion.value?.limits && <p class="note">{motion.value.limits}</p>}
     </>
   );
 }

@@ -134,15 +134,13 @@ export function refresh(): void {
   const mine = ++wanted;
   const now = scene.value;
   const driven = now?.scenarios.some((s) => s.kind === "driven");
-  if (!now || !now.status.assembles || !driven) {
+  if (!now || !now.status.assembles || !(driven || now.drivers_possible.length)) {
     motion.value = null;
     motionNote.value = !now?.links.length
       ? ""
       : !now.status.assembles
         ? "What does not assemble does not move: see the problems."
-        : now.drivers_possible.length
-          ? "Choose what is driven, and it moves."
-          : "Nothing can be driven yet: pin a link to the ground.";
+        : "Nothing can be driven yet: pin a link to the ground.";
     return;
   }
   later = setTimeout(() => void compute(mine), 250);
@@ -150,7 +148,7 @@ export function refresh(): void {
 
 async function compute(mine: number): Promise<void> {
   try {
-    const reply = await ask("motion", { samples: 181 });
+    const reply = await ask("motion", { samples: 180 });
     if (mine !== wanted) return;
     batch(() => {
       motion.value = ((reply as { motion?: Motion }).motion ?? reply) as unknown as Motion;
@@ -168,7 +166,7 @@ async function compute(mine: number): Promise<void> {
 
 /** The motion of now, computed if it is not there yet. */
 export async function ready(): Promise<Motion | null> {
-  if (!motion.value && scene.value?.scenarios.some((s) => s.kind === "driven")) {
+  if (!motion.value && scene.value?.status.assembles && scene.value.links.length) {
     clearTimeout(later);
     await compute(++wanted);
   }
