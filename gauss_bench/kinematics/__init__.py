@@ -7,5 +7,6 @@ Both ways start from the drivers of a scenario as `inputs` and stop with the exc
   `basic_coordinates` (the motion).
 - `root_finding` solves either system at one position, and `basins` asks from how far away it does.
 - `singular` finds limits of motion and dead centres; `assembly` says which loop of a drawing does not close, and why.
+- `branches` finds other assemblies with the same input; `centres` and `advantage` tell velocities and forces by ratios.
 By hand, without drivers: `freedom` says what can move at a position, and `dragging` draws the linkage along by a point.
 """

@@ -206,10 +206,10 @@ def _point(mechanism: Mechanism, link: int, node: str, name: str) -> Point | Non
 def _rank(mechanism: Mechanism, place: Place) -> int:
     """Rank of the joint rows at a position of no special kind: the largest at the place and beside it."""
     freedom, rng = Freedom(mechanism), np.random.default_rng(0)
-    ranks = [mechanism.n - place.free.shape[1]]
+    rank = mechanism.n - int(place.free.shape[1])
     for _ in range(3):
         way = place.free @ rng.normal(size=place.free.shape[1])
         size = float(np.abs(way).max(initial=0.0)) or 1.0
         beside = freedom.close(place.q + way * (GENERIC * freedom.size / size) / freedom.scale)
-        ranks += [mechanism.n - beside.free.shape[1]] if beside else []
-    return max(ranks)
+        rank = max(rank, mechanism.n - int(beside.free.shape[1])) if beside else rank
+    return rank

@@ -6,12 +6,17 @@ A file belongs to one process and one document; what a dead process left is offe
 import hashlib
 import json
 import os
-from contextlib import suppress
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from gauss_bench.tables import write_text
 
+NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
 LARGEST = 8 << 20  # bytes; what is larger is not ours
 
 
@@ -63,6 +68,26 @@ class Autosave:
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
                         found.append((status.st_mtime, Left(path, text, tuple(locks))))
         return max(found, key=lambda x: x[0])[1] if found else None
+
+
+@contextmanager
+def workplace(text: str, name: str) -> Iterator[Path]:
+    """A file of this text called `name`.toml, for those who read linkages from files; gone with its folder afterwards."""
+    home = folder()
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"run.{os.getpid()}.{since(os.getpid())}.", dir=home) as made:
+        path = Path(made) / f"{name if NAME.fullmatch(name) else 'drawing'}.toml"
+        path.write_text(text, encoding="utf-8")
+        yield path
+
+
+def collect() -> None:
+    """Remove the workplaces of processes that are no more."""
+    with suppress(OSError):
+        for path in folder().glob("run.*"):
+            _, process, began, *_ = [*path.name.split("."), "", ""]
+            if process.isdigit() and since(int(process)) != began and path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def since(process: int) -> str:

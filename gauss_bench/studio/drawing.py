@@ -6,7 +6,7 @@ the file is written anew from them, so that the file opens as it was drawn.
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,8 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.reading import Reading, lone_pins
 from gauss_bench.studio.scene import pins
 from gauss_bench.terms import Array
+
+Message = Mapping[str, Any]
 
 DIGITS = 11  # after the point, of lengths [m] that are written: what is lost is far below what joints are closed to
 PLACED = 9  # of places and degrees of a sketch or start, from which the linkage is closed

@@ -4,6 +4,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from gauss_bench.studio.document import written
 from gauss_bench.studio.drawing import Drawing
 from gauss_bench.studio.edits import GEOMETRY, move
@@ -12,6 +14,7 @@ from gauss_bench.studio.keys import KEYS, lock_of
 from gauss_bench.studio.reading import read
 from gauss_bench.studio.scenarios import drive, follow, released
 from gauss_bench.studio.session import Session
+from gauss_bench.terms import Array
 
 Message = Mapping[str, Any]
 STILL = ("observe", "add_force", "drive", "rename")  # edits after which everything lies where it lay
@@ -53,6 +56,15 @@ def edit(session: Session, message: Message) -> list[str]:
     still = verb in STILL or (verb == "set" and not SHAPES.match(str(message.get("path"))))
     change = (GEOMETRY | KEYS | {"drive": drive})[verb]
     return edited(session, lambda d: change(d, message), still)
+
+
+def posed(session: Session, q: Array) -> None:
+    """Draw the linkage at another position q (n,) that its joints allow."""
+
+    def change(d: Drawing) -> None:
+        d.poses = {name: np.array(x) for name, x in d.reading.poses(q).items()}
+
+    edited(session, change)
 
 
 def lock(session: Session, message: Message) -> None:

@@ -235,7 +235,7 @@ def add_force(d: Drawing, message: Message) -> None:
     kind = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
     if "a" in message or "b" in message:
-        ends = d.ends(message.get("a"), message.get("b"))
+        ends = d.ends(*(d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b"))))
         given["between"] = [*ends]
     if kind == "cylinder":
         _add_cylinder(d, message, given)
@@ -300,8 +300,8 @@ def lock_of(d: Drawing, message: Message) -> str:
         return f"pins.{d.pin(message.get('pin')).id}"
     if "slide" in message:
         return f"slides.{message['slide']}"
-    length = message.get("length")
-    if isinstance(length, dict):
+    length = message.get("length", message if "a" in message else None)
+    if isinstance(length, Mapping):
         a, b = str(length.get("a")), str(length.get("b"))
         points = d.points(str(length.get("link")))
         if a in points and b in points:

@@ -1,14 +1,17 @@
 """What the page may ask for: one function for every verb of the protocol, which README.md describes."""
 
+import contextlib
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from gauss_bench import __version__
-from gauss_bench.bench.offers import SAFE, offers
+from gauss_bench.bench.offers import SAFE, ChoiceError, offers
 from gauss_bench.engines import all_names
+from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.studio import editing, files, templates
+from gauss_bench.studio import dragging, dynamics, editing, files, motion, templates
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.drawing import NAME
 from gauss_bench.studio.errors import Refused
@@ -107,7 +110,8 @@ def save(session: Session, message: Message) -> Reply:
 
 def bring_in(session: Session, message: Message) -> Reply:
     content, left_out = files.imported(told(message, "text", str))
-    session.open(content)
+    with session.lock:
+        session.open(content)
     return {"left_out": left_out} | shown(session)
 
 
@@ -140,6 +144,77 @@ def picture(session: Session, message: Message) -> Reply:
     return shown(session)
 
 
+def drag_begin(session: Session, message: Message) -> Reply:
+    session.drag = dragging.begun(session.reading, session.locks, message)
+    return {"poses": session.drag.reading.poses(session.drag.drag.q)}
+
+
+def drag(session: Session, message: Message) -> Reply:
+    if session.drag is None:
+        raise Refused("nothing is being dragged")
+    return dragging.dragged(session.drag, message)
+
+
+def drag_end(session: Session, message: Message) -> Reply:
+    held, session.drag = session.drag, None
+    if held is not None and message.get("keep", True):
+        editing.posed(session, held.drag.q)
+    return shown(session)
+
+
+def branches(session: Session, message: Message) -> Reply:
+    session.branches = session.reading, dragging.found_branches(session.reading)
+    names = ["as drawn", *(f"branch {k}" for k in range(1, len(session.branches[1])))]
+    found = zip(names, session.branches[1], strict=True)
+    return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in found]}
+
+
+def branch(session: Session, message: Message) -> Reply:
+    index = message.get("index")
+    if session.branches is None or session.branches[0] is not session.reading:
+        session.branches = session.reading, dragging.found_branches(session.reading)
+    if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
+        raise Refused("there is no such branch", field="index")
+    editing.posed(session, session.branches[1][index])
+    return shown(session)
+
+
+def move_by_law(session: Session, message: Message) -> Reply:
+    """The motion at once; what is singular along it in an event, because looking for that takes seconds."""
+    with session.lock:
+        text, reading = session.text, session.reading
+    mechanism, found = motion.motion(text, reading, message)
+    session.motions += 1
+    job = -session.motions  # of no process that could be stopped
+
+    def look() -> None:
+        try:
+            marks, why = motion.singular(mechanism)
+        except Exception as error:
+            marks, why = [], in_a_sentence(error)
+        session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
+
+    threading.Thread(target=look, daemon=True).start()
+    return found | {"singular": [], "job": job}
+
+
+def centres(session: Session, message: Message) -> Reply:
+    return {"centres": motion.instant_centres(session.reading, message.get("at"))}
+
+
+def release(session: Session, message: Message) -> Reply:
+    return dynamics.release(session, message)
+
+
+def recommend(session: Session, message: Message) -> Reply:
+    return dynamics.recommend(session, message)
+
+
+def stop(session: Session, message: Message) -> Reply:
+    session.jobs.stop(told(message, "job", int))
+    return {}
+
+
 VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "hello": hello,
     "new": new,
@@ -155,8 +230,21 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "share": share,
     "lock": lock,
     "picture": picture,
+    "drag_begin": drag_begin,
+    "drag": drag,
+    "drag_end": drag_end,
+    "branches": branches,
+    "branch": branch,
+    "motion": move_by_law,
+    "centres": centres,
+    "release": release,
+    "recommend": recommend,
+    "stop": stop,
     **dict.fromkeys(editing.EDITS, make_edit),
 }
+
+
+APART = ("drawing", "motion", "stop", "import")  # verbs that take long, or must not wait for others; they mind the lock themselves
 
 
 def answer(session: Session, message: Message) -> Reply:
@@ -167,10 +255,12 @@ def answer(session: Session, message: Message) -> Reply:
     try:
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
-        with session.lock:
+        with contextlib.nullcontext() if verb in APART else session.lock:
             return {"id": id, "ok": True} | VERBS[verb](session, message)
     except Refused as error:
         return {"id": id, "ok": False, "error": {"text": str(error), "where": error.where, "field": error.field}}
+    except (ChoiceError, MissingExtra) as error:
+        return {"id": id, "ok": False, "error": {"text": str(error), "where": (), "field": ""}}
     except LinkageError as error:
         sentences = "; ".join(str(x) for x in error.faults[:5])
         return {"id": id, "ok": False, "error": {"text": sentences, "where": (), "field": ""}}

@@ -7,8 +7,11 @@ from typing import Any
 
 from gauss_bench.studio.autosave import Autosave
 from gauss_bench.studio.document import EMPTY, Document, parsed
+from gauss_bench.studio.dragging import Dragging
+from gauss_bench.studio.jobs import Jobs
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.scene import scene
+from gauss_bench.terms import Array
 
 STEPS = 200  # texts that are remembered for undo
 
@@ -33,8 +36,8 @@ class Session:
         self.path: Path | None = None
         self.picture: dict[str, Any] | None = None
         self.autosave = Autosave(self._named())
-        self.drag: Any = None
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
+        self.jobs = Jobs(lambda event: self.tell(event))
         self._begin(EMPTY, EMPTY)
 
     def _named(self) -> str:
@@ -46,7 +49,9 @@ class Session:
         self.done: list[tuple[str, frozenset[str]]] = []
         self.locks: frozenset[str] = frozenset()
         self._read: tuple[str, Reading] | None = None
-        self.drag = None
+        self.drag: Dragging | None = None
+        self.branches: tuple[Reading, list[Array]] | None = None
+        self.motions = 0
 
     def open(self, text: str, path: Path | None = None) -> None:
         """Begin anew with a text; one that was read from a file is saved there.
@@ -133,6 +138,7 @@ class Session:
 
     def stop(self) -> None:
         """End what still runs."""
+        self.jobs.stop_all()
 
     def close(self) -> bool:
         """End; True where something is not saved, which is kept and will be offered again."""

@@ -1,0 +1,109 @@
+"""Dragging a linkage, and its other branches: the functions of `kinematics` on the drawing as it stands."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.kinematics.branches import branches
+from gauss_bench.kinematics.dragging import Drag, Locks
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Revolute
+from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.studio.drawing import Drawing, Message, owner, place
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.reading import Reading
+from gauss_bench.terms import Array
+
+STEPS = 40  # along the way to one pointer: those that come later go on from there
+
+
+@dataclass
+class Dragging:
+    """A drag that goes on: where the linkage is, and what is drawn along."""
+
+    drag: Drag
+    reading: Reading
+
+
+def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging:
+    """Take hold of a pin or a point.
+
+    Raises:
+        Refused: it is fixed, or the linkage does not assemble.
+    """
+    mechanism = assembled(reading, "dragged")
+    d = Drawing(reading.document, reading)
+    wanted = str(message.get("point") or message.get("pin"))
+    members = d.pins[wanted].members if wanted in d.pins else (wanted,)
+    where = (f"pins.{wanted}",)
+    if any(owner(x) == "ground" for x in members):
+        raise Refused(f"pin {wanted} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
+    if not members:
+        raise Refused(f"pin {wanted} holds nothing that could be dragged: move it", where)
+    held = [x.removeprefix("pins.") for x in locks if x.startswith("pins.")]
+    points = tuple(y for x in held for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground")
+    links = tuple(x.removeprefix("links.") for x in sorted(locks) if x.startswith("links.") and ":" not in x)
+    slides = tuple(x.removeprefix("slides.") for x in sorted(locks) if x.startswith("slides."))
+    try:
+        drag = Drag(mechanism, reading.q, members[0], Locks(links, points, slides))
+    except (ValueError, KeyError) as error:
+        raise Refused(str(error), where) from error
+    return Dragging(drag, reading)
+
+
+def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
+    """Where the linkage goes with the pointer."""
+    target, began = np.array(place(message.get("at"))), time.perf_counter()
+    with np.errstate(all="ignore"):
+        found = dragging.drag.to(target, STEPS)
+    ms = 1e3 * (time.perf_counter() - began)
+    poses = dragging.reading.poses(found.q)
+    return {"poses": poses, "reached": found.reached, "apart": found.apart, "ms": ms, "note": found.note or None}
+
+
+def assembled(reading: Reading, word: str) -> Mechanism:
+    """The mechanism of a drawing that is closed.
+
+    Raises:
+        Refused: it is not.
+    """
+    if reading.mechanism is None:
+        raise Refused(f"nothing is drawn yet that could be {word}")
+    if not reading.closed:
+        raise Refused(f"this does not assemble yet, and cannot be {word}: see what is open")
+    return reading.mechanism
+
+
+def inputs(reading: Reading) -> list[str]:
+    """Links whose angles are given: those that the first driven scenario drives, else the crank, else the first on the ground."""
+    document = reading.document
+    for scenario in document.get("scenarios", {}).values():
+        drivers = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
+        if names := [x["link"] for x in drivers if "link" in x]:
+            return names
+    if isinstance(document.get("crank"), str):
+        return [document["crank"]]
+    mechanism = reading.mechanism
+    if mechanism is None:
+        return []
+    pins = [(x.a.link, x.b.link) for x in mechanism.joints if isinstance(x, Revolute)]
+    return [mechanism.links[b if a == GROUND else a].name for a, b in pins if GROUND in (a, b)][:1]
+
+
+def found_branches(reading: Reading) -> list[Array]:
+    """Other assemblies with the inputs where they are; the one that is drawn first.
+
+    Raises:
+        Refused: the inputs leave something free.
+    """
+    mechanism = assembled(reading, "assembled in another way")
+    drivers = []
+    for name in inputs(reading):
+        body, _ = mechanism.placed(name)
+        drivers.append(AngleDriver(name, constant(float(reading.q[3 * body + 2]), 0.0), body))
+    try:
+        with np.errstate(all="ignore"):
+            return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
+    except ValueError as error:
+        raise Refused(str(error)) from error

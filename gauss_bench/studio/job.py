@@ -1,0 +1,161 @@
+"""One long piece of work in a process of its own, which ends with the studio: what it finds goes out line by line as JSON.
+
+The request comes in on standard input, which stays open for as long as the studio lives: its end is the end of this process and of
+what it has started.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+Say = Callable[[dict[str, Any]], None]
+
+FRAMES = 60  # poses in a second of a motion that is shown
+MOST = 3000  # poses of it in all
+APART = 1e-3  # of a linkage's size: from there two engines are said to part
+
+
+def release(request: Mapping[str, Any], say: Say) -> None:
+    """Run a file in one engine after the other, tell each motion with its verdict, and how far the others are from the first."""
+    from gauss_bench.api.simulate import simulate
+    from gauss_bench.mechanism.welding import spread
+    from gauss_bench.studio.motion import posed
+
+    first = None
+    for engine in request["engines"]:
+        say({"event": "progress", "text": f"{engine} runs"})
+        settings = request.get("settings") if engine == request["engines"][0] else None
+        until, step = float(request["until"]), float(request["step"])
+        try:
+            result = simulate(
+                request["path"], engine, request["scenario"], settings, step=step, at=[0.0, until], limit=request["limit"]
+            )
+        except Exception as error:
+            say({"event": "release", "engine": engine, "verdict": "error", "reason": str(error), "times": [], "poses": {}})
+            continue
+        x = result.trajectory
+        told = {
+            "event": "release",
+            "engine": engine,
+            "verdict": str(result.status),
+            "reason": result.message,
+            "advice": result.advice,
+        }
+        told |= {"trusted_until": result.trusted_until, "step": result.step, "integrator": result.integrator}
+        if x is None or not len(x.t):
+            say(told | {"times": [], "poses": {}})
+            continue
+        every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
+        chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
+        energy = {k: result.metrics.get(k) for k in ("energy_error", "energy_scale", "position_drift")}
+        say(told | {"times": x.t[chosen], "poses": posed(result.model, x.q[chosen]), "energy": energy})
+        links = spread(result.model, x).q
+        if first is None:
+            first = x.t, links, result.model.whole
+        else:
+            say({"event": "compared", "compare": compared(engine, *first, x.t, links)})
+
+
+def compared(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
+    """How far a motion parts from another [m], over time, and the link that is furthest."""
+    from gauss_bench.kinematics.freedom import extent
+
+    times = t[t <= other_t[-1] + 1e-12]
+    rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)
+    gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]
+    lengths = np.hypot(gaps[..., 0], gaps[..., 1])
+    apart = lengths.max(axis=1)
+    k = int(apart.argmax())
+    over = np.flatnonzero(apart > APART * extent(whole))
+    every = max(1, len(times) // 500)
+    return {
+        "engine": engine,
+        "worst_apart": float(apart[k]),
+        "at": float(times[k]),
+        "point": f"centre of {whole.links[int(lengths[k].argmax())].name}",
+        "parts_at": float(times[over[0]]) if len(over) else None,
+        "curve": {"times": times[::every], "apart": apart[::every]},
+    }
+
+
+def recommend(request: Mapping[str, Any], say: Say) -> None:
+    """Look for the cheapest setting of every engine that holds an accuracy."""
+    from dataclasses import asdict
+
+    from gauss_bench.advice.truth import NoTruth
+    from gauss_bench.api.recommend import recommend as recommended
+    from gauss_bench.api.recommend import setting_of
+
+    def told(sentence: str) -> None:
+        say({"event": "progress", "text": sentence})
+
+    try:
+        found = recommended(
+            request["path"],
+            request.get("position"),
+            request.get("angle"),
+            request.get("force"),
+            request.get("until"),
+            scenario=request["scenario"],
+            budget=request["budget"],
+            told=told,
+        )
+    except NoTruth as error:
+        say({"event": "failed", "text": f"nothing can be recommended: {error}"})
+        return
+    for x in found.answers:
+        reached = next(iter(x.errors.values()), None)
+        setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
+        answer = asdict(x) | {"setting": setting, "error": reached}
+        say({"event": "recommend", "answer": answer})
+    say({"event": "recommend", "advice": found.advice, "truth": found.truth, "remarks": found.remarks, "complete": found.complete})
+
+
+WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release, "recommend": recommend}
+
+
+def _end_with_the_studio() -> None:
+    """Wait for standard input to end, and end all."""
+    with contextlib.suppress(OSError, ValueError):
+        while os.read(0, 1):
+            pass
+    with contextlib.suppress(OSError):
+        os.killpg(0, signal.SIGKILL)
+
+
+def main() -> None:
+    """Read one request, and do it."""
+    from gauss_bench.api.results import plain
+
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # a library that prints does not spoil the lines
+
+    def say(event: dict[str, Any]) -> None:
+        out.write(json.dumps(plain(event), allow_nan=False) + "\n")
+        out.flush()
+
+    line = b""
+    while not line.endswith(b"\n"):
+        part = os.read(0, 1)
+        if not part:
+            return
+        line += part
+    threading.Thread(target=_end_with_the_studio, daemon=True).start()
+    request = json.loads(line)
+    try:
+        WORK[request["work"]](request, say)
+    except Exception as error:
+        say({"event": "failed", "text": str(error) or type(error).__name__})
+
+
+if __name__ == "__main__":
+    main()
+    sys.stdout.flush()
+    os._exit(0)

@@ -1,0 +1,200 @@
+"""A drawing moved by its law: positions, what points do, what drives, and where it stops; by the functions of `kinematics`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gauss_bench import metrics
+from gauss_bench.api.history import transmission
+from gauss_bench.api.kinematics import METHODS, driven, free_at_start, observed
+from gauss_bench.kinematics.advantage import advantages
+from gauss_bench.kinematics.centres import centres
+from gauss_bench.kinematics.errors import MotionError
+from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.welding import spread
+from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.document import Document, written
+from gauss_bench.studio.drawing import Drawing, Message
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.reading import Reading, of_links, poses
+from gauss_bench.studio.scenarios import DRIVEN, drive
+from gauss_bench.studio.scene import drivers_possible
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
+
+SAMPLES, MOST = 120, 2000  # positions of a motion
+
+
+def moving(text: str, reading: Reading, message: Message) -> Mechanism:
+    """The linkage in the scenario that is asked for, or driven by the law of the message, or by the first thing that can be.
+
+    Raises:
+        Refused: nothing drives it, or the drivers leave something free.
+        LinkageError, ChoiceError: the file or the driver cannot be used.
+    """
+    document, given, scenario = reading.document, message.get("driver"), message.get("scenario")
+    is_driven = [k for k, x in document.get("scenarios", {}).items() if {"driver", "drivers"} & x.keys()]
+    if isinstance(given, dict) or (given is None and scenario is None and not is_driven):
+        text = written(text, _driven_so(document, reading, given))
+        given, scenario = None, DRIVEN
+    name = document.get("name")
+    with workplace(text, name if isinstance(name, str) else "drawing") as path:
+        mechanism = driven(str(path), scenario, given)
+    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
+        raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
+    return mechanism
+
+
+def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | None) -> Document:
+    """The document driven by a law, or at constant speed by the first thing that can be."""
+    d = Drawing(document | {"scenarios": {}}, reading)
+    if given is None:
+        possible = drivers_possible(document)
+        if not possible:
+            raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
+        given = {"coordinate": possible[0]["name"]}
+    name = given.get("coordinate", given.get("link", given.get("joint", given)))
+    law = {k: x for k, x in given.items() if k not in ("coordinate", "link", "joint")}
+    drive(d, law | {"coordinate": name})
+    return d.document
+
+
+def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
+    """The motion of a drawing over its law's duration, and the mechanism that was moved; what is singular is looked for apart.
+
+    Raises:
+        Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
+    """
+    count = message.get("samples", SAMPLES)
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
+        raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
+    mechanism = moving(text, reading, message)
+    inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
+    with np.errstate(all="ignore"):
+        try:
+            found = METHODS["loop"](mechanism, inputs, times)
+        except MotionError as error:
+            found, stopped = error.reached, str(error)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+    x = Trajectory(times[: len(found.q)], found.q, found.v, found.a, len(found.q) - 1)
+    named = message.get("points")
+    points = observed(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
+    whole = spread(mechanism, x)
+    first = mechanism.drivers[0]
+    reply = {
+        "scenario": mechanism.scenario,
+        "times": x.t,
+        "poses": posed(mechanism, x.q),
+        "points": {
+            p.name: {
+                "p": position(whole.q, p),
+                "v": velocity(whole.q, whole.v, p),
+                "a": acceleration(whole.q, whole.v, whole.a, p),
+            }
+            for p in points
+        },
+        "input": {
+            "name": first.name,
+            "unit": "rad" if isinstance(first, AngleDriver) else "m",
+            "values": np.broadcast_to(first.law(x.t)[0], x.t.shape),
+        },
+        "transmission": [{"name": c.of, "values": c.values} for c in transmission(mechanism, x.q)],
+        "limits": stopped,
+        "note": None,
+    }
+    return mechanism, reply | forces(mechanism, x) | gained(mechanism, x.q)
+
+
+def posed(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
+    """Link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
+    told = [poses(mechanism.whole, state) for state in of_links(mechanism, q)]
+    return {link.name: [x[link.name] for x in told] for link in mechanism.whole.links}
+
+
+def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
+    """What the first driver exerts, and what pins and slides carry, while the motion goes as its law says."""
+    if not len(x.t):
+        return {"torque": None, "pins": []}
+    evaluator = Evaluator(mechanism)
+    try:
+        with np.errstate(all="ignore"):
+            exerted = metrics.driving_forces(evaluator, x)
+            carried = metrics.joint_forces(evaluator, x)
+    except (ArithmeticError, np.linalg.LinAlgError, ValueError):
+        return {"torque": None, "pins": []}
+    unit = "N m" if isinstance(mechanism.drivers[0], AngleDriver) else "N"
+    pins = [{"joint": name, "force": np.stack([f["fx"], f["fy"]], axis=-1), "moment": f["moment"]} for name, f in carried.items()]
+    return {"torque": {"name": mechanism.drivers[0].name, "unit": unit, "values": exerted[:, 0]}, "pins": pins}
+
+
+def gained(mechanism: Mechanism, q: Array) -> dict[str, Any]:
+    """Velocity ratios and mechanical advantages; none, where more than one coordinate is driven."""
+    try:
+        with np.errstate(all="ignore"):
+            found = advantages(mechanism, q)
+    except ValueError:
+        return {"advantage": []}
+    told = [{"input": x.input, "output": x.output, "units": x.units, "values": x.mechanical, "velocity": x.velocity} for x in found]
+    return {"advantage": told}
+
+
+def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
+    """Limits and dead centres, or why they cannot be listed."""
+    try:
+        with np.errstate(all="ignore"):
+            found = singular_positions(mechanism)
+    except (ValueError, ChangePoint) as error:
+        return [], str(error)
+    told = [
+        {
+            "kind": x.kind,
+            "coordinate": x.coordinate,
+            "value": x.value,
+            "input": x.input,
+            "poses": poses(mechanism.whole, of_links(mechanism, x.q)),
+        }
+        for x in found
+    ]
+    return told, ""
+
+
+def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
+    """The instant centre of every two links where poses {link: [x, y, theta]} have them, or where they are drawn.
+
+    Raises:
+        Refused: they depend on which of several motions the linkage does.
+    """
+    mechanism = reading.mechanism
+    if mechanism is None:
+        raise Refused("nothing is drawn yet")
+    q = reading.q if given is None else state_of(reading, given)
+    try:
+        with np.errstate(all="ignore"):
+            found = centres(mechanism, q)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in found]
+
+
+def state_of(reading: Reading, given: Any) -> Array:
+    """q (n,) of poses as the page has them.
+
+    Raises:
+        Refused: they are not those of this drawing.
+    """
+    mechanism = reading.mechanism
+    q = np.zeros(len(reading.q))
+    for i, link in enumerate(mechanism.links if mechanism else ()):
+        pose = given.get(link.name) if isinstance(given, dict) else None
+        if not isinstance(pose, list) or len(pose) != 3 or not all(isinstance(x, (int, float)) for x in pose):
+            raise Refused(f"the pose of {link.name} is missing", (f"links.{link.name}",), "at")
+        x, y, theta = map(float, pose)
+        c, s = np.cos(theta), np.sin(theta)
+        q[3 * i : 3 * i + 3] = x + c * link.com[0] - s * link.com[1], y + s * link.com[0] + c * link.com[1], theta
+    return q

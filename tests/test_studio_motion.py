@@ -1,0 +1,176 @@
+"""Moving a drawing: dragged, by a law, and let go; each says what the suite's own verbs say."""
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("tomlkit")
+from gauss_bench.api.kinematics import kinematics
+from gauss_bench.studio.requests import answer
+from tests.studio import Pen, eight_bar, four_bar
+
+
+def test_the_path_of_a_coupler_point_is_that_of_kinematics(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    found = pen.ask("motion", samples=24)
+    pen.ask("save", path="drawn")
+    told = kinematics(str(tmp_path / "drawn.toml"), intervals=24)
+    path = np.array(found["points"]["bar2.P"]["p"])
+    assert path == pytest.approx(np.column_stack([told.points["bar2.P"][k] for k in "xy"]), abs=1e-9)
+    speed = np.array(found["points"]["bar2.P"]["v"])
+    assert speed == pytest.approx(np.column_stack([told.points["bar2.P"][k] for k in ("vx", "vy")]), abs=1e-8)
+    assert len(found["times"]) == 25
+    assert found["torque"]["unit"] == "N m"
+    assert {x["joint"] for x in found["pins"]} == {"1", "2", "3", "4"}
+    assert found["transmission"]
+
+
+def test_marks_of_singular_positions_come_behind_the_motion(tmp_path: Path) -> None:
+    pen, events = four_bar(tmp_path), list[dict[str, Any]]()
+    pen.session.tell = events.append
+    job = pen.ask("motion", samples=4)["job"]
+    for _ in range(600):
+        if events:
+            break
+        time.sleep(0.1)
+    assert events[0]["job"] == job
+    assert {x["kind"] for x in events[0]["singular"]} == {"dead centre"}
+
+
+def test_what_is_drawn_without_a_law_turns_what_can_be_driven(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.bar((0.0, 0.0), (0.1, 0.0))
+    assert "driven" in pen.refused("motion")
+    pen.ask("ground", pin=pen.at(0.0, 0.0))
+    found = pen.ask("motion", samples=4)
+    angles = [x[2] for x in found["poses"]["bar1"]]
+    assert angles == pytest.approx([k * math.pi / 2 for k in range(5)], abs=1e-9)
+    assert "samples" in pen.refused("motion", samples=10**9)
+    pen.bar((0.1, 0.0), (0.2, 0.1))
+    assert "free" in pen.refused("motion")
+
+
+def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -> None:
+    pen = eight_bar(tmp_path)
+    pin = pen.at(0.42, 0.11)
+    before, at = pen.session.text, np.array([0.42, 0.11])
+    assert "fixed" in pen.refused("drag_begin", pin=pen.at(0.0, 0.0))
+    pen.ask("drag_begin", pin=pin)
+    for k in range(20):
+        found = pen.ask("drag", at=[0.42 - 0.002 * k, 0.11 + 0.001 * k])
+    moved = np.array(found["poses"]["bar2"])
+    assert np.abs(moved - next(x["pose"] for x in pen.now["links"] if x["name"] == "bar2")).max() > 0.05
+    assert pen.session.text == before
+    kept = pen.scene("drag_end", keep=True)
+    drawn = next(x["pose"] for x in kept["links"] if x["name"] == "bar2")
+    assert drawn == pytest.approx(moved.tolist(), abs=1e-7)
+    assert next(p["at"] for p in kept["pins"] if p["id"] == pin) != pytest.approx(at, abs=1e-3)
+    assert kept["problems"] == []
+    assert pen.scene("undo")["revision"] > kept["revision"]
+    assert pen.session.text == before
+
+
+def test_a_locked_angle_holds_a_drag(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    pen.ask("lock", link="bar1")
+    pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
+    found = pen.ask("drag", at=[0.2, 0.2])
+    assert not found["reached"]
+    assert found["poses"]["bar1"][2] == pytest.approx(math.pi / 2, abs=1e-9)
+
+
+def test_other_branches_have_the_same_input(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    found = pen.ask("branches")["branches"]
+    assert len(found) == 2
+    assert found[0]["poses"]["bar1"] == pytest.approx(found[1]["poses"]["bar1"], abs=1e-8)
+    chosen = pen.scene("branch", index=1)
+    drawn = {x["name"]: x["pose"] for x in chosen["links"]}
+    assert drawn["bar3"] == pytest.approx(found[1]["poses"]["bar3"], abs=1e-7)
+    assert chosen["problems"] == []
+    assert pen.refused("branch", index=5)
+
+
+def test_instant_centres_lie_on_the_pins(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    found = {frozenset(x["links"]): x["at"] for x in pen.ask("centres")["centres"]}
+    assert len(found) == 6
+    assert found[frozenset({"bar1", "bar2"})] == pytest.approx([0.0, 0.12], abs=1e-9)
+    poses = {x["name"]: x["pose"] for x in pen.now["links"]}
+    assert len(pen.ask("centres", at=poses)["centres"]) == 6
+    assert "missing" in pen.refused("centres", at={})
+
+
+class Watched:
+    """Events of one piece of work, until it is done."""
+
+    def __init__(self, pen: Pen):
+        self.events: list[dict[str, Any]] = []
+        pen.session.tell = self.events.append
+
+    def until(self, word: str) -> dict[str, Any]:
+        for _ in range(1200):
+            if found := [x for x in self.events if x["event"] == word]:
+                return found[0]
+            time.sleep(0.1)
+        raise AssertionError(f"no {word}: {self.events}")
+
+
+def test_let_go_it_moves_as_simulate_says_and_engines_are_compared(tmp_path: Path) -> None:
+    from gauss_bench.api.simulate import simulate
+
+    pytest.importorskip("mujoco")
+    pen = four_bar(tmp_path)
+    watched = Watched(pen)
+    job = pen.ask("release", until=0.2, engine="gauss", overlay=["mujoco"])["job"]
+    done = watched.until("release_done")
+    first, second = (x for x in watched.events if x["event"] == "release")
+    assert (first["engine"], first["verdict"]) == ("gauss", "ok")
+    assert second["engine"] == "mujoco"
+    assert first["job"] == done["job"] == job
+    pen.ask("save", path="drawn")
+    told = simulate(str(tmp_path / "drawn.toml"), at=[0.2])
+    assert first["poses"]["bar1"][-1][2] == pytest.approx(float(told.links["bar1"]["theta"][-1]), abs=1e-9)
+    gap = np.hypot(*(np.array(first["poses"]["bar1"][-1][:2]) - second["poses"]["bar1"][-1][:2]))
+    assert 0 < done["compare"]["worst_apart"] < 0.01
+    assert gap <= done["compare"]["worst_apart"] + 1e-9
+    assert not pen.session.jobs.running
+
+
+def test_work_that_is_stopped_leaves_no_process(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    watched = Watched(pen)
+    job = pen.ask("release", until=10.0, engine="gauss")["job"]
+    process = pen.session.jobs.running[job]
+    pen.ask("stop", job=job)
+    assert "stopped" in watched.until("release_done")["error"]
+    assert process.poll() is not None
+
+
+def test_what_an_engine_or_a_limit_refuses_is_a_sentence(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    assert "no engine" in pen.refused("release", engine="nothing")
+    assert pen.refused("release", until=1e9)
+    assert pen.refused("release", step=0.0)
+    assert pen.refused("release", scenario="nothing")
+    assert "required" in pen.refused("recommend")
+    assert pen.refused("recommend", position=-1.0)
+    assert answer(pen.session, {"id": 2, "do": "stop", "job": 77})["ok"]
+
+
+@pytest.mark.slow
+def test_a_recommendation_comes_with_its_program(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.bar((0.0, 0.0), (0.3, 0.1))
+    pen.ask("ground", pin=pen.at(0.0, 0.0))
+    watched = Watched(pen)
+    pen.ask("recommend", position=1e-3, until=0.05, budget=20)
+    watched.until("recommend_done")
+    answers = [x["answer"] for x in watched.events if x["event"] == "recommend" and "answer" in x]
+    held = [x for x in answers if x["status"] == "ok"]
+    assert held
+    assert all(x["snippet"] and x["setting"] for x in held[:1])

@@ -1,0 +1,138 @@
+"""The templates of the studio: each assembles as it says and moves through its driven scenario; and what its title claims is so."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.singular import Curve
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+FOLDER = Path(gauss_bench.__file__).parent / "studio" / "templates"
+FILES = sorted(FOLDER.glob("*.toml"))
+
+
+def moved(name: str, samples: int = 73) -> tuple[Mechanism, Array]:
+    mechanism = load(FOLDER / f"{name}.toml", "driven")
+    return mechanism, loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, mechanism.duration, samples)).q
+
+
+def path(mechanism: Mechanism, q: Array, point: str) -> Array:
+    return position(q, mechanism.named_point(point))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda x: x.stem)
+def test_a_template_assembles_as_it_expects_and_runs_its_driven_scenario(file: Path) -> None:
+    document = tomllib.loads(file.read_text(encoding="utf-8"))
+    assert {"dof", "redundant", "loops"} <= document["expect"].keys()
+    assert document["name"] == file.stem
+    assert file.stem not in built_in()
+    assert len(document["title"]) > 20
+    assert any(word in file.read_text(encoding="utf-8") for word in ("Proportions", "proportions"))
+    mechanism, q = moved(file.stem, 37)
+    assert len(q) == 37
+    joints = Curve(mechanism).constraints if mechanism.dof == 1 else None
+    assert joints is None or np.abs(joints(np.zeros(37), q, np.zeros_like(q)).phi).max() < 1e-12
+
+
+def test_there_are_the_classics() -> None:
+    assert len(FILES) >= 15
+
+
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [
+        ("crank_rocker", {"crank"}),
+        ("double_crank", {"crank", "coupler", "rocker"}),
+        ("double_rocker", {"coupler"}),
+        ("triple_rocker", set()),
+    ],
+)
+def test_grashof_kinds_by_the_links_that_make_whole_turns(name: str, whole: set[str]) -> None:
+    """Once around the closed curve of positions a link has made a whole turn or none."""
+    mechanism = load(FOLDER / f"{name}.toml")
+    curve, q = Curve(mechanism), mechanism.q0
+    x = curve.tangent(q)
+    for count in range(4000):
+        q = curve.step(q, x)
+        x = curve.tangent(q, x)
+        gap = q - mechanism.q0
+        gap[2::3] = np.angle(np.exp(1j * gap[2::3]))
+        if count > 3 and np.linalg.norm(gap) < 0.015:
+            break
+    turns = (q - mechanism.q0)[2::3] / (2 * np.pi)
+    assert {link.name for link, turn in zip(mechanism.links, turns, strict=True) if abs(turn) > 0.5} == whole
+    assert np.abs(turns - np.round(turns)).max() < 0.01
+
+
+def test_peaucelliers_line_is_straight() -> None:
+    mechanism, q = moved("peaucellier")
+    line = path(mechanism, q, "side_pb.P")
+    assert np.abs(line[:, 0] - (0.5**2 - 0.2**2) / (2 * 0.2)).max() < 1e-12
+    assert np.ptp(line[:, 1]) > 0.5
+
+
+def test_hoeckens_line_deviates_as_published() -> None:
+    """Norton, Design of Machinery, table of Hoeken linkages, 180 degrees: 0.096 % of a line of 4.181 cranks."""
+    mechanism, q = moved("hoecken", 361)
+    line = path(mechanism, q, "coupler.M")[90:271]
+    length = np.ptp(line[:, 0])
+    assert length / 0.1 == pytest.approx(4.181, abs=2e-3)
+    assert np.ptp(line[:, 1]) / length == pytest.approx(0.00096, abs=1e-5)
+
+
+def test_the_lambda_linkage_stays_within_two_thousandths_of_its_line() -> None:
+    mechanism, q = moved("chebyshev_lambda", 181)
+    line = path(mechanism, q, "coupler.M")[45:136]
+    assert np.ptp(line[:, 1]) / np.ptp(line[:, 0]) < 0.004
+    for k in (45, 90, 135):  # the triangle of crank and coupler by hand
+        angle = 2 * np.pi * k / 180
+        pin = 0.1 * np.exp(1j * angle)
+        reach = 0.2 - pin
+        knee = pin + reach / 2 + 1j * reach / abs(reach) * np.sqrt(0.25**2 - abs(reach) ** 2 / 4)
+        drawn = complex(*path(mechanism, q, "coupler.M")[k])
+        assert abs(drawn - (2 * knee - pin)) < 1e-12
+
+
+def test_the_pantograph_keeps_its_ratio() -> None:
+    mechanism, q = moved("pantograph")
+    assert np.abs(path(mechanism, q, "short.Q") - 0.4 * path(mechanism, q, "forearm.P")).max() < 1e-14
+
+
+def test_the_scotch_yoke_moves_as_a_cosine() -> None:
+    mechanism, q = moved("scotch_yoke")
+    angle = q[:, 2]
+    assert np.abs(path(mechanism, q, "yoke.Y")[:, 0] - 0.1 * np.cos(angle)).max() < 1e-14
+
+
+def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn() -> None:
+    """It reverses where the pin is level with the lever's pivot: at crank angles of -30 and 210 degrees."""
+    mechanism, q = moved("whitworth", 361)
+    x, angle = path(mechanism, q, "ram.C")[:, 0], np.degrees(q[:, 2])
+    ends = sorted([angle[x.argmax()], angle[x.argmin()]])
+    assert ends == pytest.approx([210.0, 330.0], abs=0.01)
+
+
+def test_the_scissor_lift_rises_by_pythagoras() -> None:
+    mechanism, q = moved("scissor_lift")
+    foot, deck = path(mechanism, q, "foot.F"), path(mechanism, q, "platform.T")
+    assert np.abs(deck[:, 1] - 2 * np.sqrt(0.25 - foot[:, 0] ** 2)).max() < 1e-13
+    platform = next(i for i, link in enumerate(mechanism.links) if link.name == "platform")
+    assert np.abs(q[:, 3 * platform + 2]).max() < 1e-13
+
+
+def test_klanns_foot_walks() -> None:
+    """For half a turn the foot is near the ground, and then it is lifted by more than a third of its stride."""
+    mechanism, q = moved("klann", 121)
+    foot = path(mechanism, q, "leg.G")
+    height, stride = np.sort(foot[:, 1]), np.ptp(foot[:, 0])
+    assert mechanism.dof == 1
+    assert height[60] - height[0] < 0.08 * stride
+    assert height[-1] - height[0] > 0.33 * stride
