@@ -95,6 +95,9 @@ function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
         {slide.block} slides along a line of {slide.guide.split(".")[0]}, now at {degrees(angle).toFixed(1)}° to the horizontal.
       </p>
       {slide.guide.startsWith("ground.") && <NumberField label="Direction" unit="°" value={degrees(angle)} send={(v) => set(`joints.${slide.id}.angle_deg`, v)} />}
+      <div class="row">
+        <Lock of="slide" on={slide.locked} set={(on) => edit("lock", { slide: slide.id, on })} /> <small class="note">Locked, a drag keeps it where it is.</small>
+      </div>
       <NumberField label="Offset" unit="m" value={null} empty="0" send={(v) => set(`joints.${slide.id}.offset`, v)} />
     </>
   );

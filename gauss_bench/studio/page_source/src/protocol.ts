@@ -89,6 +89,7 @@ export interface Series {
   values: (number | null)[];
 }
 export interface Motion {
+  job?: number; // the singular positions follow in an event of this number
   times: number[];
   poses: Record<string, Pose[]>;
   points: Record<string, { p: XY[]; v: XY[] | null; a: XY[] | null }>;

@@ -270,13 +270,3 @@ export function start(onEvent: (event: Event) => void): void {
     })();
   });
 }
-
-export const nearestPin = (at: XY): string | null => {
-  let best: string | null = null;
-  let distance = Infinity;
-  for (const pin of scene.value?.pins ?? []) {
-    const d = Math.hypot(pin.at[0] - at[0], pin.at[1] - at[1]);
-    if (d < distance) [best, distance] = [pin.id, d];
-  }
-  return best;
-};
