@@ -142,7 +142,9 @@ class Page:
     def path(self, point: str) -> Any:
         """The path on show, in metres (k, 2), and the width of a pixel."""
         drawn = self.page.locator(f'[data-path="{point}"] path.path')
-        drawn.wait_for(state="attached", timeout=30_000)
+        drawn.wait_for(state="attached", timeout=60_000)
+        self.page.wait_for_timeout(500)  # the motion follows an edit a moment later, and its curves take room
+        self.settled()
         scale = float(self.canvas.get_attribute("data-scale"))
         x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
         pixels = np.array([[float(v) for v in pair.split()] for pair in re.findall(r"[ML]([-\d. ]+)", drawn.get_attribute("d"))])

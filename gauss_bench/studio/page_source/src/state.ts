@@ -45,7 +45,7 @@ const swept = (): XY[] => {
 /** The whole linkage in the window, and its motion too, once that is there. */
 export function show(): void {
   fit(scene.value, swept());
-  fitting = true;
+  fitting = motion.value === null && (scene.value?.links.length ?? 0) > 0;
 }
 
 const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
@@ -118,6 +118,7 @@ export function take(next: Scene): void {
 
 /** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */
 export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
+  fitting = false; // who draws keeps his window
   const reply = await attempt(verb, what);
   if (reply?.scene) take(reply.scene);
   return reply;

@@ -220,7 +220,8 @@ function inputText(input: NonNullable<Motion["input"]>, i: number): string {
 export function Timeline(): JSX.Element {
   const now = motion.value;
   const end = now?.times.at(-1) ?? 1;
-  const list = now ? charts(now) : [];
+  const own = scene.value?.scenarios.some((s) => s.kind === "driven"); // curves come when something is driven, not while one draws
+  const list = now && (own || moving.value) ? charts(now) : [];
   const input = now?.input;
   const i = now ? Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12)) : 0;
   return (
