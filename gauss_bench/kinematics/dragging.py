@@ -31,7 +31,7 @@ NEAR = 1e-13  # of the linkage's size: no step brings the point nearer to its ta
 RESTING = 1e-8  # of the linkage's size: a step after which the next, its square, would be lost in rounding
 REACHED = 1e-10  # of the linkage's size: the point is at its target
 FLAT = 1e-9  # part of the largest curvature that counts as none
-MARGIN = 1e-3  # of det P: what stays between a linkage and the singular position, a tenth of a degree of a stretched arm
+MARGIN = 1e-3  # of det P: what a linkage keeps from the singular position, about a degree of a stretched arm, 1e-4 of its length
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class Drag:
 
     def _kept(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
         """The step y (2,), or the best one that stays on its side of det P = 0 to first order."""
-        room = min(0.0, MARGIN - self.side * float(np.linalg.det(P)))
+        room = MARGIN - self.side * float(np.linalg.det(P))
         ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
         if ahead @ y >= room or not ahead.any():
             return y
