@@ -44,7 +44,7 @@ def slow(*names: str) -> list[Any]:
     return [pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
-LINKAGES = ["crank_slider", "parallelogram", "sleigh", *slow("four_bar", "six_bar", "shaper", "eight_bar", "five_bar", "excavator")]
+LINKAGES = ["crank_slider", "parallelogram", "sleigh", *slow("shaper", "eight_bar", "five_bar", "excavator")]
 DRIVEN = ["four_bar/cycloid", *slow("eight_bar/driven", "five_bar/driven")]
 H = 1e-4  # [s]
 
@@ -151,7 +151,7 @@ def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "steps_taken"),
-    [("crank_slider", 400), *(pytest.param(x, 1600, marks=pytest.mark.slow) for x in ("six_bar", "shaper"))],
+    [("crank_slider", 400), pytest.param("shaper", 1600, marks=pytest.mark.slow)],  # a slide, and a guide that moves
 )
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 def test_runge_kutta_has_order_four(name: str, steps_taken: int, stabilization: str) -> None:
@@ -184,10 +184,10 @@ CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
 
 
 @cache
-def closing(stabilization: str = "none", backend: str | None = None) -> tuple[Kernel, Array, Array]:
+def closing(stabilization: str = "none", backend: str | None = None, formulation: str = "gauss") -> tuple[Kernel, Array, Array]:
     """The kernel, and a state at which the dashpot holds the torque."""
     m = load(CLOSER, "closing")
-    code = compile_kernel(m, "gauss", stabilization, cache=False, backend=backend)
+    code = compile_kernel(m, formulation, stabilization, cache=False, backend=backend)
     return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
 
 
@@ -203,10 +203,12 @@ def closed() -> Array:
     return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
 
 
-@pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(stabilization: str) -> None:
+@pytest.mark.parametrize(("formulation", "stabilization"), [("gauss", "none"), ("lagrange", "none"), ("gauss", "projection")])
+def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(
+    formulation: str, stabilization: str
+) -> None:
     """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
-    code, q, v = closing(stabilization)
+    code, q, v = closing(stabilization, formulation=formulation)
     found = np.concatenate(code.rollout(q, v, 0.04, 8, integrator="gauss_legendre"))
     assert np.abs(found - closed()).max() < 1e-9
     assert code.switches == code.fallbacks == code.lost == 0
@@ -505,21 +507,24 @@ def test_native_code_hands_over_from_row_to_row(monkeypatch: pytest.MonkeyPatch)
     assert residuals(m, found[None, : m.n], found[None, m.n :])[0].max() < 1e-8
 
 
-def test_a_state_is_taken_back_to_the_nearest_one() -> None:
+@pytest.mark.parametrize("formulation", ["gauss", "lagrange"])
+def test_a_state_is_taken_back_to_the_nearest_one(formulation: str) -> None:
     """Off by 1e-6 in all coordinates: native code and numpy agree in second order; no number has no way back."""
-    m, programs = mechanism("parallelogram"), kernel("parallelogram")._programs
+    m, programs = mechanism("parallelogram"), kernel("parallelogram", formulation=formulation)._programs
     q, v = (x[5] for x in motion("parallelogram"))
     off = 1e-6 * np.random.default_rng(5).normal(size=2 * m.n)
     state = np.concatenate([q, v]) + off
-    settled = programs.settled(0, 0.0, state, programs.values)
+    first = programs.margin(0, 0.0, state, programs.values) >= 1 or not programs.further()
+    k = 0 if first else 1  # drops another row
+    settled = programs.settled(k, 0.0, state, programs.values)
     assert settled is not None
     nearest = np.concatenate(RankDecision(m).project(0.0, state[: m.n], state[m.n :]))
     assert np.abs(settled - nearest).max() < 1e-9
     phi, phi_dot = residuals(m, settled[None, : m.n], settled[None, m.n :])
     assert phi.max() < 1e-13
     assert phi_dot.max() < 1e-12 * (1 + np.abs(v).max())
-    assert programs.settled(0, 0.0, np.full(2 * m.n, np.nan), programs.values) is None
-    assert programs.settled(0, 0.0, state + 1.0, programs.values) is None  # too far for Newton's method
+    assert programs.settled(k, 0.0, np.full(2 * m.n, np.nan), programs.values) is None
+    assert programs.settled(k, 0.0, state + 1.0, programs.values) is None  # too far for Newton's method
 
 
 def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:

@@ -1,5 +1,6 @@
 """How far things are, told to people on stderr: at once, or only once it takes long."""
 
+import contextlib
 import sys
 import threading
 from collections.abc import Callable
@@ -24,8 +25,9 @@ def tell_if_long(sentence: str) -> None:
     """Tell people, unless `no_longer` is called within LONG seconds: what ends soon needs no words."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
-    _later.append(timer)
-    timer.start()
+    with contextlib.suppress(RuntimeError):  # a machine that has no thread left can still do what was asked for
+        timer.start()
+        _later.append(timer)
 
 
 def no_longer() -> None:

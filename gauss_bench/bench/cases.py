@@ -42,18 +42,22 @@ class Case:
         return Choice(self.settings, self.integrator, self.stabilization, self.step)
 
 
-def variants(engine: Offer, integrators: int | None = None, plain: bool = False) -> list[Variant]:
+def variants(engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False) -> list[Variant]:
     """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
 
-    Every setting with every integrator (or the first few) without stabilisation, and every stabilisation at the defaults; or, of
-    an engine that is shown plainly, its defaults alone.
+    Every setting with every integrator (or the first few, or those that are named) without stabilisation, and every stabilisation
+    at the defaults; or, of an engine that is shown plainly, its defaults alone.
     """
     if not engine.usable:
         return [("default", "", "none")]  # one row, which says why
-    first = (next(iter(engine.settings)), engine.integrators[0])
+    if integrators is None or isinstance(integrators, int):
+        chosen = engine.integrators[:integrators]
+    else:
+        chosen = tuple(x for x in engine.integrators if x in integrators)
+    first = (next(iter(engine.settings)), (chosen or engine.integrators)[0])
     if plain:
         return [(*first, "none")]
-    every = [(s, i, "none") for s in engine.settings for i in engine.integrators[:integrators]]
+    every = [(s, i, "none") for s in engine.settings for i in chosen]
     return every + [(*first, s) for s in engine.stabilizations if s != "none"]
 
 
@@ -75,7 +79,7 @@ def crossed(
     engines: Sequence[str],
     steps: Sequence[float],
     t_end: float,
-    integrators: int | None = None,
+    integrators: int | Sequence[str] | None = None,
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:

@@ -112,7 +112,7 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     first = program(o.formulation, independent=o.independent)
     yield first
     ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
-    ways += [("gauss", p) for p in partitions(mechanism) if p != first.independent]
+    ways += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     ways += [("lagrange", None)] if first.formulation != "lagrange" else []
     for k, ((formulation, independent), drop) in enumerate(product(ways, range(drops(mechanism)))):
         try:
@@ -190,8 +190,13 @@ class Kernel:
         self._programs.prepare(integrator, many)
 
     @property
+    def directions(self) -> int:
+        """Free motions along which the Jacobian of an implicit step is taken."""
+        return len(self._programs.partitions[0])
+
+    @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
-        """Independent coordinates of every program generated so far; () for Lagrange's."""
+        """Independent coordinates of every program generated so far."""
         return self._programs.partitions
 
     def rollout(

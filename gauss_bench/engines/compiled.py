@@ -19,7 +19,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
-ADAPTIVE = "dop853"
+ADAPTIVE, IMPLICIT = "dop853", "gauss_legendre"
 TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
 KNOWN = Known(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
@@ -28,7 +28,7 @@ KNOWN = Known(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
 class Compiled:
     """One formulation, compiled, as an engine."""
 
-    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
+    integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed", IMPLICIT)
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
     options = KNOWN.options
@@ -66,7 +66,7 @@ class CompiledModel:
 
         self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolved(choice.settings)
         damping = (float(self.options["baumgarte_alpha_beta_per_s"]),) * 2
-        form = "straight line" if choice.integrator == ADAPTIVE else None  # loops have no steps of their own choice
+        form = "straight line" if choice.integrator in (ADAPTIVE, IMPLICIT) else None  # loops have neither
         try:
             self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping, form=form)
         except KernelError as error:
@@ -111,7 +111,10 @@ class CompiledModel:
                         (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
             row, self.steps = row + intervals, self.steps + count * intervals
-        self.evaluations = EVALUATIONS[self.choice.integrator] * self.steps
+        jacobian = (
+            self.kernel.directions if self.choice.integrator == IMPLICIT else 0
+        )  # by differences, in positions and velocities
+        self.evaluations = (EVALUATIONS[self.choice.integrator] + 2 * jacobian) * self.steps
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""

@@ -114,7 +114,13 @@ STEPS: dict[str, Step] = {
     "dop853_fixed": dop853_fixed,
     "gauss_legendre": gauss_legendre,
 }
-EVALUATIONS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 12}  # of accelerations in a step
+NATIVE_PASSES = 8  # of an implicit step in native code, which takes them all
+EVALUATIONS = {  # of accelerations in a step; of an implicit one without those of its Jacobian
+    "rk4": 4,
+    "semi_implicit_euler": 1,
+    "dop853_fixed": 12,
+    "gauss_legendre": 1 + 3 * NATIVE_PASSES,
+}
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:

@@ -36,14 +36,14 @@ class Accuracy(OnLinkages):
 
     Attributes:
         engines: names; empty for all there are.
-        integrators: of each engine, the first so many; None for all.
+        integrators: of each engine, the first so many, or those that are named; None for all.
         plain: engines shown at their first variant alone: they differ from a fully shown one in algebra, not in integration.
         steps: [s], from large to small.
         until: [s] end of the runs.
     """
 
     engines: tuple[str, ...] = ()
-    integrators: Count | None = None
+    integrators: Count | tuple[str, ...] | None = None
     plain: tuple[str, ...] = PLAIN
     steps: tuple[Positive, ...] = Field(min_length=1)
     until: Positive

@@ -1,4 +1,7 @@
-"""`python -m tests.fuzz`: hostile files and lists of arguments at length; exits 1 where one of them ended as none may."""
+"""`python -m tests.fuzz`: hostile files, lists of arguments, and motions by lot, at length.
+
+Exits 1 where one of them ended as none may: with a fault, too late, or wrong and yet called ok.
+"""
 
 import argparse
 import random
@@ -12,6 +15,7 @@ from pathlib import Path
 from gauss_bench.mechanism.load import built_in
 from tests.fuzz import files, lists
 from tests.fuzz.driven import LATE, Ending, endings, run_one
+from tests.fuzz.motions import over_motions
 
 BATCH = 500  # files that lie in the folder at a time
 
@@ -20,12 +24,14 @@ def main() -> int:
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     options.add_argument("--files", type=int, default=2000, metavar="N", help="damaged linkage files (default 2000)")
     options.add_argument("--lists", type=int, default=500, metavar="N", help="lists of arguments (default 500)")
+    options.add_argument("--motions", type=int, default=200, metavar="N", help="runs held against other mechanics (default 200)")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file and list")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
     options.add_argument("--keep", type=Path, metavar="DIR", help="where files that broke something are kept")
     asked = options.parse_args()
-    began, found, bad = time.monotonic(), Counter[str](), []
+    began, found = time.monotonic(), Counter[str]()
+    bad: list[Ending | str] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         warm(folder)
@@ -42,6 +48,11 @@ def main() -> int:
                     print(f"    {ending.said!r:.700}", flush=True)
                     if kind == "file" and asked.keep:
                         keep(asked.keep, asked.seed, number)
+    for number, word, sentence in over_motions(asked.seed, asked.motions):
+        found[f"motion: {word}"] += 1
+        if sentence:
+            bad.append(sentence)
+            print(f"motion {number} {sentence}", flush=True)
     for word, count in sorted(found.items()):
         print(f"{count:7d}  {word}")
     print(f"{sum(found.values())} in {time.monotonic() - began:.0f} s; {len(bad)} ended as none may", file=sys.stderr)

@@ -213,6 +213,8 @@ def _child(lists: Any, at: int, folder: Path, write: int, late: float, before: C
                     }
                 pipe.write(json.dumps(found) + "\n")
                 pipe.flush()
+                if found["at_work"]:
+                    break  # what was broken off leaves threads and workers behind; the next list finds none of them
         os._exit(0)
     except BaseException:
         traceback.print_exc(file=sys.__stderr__)

@@ -17,7 +17,8 @@ the dependent coordinates alone, Jd x = -r, less its part along the free motions
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange it is the KKT system with (0, -r) on the right, the shortest in the mass metric, for which the factors are there.
+Under Lagrange it is the KKT system with (0, -r) on the right, the shortest in the mass metric, for which the factors are there. Its
+free motions are what unit forces along the independent coordinates cause: (e_k, 0) on the right.
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
 """
 
@@ -70,8 +71,8 @@ class Algebra(Protocol):
         ...
 
     @property
-    def directions(self) -> list[Right]:
-        """Free motions by coordinate: of each independent coordinate the one in which the others rest; none if they are unknown."""
+    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
+        """Free motions by coordinate: of each independent coordinate the one in which the others rest; and guards of their own."""
         ...
 
     @property
@@ -148,8 +149,8 @@ class Gauss:
         return self.factors.solve_transposed(forces)
 
     @property
-    def directions(self) -> list[Right]:
-        return self.N
+    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
+        return self.N, []
 
     @property
     def guards(self) -> list[tuple[Node, float]]:
@@ -209,8 +210,8 @@ def _work_along(terms: Terms, N: Right, a0: Right, j: int) -> list[Node]:
 class Lagrange:
     """n + m unknowns; unknown n + r is the multiplier of row r."""
 
-    def __init__(self, terms: Terms, search: Search):
-        self.terms, self.n = terms, len(terms.mass)
+    def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
+        self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         A: Matrix = {(i, i): x for i, x in enumerate(terms.mass)}
         for (r, c), e in terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
@@ -231,8 +232,21 @@ class Lagrange:
         return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
 
     @property
-    def directions(self) -> list[Right]:
-        return []
+    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
+        graph, unknowns = self.terms.graph, range(len(self.independent))
+        caused = [self.factors.solve({k: graph.constant(1.0)}) for k in self.independent]
+        motions = [{j: x for j, x in motion.items() if j < self.n} for motion in caused]
+        mobility = {
+            (row, k): motion[j] for k, motion in enumerate(motions) for row, j in enumerate(self.independent) if j in motion
+        }
+        factors = lu(graph, mobility, unknowns, unknowns, Search(self.search.seed))
+        if len(motions) == 1:
+            return motions, _guards(factors)
+        forces = [factors.solve({k: graph.constant(1.0)}) for k in unknowns]
+        sums = [
+            [(j, graph.total([motions[k][j] * x for k, x in f.items() if j in motions[k]])) for j in range(self.n)] for f in forces
+        ]
+        return [{j: x for j, x in motion if not x.zero} for motion in sums], _guards(factors)
 
     @property
     def guards(self) -> list[tuple[Node, float]]:
@@ -270,7 +284,7 @@ def refuse(mechanism: Mechanism, formulation: str) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A formulation, for gauss its independent coordinates, and which choice of redundant rows is dropped."""
+    """A formulation, its independent coordinates, and which choice of redundant rows is dropped."""
 
     formulation: str
     independent: tuple[int, ...]
@@ -300,7 +314,7 @@ class Workspace:
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":
             return Gauss(self.terms, self.plan.independent, search)
-        return Lagrange(self.terms, search)
+        return Lagrange(self.terms, self.plan.independent, search)
 
     def residuals(self) -> dict[int, Node]:
         """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""

@@ -10,10 +10,11 @@ Markowitz's rule leaves many ties, and which way they fall decides how much canc
 operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
 trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
 its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is remembered on disk: a later
-process eliminates once.
+process eliminates once. Who would rather wait for steps than for code sets GAUSS_BENCH_ATTEMPTS to a small number.
 """
 
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
@@ -35,7 +36,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
-ATTEMPTS = 144
+SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
+THOROUGH = 144
+ATTEMPTS = int(os.environ.get(SHORTER) or THOROUGH)
 REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
@@ -150,7 +153,7 @@ def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
     """Partitions under gauss, and lagrange, as far as the formulation is open."""
-    plans = [Plan("lagrange", (), drop)] if formulation != "gauss" else []
+    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x, drop) for x in choices]
@@ -170,7 +173,7 @@ class Program:
         name: of the mechanism.
         formulation: "gauss" or "lagrange".
         n, m: coordinates, and constraint rows that are kept.
-        independent: coordinates of the partition; () for lagrange.
+        independent: coordinates of the partition; under lagrange those of the directions alone.
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p.
         values: (n_p,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
@@ -179,7 +182,8 @@ class Program:
         position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
             the shortest one under gauss, and the shortest in the mass metric under lagrange.
         velocity_correction: (t, q, v, p) -> dv (n,).
-        directions: (t, q, v, p) -> (n,) of each independent coordinate: the free motion along it; none under lagrange.
+        directions: (t, q, v, p) -> (n,) of each independent coordinate, the free motion along it; a guard of them alone.
+        direction_thresholds: likewise.
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
@@ -199,6 +203,7 @@ class Program:
     position_correction: Function
     velocity_correction: Function
     directions: Function
+    direction_thresholds: Array
     multipliers: Function
     energy: Function
     residual: Function
@@ -281,6 +286,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     dv = vector(graph, algebra.correction(work.rates()), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = {work.kept[k]: x for k, x in algebra.multipliers(work.terms.gamma).items()}
+    directions, apart = algebra.directions
     phi, phi_dot, energy = work.exact()
     shared = uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized])
     size = len(links.parameters.names)
@@ -300,7 +306,8 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq], shared),
         velocity_correction=function(at, [dv], shared),
-        directions=function(at, [vector(graph, N, n) for N in algebra.directions], shared),
+        directions=function(at, [*(vector(graph, N, n) for N in directions), [x for x, _ in apart]], shared),
+        direction_thresholds=work.caution * np.array([x for _, x in apart]),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),

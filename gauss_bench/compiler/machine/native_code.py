@@ -145,10 +145,10 @@ def out_of_lanes(x: Array, count: int) -> Array:
 
 def shared(part: Callable[[int, int], None], groups: int, threads: int) -> None:
     """Call part(low, high) for all groups, cut into as many runs as there are threads."""
-    runs = list(pairwise(np.linspace(0, groups, max(1, min(threads, groups)) + 1).astype(int).tolist()))
-    if len(runs) == 1:
-        part(*runs[0])
+    if min(threads, groups) < 2:  # to divide nothing by numpy takes as long as following a hundred samples
+        part(0, groups)
         return
+    runs = list(pairwise(np.linspace(0, groups, min(threads, groups) + 1).astype(int).tolist()))
     with ThreadPoolExecutor(len(runs)) as pool:
         list(pool.map(lambda run: part(*run), runs))
 

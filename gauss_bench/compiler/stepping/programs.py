@@ -252,7 +252,7 @@ class StraightLinePrograms:
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
-        """Independent coordinates of every program generated so far; () for Lagrange's."""
+        """Independent coordinates of every program generated so far."""
         return tuple(code.program.independent for code in self.codes)
 
     def c_source(self, integrator: str) -> str:

@@ -42,12 +42,13 @@ import numpy as np
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
-from gauss_bench.integrate.fixed_step import DIFFERENCE, dop853_estimates, dop853_tableau, gauss_tableau
+from gauss_bench.integrate.fixed_step import DIFFERENCE, NATIVE_PASSES, dop853_estimates, dop853_tableau, gauss_tableau
 from gauss_bench.terms import Array
 
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 TINY = 1e-300
-PASSES, CONVERGED = 8, 2.0**-28  # of an implicit step, and the largest last change of velocities: a pass leaves less than a tenth
+CONVERGED = 2.0**-28  # the largest change of velocities by the last pass of an implicit step: a pass leaves less than a tenth
+NONE: list[list[int]] = []
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
 
 
@@ -229,14 +230,27 @@ class Builder:
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
-        self._watch(guard)
+        self._watch(guard, self.code.program.thresholds)
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
         """The free motion along each independent coordinate, which moves by 1."""
         g, free = self.g, self.code.program.independent
-        motions = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
-        return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=False)]
+        *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
+        self._watch(guard, self.code.program.direction_thresholds)
+        return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
+
+    def shortest(self, d: list[int], motions: list[list[int]]) -> list[int]:
+        """What takes the same residual away as d, without a part along free motions."""
+        g = self.g
+
+        def product(x: list[int], y: list[int]) -> int:
+            return g.total([g.mul(a, b) for a, b in zip(x, y, strict=True)])
+
+        parts = self.eliminated([[product(N, other) for other in motions] for N in motions])([product(N, d) for N in motions])
+        for N, part in zip(motions, parts, strict=True):
+            d = self.along(d, g.sub(g.const(0.0), part), N)
+        return d
 
     def held(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Accelerations that the rows allow, whose independent ones are z; a are any such."""
@@ -296,9 +310,9 @@ class Builder:
 
         return solved
 
-    def _watch(self, guard: list[int]) -> None:
+    def _watch(self, guard: list[int], thresholds: Array) -> None:
         g = self.g
-        for pivot, threshold in zip(guard, self.code.program.thresholds, strict=True):
+        for pivot, threshold in zip(guard, thresholds, strict=True):
             if g.number(pivot) is None:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
@@ -311,21 +325,27 @@ class Builder:
             least = g.make("select", g.make("lt", ratio, least), ratio, least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def corrected_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Velocities on the constraints at the positions q, or at the beginning of the step."""
+    def corrected_velocity(self, q: list[int] | None = None, motions: list[list[int]] = NONE) -> list[int]:
+        """Velocities on the constraints at the positions q, or at the beginning of the step; no change goes along `motions`."""
         if not self.code.projected:
             return self.v
         (dv,) = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        dv = self.shortest(dv, motions)
         return [self.g.add(x, d) for x, d in zip(self.v, dv, strict=True)]
 
-    def corrected_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Positions on the constraints, with their sines; `at` is where the Jacobian is taken."""
+    def corrected_position(
+        self, t: int, q: list[int], pairs: list[Pair], at: list[int], motions: list[list[int]] = NONE
+    ) -> tuple[list[int], list[Pair]]:
+        """Positions on the constraints, with their sines; the Jacobian is that `at`, and no change goes along `motions`."""
         if not self.code.projected:
             return q, pairs
         if at is q:
-            self._watch(inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1])
+            self._watch(
+                inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1], self.code.program.thresholds
+            )
         for k in range(self.reach.corrections):
             (dq,) = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
+            dq = self.shortest(dq, motions)
             q = [self.g.add(x, d) for x, d in zip(q, dq, strict=True)]
             last = k == self.reach.corrections - 1
             reach = min(self.reach.correction, LAST_CORRECTION if last else inf)
@@ -464,14 +484,14 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     v = b.corrected_velocity()
     start = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)
-    newton = b.newton(q, v, start, A) if b.directions(b.t, q, v) else None
+    newton = b.newton(q, v, start, A) if free else None
 
     def along(weights_v: Coefficients, twice: Coefficients, c: float) -> tuple[list[int], list[int]]:
         moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(stages, twice))
         return [g.add(x, y) for x, y in zip(q, moved, strict=True)], b.along(v, h, b.weighted(stages, weights_v))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s
-    for _ in range(PASSES):
+    for _ in range(NATIVE_PASSES):
         at = [along(A[i].tolist(), (A @ A)[i].tolist(), c[i]) for i in range(s)]
         found = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
         off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(found, z, strict=True)]
