@@ -3,7 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 JOBS ?= 2
 OUT ?= reports/local
-BESIDE := -n $(JOBS) --dist worksteal
+# a file's tests in one process, which builds what they share once
+BESIDE := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 

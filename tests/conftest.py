@@ -4,7 +4,6 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,20 +17,28 @@ from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
 SLOW = Path(__file__).parent / "slow.txt"  # tests that take seconds of processor time; those that need tools are marked in place
-FULL, FEW = program.ATTEMPTS, 12  # of the search for a program
+FEW = 8  # attempts of the search for a program
+DEAREST = ("test_mutations", "test_isolation", "test_wheel", "test_contributing", "test_selftest", "test_recommend", "test_site")
 CACHE = pytest.StashKey[str]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Object code of this run is kept in one folder for all its processes, and the user's own cache is left alone."""
+    """Object code of this run is kept in one folder for all its processes, and the user's own cache is left alone.
+
+    Programs, in this process and in all that it starts, are the best of few attempts: what holds for one holds for any, but for
+    its costs.
+    """
+    os.environ[program.SHORTER] = str(FEW)
+    program.ATTEMPTS = FEW
     if not hasattr(config, "workerinput"):
         config.stash[CACHE] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="gauss-bench-tests-")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests in the list are slow ones."""
+    """Tests in the list are slow ones; the dearest files come first, so that no process waits for the other's last one."""
     slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    items.sort(key=lambda item: DEAREST.index(item.path.stem) if item.path.stem in DEAREST else len(DEAREST))
     for item in items:
         if item.nodeid.removeprefix("tests/") in slow:
             item.add_marker(pytest.mark.slow)
@@ -42,24 +49,11 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         shutil.rmtree(config.stash[CACHE], ignore_errors=True)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def short_search() -> Iterator[None]:
-    """Programs in this process are the best of few attempts: what holds for one holds for any, but for its costs."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(program, "ATTEMPTS", FEW)
-        yield
-
-
-def briefly(function: Callable[..., Any], *arguments: Any) -> Any:
-    """function(*arguments) with a short search, in a worker: to be called there in its place."""
-    program.ATTEMPTS = FEW
-    return function(*arguments)
-
-
 @pytest.fixture
-def full_search(short_search: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def full_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search that users get, for tests of what it finds."""
-    monkeypatch.setattr(program, "ATTEMPTS", FULL)
+    monkeypatch.setattr(program, "ATTEMPTS", program.THOROUGH)
+    monkeypatch.delenv(program.SHORTER)
     program.known_program.cache_clear()
 
 

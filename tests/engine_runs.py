@@ -22,7 +22,8 @@ LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", 
 DRIVEN = [(name, law) for name in ("four_bar", "six_bar", "eight_bar", "shaper") for law in ("driven", "cycloid")]
 DRIVEN += [("crank_slider", "driven")]
 QUICK = (("crank_slider", "driven"), ("four_bar", "cycloid"), ("shaper", "cycloid"))  # a slide, a law that ends, a guide that moves
-TURNS = [pytest.param(*x, marks=() if x in QUICK else pytest.mark.slow) for x in DRIVEN]  # for what runs a whole turn
+# For what runs a whole turn: where a law speeds up and slows down, a wrong torque shows that a steady one would show too.
+TURNS = [pytest.param(*x, marks=() if x in QUICK else pytest.mark.slow) for x in DRIVEN if x[1] == "cycloid" or x in QUICK]
 
 
 def document(name: str) -> dict[str, Any]:

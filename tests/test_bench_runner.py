@@ -24,7 +24,7 @@ from gauss_bench.suites.schema import Cost, Suite
 from gauss_bench.tables import KEY, TIMES, read_table
 
 ENGINES = ["gauss", "lagrange", "yuan_ge_eq16"]
-UNTIL = 0.2  # [s]
+UNTIL = 0.05  # [s]
 COMMAND = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", str(UNTIL)]
 COMMAND += [x for name in ENGINES for x in ("--engine", name)]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.program import Program, costs, drops, generate, partitions
@@ -63,7 +64,14 @@ def pendulum(count: int) -> dict[str, Any]:
     }
 
 
-CASES = [(name, scenario) for name in built_in() for scenario in load(name).scenarios]
+# Of each linkage its free motion under most forces and one law that drives it: `cycloid` and `conservative` are the same equations
+# with another law, which `test_motion_laws_drive_as_they_do_in_the_linkage` sees, and with fewer forces.
+CASES = [
+    (name, scenario)
+    for name in built_in()
+    for scenario in load(name).scenarios
+    if scenario not in ("cycloid", "conservative", "settles")
+]
 CASES += [(name, None) for name in (*FILES, "everything", "redundant", "pendulum_4", "n_four_bar_3")]
 # every kind of joint, driver and force, redundant rows, a knife edge, several freedoms; the others are slow together
 QUICK = {("crank_slider", "paper"), ("sleigh", "glide"), ("everything", None), ("redundant", None), ("loaded", None)}
@@ -94,7 +102,7 @@ def trusted(p: Program, *state: Any) -> bool:
 def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: str | None, formulation: str) -> None:
     mechanism = linkage(name, scenario)
     evaluator, truth = Evaluator(mechanism), AbsoluteCoordinates(mechanism)
-    tried = states(mechanism, range(10, 13))
+    tried = states(mechanism, range(10, 11))
     t, q, v = (np.array(x) for x in zip(*tried, strict=True))
     true, served = truth.acceleration(t, q, v), np.zeros(len(tried), dtype=bool)
     for drop in range(drops(mechanism)):
@@ -134,7 +142,7 @@ def test_corrections_bring_a_state_back(name: str, scenario: str | None, formula
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
     evaluator = Evaluator(mechanism)
     h = 1e-4 * scales(mechanism)
-    for t, q, v in states(mechanism, range(10, 11))[::4]:
+    for t, q, v in states(mechanism, range(10, 11))[::8]:
         if not trusted(p, t, q, v):
             continue
         off = q + h * rng.normal(size=len(q))
@@ -246,10 +254,11 @@ def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str
 
 
 @pytest.mark.slow
-def test_auto_takes_the_cheaper_formulation() -> None:
+def test_auto_takes_the_cheaper_formulation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elimination, "ATTEMPTS", 12)  # fewer do not find what makes eight pendulums cheap
     taken = {}
     for name in ("four_bar", "pendulum_8"):
-        both = {f: costs(program(name, None, f)).single for f in FORMULATIONS}
+        both = {f: costs(generate(linkage(name, None), f)).single for f in FORMULATIONS}
         taken[name] = generate(linkage(name, None), "auto").formulation
         assert taken[name] == min(both, key=lambda f: both[f])
     assert taken == {"four_bar": "gauss", "pendulum_8": "lagrange"}  # few unknowns where few are free

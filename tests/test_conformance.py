@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import gauss_bench.bench.conformance as rules
 from gauss_bench.bench.conformance import Check, conformance, effect, lateness
 from gauss_bench.cli import main
 from gauss_bench.engines import all_names
@@ -36,17 +37,19 @@ def test_a_formula_that_is_wrong_as_published_is_told() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fault", "rule"),
+    ("fault", "check", "rule"),
     [
-        ("Remembers", "a model can run again"),
-        ("Degrees", "the first sample is the start"),
-        ("Late", "velocities and accelerations are derivatives"),
-        ("Short", "samples are at the times asked for"),
-        ("Weightless", "a torque acts as defined"),
-        ("Unsure", "an acceleration is a finite number"),
+        ("Remembers", "_same_again", "a model can run again"),
+        ("Degrees", "_start", "the first sample is the start"),
+        ("Late", "_derivatives", "velocities and accelerations are derivatives"),
+        ("Short", "_times", "samples are at the times asked for"),
+        ("Weightless", "_forces", "a torque acts as defined"),
+        ("Unsure", "_undisturbed", "an acceleration is a finite number"),
     ],
 )
-def test_a_broken_rule_is_named(fault: str, rule: str) -> None:
+def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the check of that rule; that a sound engine passes all of them is told above."""
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == check])
     assert any(name.startswith(rule) for name in broken(f"tests.faulty_engines:{fault}"))
 
 

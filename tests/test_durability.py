@@ -128,7 +128,7 @@ def test_folders_above_a_folder_of_results_are_not_invented(
 
 KILLS = 6
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
-RUN += ["--engine", "gauss", "--engine", "lagrange", "--engine", "schur"]
+RUN += ["--engine", "lagrange", "--engine", "schur", "--engine", "udwadia_kalaba"]
 
 
 def accuracy(folder: Path) -> dict[str, bytes]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from gauss_bench.bench import apart
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.worker import Worker
@@ -17,7 +16,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.load import load
 from gauss_bench.suites.read import read_suite
-from tests.conftest import briefly, everything
+from tests.conftest import everything
 
 DATA = Path(__file__).parent / "data"
 SCENARIOS = read_suite("gate").accuracy[0].linkages
@@ -45,17 +44,17 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    found: dict[str, Any] = worker.call(briefly, (measure, case, store), 120.0)["row"]
+    found: dict[str, Any] = worker.call(measure, (case, store), 120.0)["row"]
     return found
 
 
 SETTINGS = [(engine, settings) for engine in names() for settings in get(engine).settings]
 
 
-HARDEST = ("crank_slider", "eight_bar")  # a slide, and the worst condition
+HARDEST = ("crank_slider", "eight_bar")  # a slide, and the worst condition; the gate has them all, in every engine
 
 
-@pytest.mark.parametrize("linkage", [x if x in HARDEST else pytest.param(x, marks=pytest.mark.slow) for x in SCENARIOS])
+@pytest.mark.parametrize("linkage", HARDEST)
 @pytest.mark.parametrize(("engine", "settings"), SETTINGS)
 def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: str, worker: Worker, store: str) -> None:
     adapter = get(engine)
@@ -100,7 +99,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
     (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))  # of the engine's process
-    monkeypatch.setattr(apart, "_kept", {})
+    monkeypatch.setattr("gauss_bench.bench.worker._kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
     found = measure(case, store)["row"]
@@ -119,7 +118,7 @@ def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, 
     case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
     sound, faulty = (
         row(worker, store, case),
-        worker.call(briefly, (measure, case, store, partial(scaled_inertia, 1.01)), 60.0)["row"],
+        worker.call(measure, (case, store, partial(scaled_inertia, 1.01)), 60.0)["row"],
     )
     assert faulty["acceleration_error_median"] > 1e-4
     assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]

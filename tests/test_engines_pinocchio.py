@@ -237,7 +237,7 @@ def test_a_second_run_repeats_the_first() -> None:
 @pytest.mark.parametrize("name", ["redundant", "parallelogram"])
 @pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_run_when_projection_keeps_them_together(name: str, settings: str) -> None:
-    mechanism, times = made(name), np.linspace(0.0, 1.0, 5)
+    mechanism, times = made(name), np.linspace(0.0, 0.4, 5)
     found = ran(mechanism, times, settings=settings, stabilization="projection")
     expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
     assert np.abs(found.q - expected.q).max() < 1e-6  # RK4 at 1 ms and 15 rad/s, stepping tree and absolute coordinates

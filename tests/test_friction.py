@@ -256,10 +256,10 @@ def test_references_and_reactions_refuse_redundant_rows_too() -> None:
 @pytest.mark.slow
 def test_a_pendulum_loses_what_its_pin_dissipates() -> None:
     mechanism = pendulum(mu=0.3, radius=0.05, speed=0.5)
-    evaluator, found = Evaluator(mechanism), run(mechanism, t=1.0)
+    evaluator, found = Evaluator(mechanism), run(mechanism, t=0.4)
     energy, bar = metrics.energy_error(evaluator, found)
     lost = evaluator.energy(found.q, found.v)
-    assert lost[0] - lost[-1] > 0.5  # J, of the 1.9 J it has above its lowest position
+    assert lost[0] - lost[-1] > 0.2  # J, of the 1.9 J it has above its lowest position
     assert bar < 1e-9
     assert np.abs(energy).max() < 1e-9  # RK4 at a millisecond
 
@@ -312,7 +312,7 @@ def test_a_driven_crank_moves_as_geometry_says_whatever_the_friction(name: str) 
 @pytest.mark.slow
 def test_rk4_converges_to_the_reference_at_its_order() -> None:
     mechanism = crank_slider()
-    reference = build_reference(mechanism, 0.2)
+    reference = build_reference(mechanism, 0.1)
     assert reference.error_q.max() < 1e-11
     steps = np.array([2e-3, 1e-3, 5e-4])
     errors = []

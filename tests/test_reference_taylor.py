@@ -206,17 +206,16 @@ def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str
         assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
 
 
-TAKE_LONG = ("four_bar", "six_bar", "eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each
+TAKE_LONG = ("eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each: loops in loops, forces, redundant rows, stiffness
 MOVING = [
     ("shaper", "torque"),
     ("five_bar", "spring"),
     *(
         pytest.param(linkage, scenario, marks=pytest.mark.slow)
-        for linkage, scenario in zip(TAKE_LONG, ("torque", "torque", "conservative", "walk", "torque", "squeeze"), strict=True)
+        for linkage, scenario in zip(TAKE_LONG, ("conservative", "walk", "torque", "squeeze"), strict=True)
     ),
 ]
 DRIVEN = [
-    ("six_bar", "driven"),
     ("eight_bar", "cycloid"),
     ("parallelogram", "driven"),
     ("five_bar", "driven"),
@@ -228,7 +227,7 @@ DRIVEN = [
 @pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN])
 def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
-    end = Decimal("0.01") if linkage == "squeezer" else Decimal("0.2")
+    end = Decimal("0.01") if linkage == "squeezer" else Decimal("0.1")
     reference = build_reference(mechanism, float(end))
     found = motion(linkage, scenario, decimals(str(end), len(reference.t) - 1))
     assert np.allclose(reference.t, [float(t) for t in found.times], atol=1e-15)
@@ -238,7 +237,11 @@ def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str,
     assert max(found.drift) < LAST_DIGITS
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN, (str(DATA / "everything.toml"), "free")])
+# a guide that moves, two freedoms, redundant rows, drivers of links and slides, and every kind of force and joint
+BALANCED = [*MOVING[:2], ("parallelogram", "torque"), *DRIVEN[-3:], (str(DATA / "everything.toml"), "free")]
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), BALANCED)
 def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
     found = motion(linkage, scenario, ["0", "0.003"], double=True)
@@ -322,10 +325,10 @@ def test_dry_friction_is_refused() -> None:
 def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
     taylor = needs("gauss_bench.reference.taylor.series")
     times = decimals("0.5", 5)
-    long, double = (motion("six_bar", "torque", times, kind) for kind in (False, True))
+    long, double = (motion("four_bar", "torque", times, kind) for kind in (False, True))
     assert off(long.q.astype(float), double.q) < 1e-12
-    document = copy.deepcopy(document_of("six_bar", "torque"))
-    document["forces"]["motor"]["value"] = 1.0 + 1e-6
+    document = copy.deepcopy(document_of("four_bar", "torque"))
+    document["forces"]["motor"]["value"] = float(document["forces"]["motor"]["value"]) * (1.0 + 1e-6)
     moved = taylor.taylor_motion(document, "torque", times, double=True)
     assert 1e-8 < off(moved.q, double.q) < 1e-4
 

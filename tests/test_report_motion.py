@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -240,7 +241,7 @@ def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Poi
     return mechanism, t, q, v, a, [mechanism.point(0, "2"), *mechanism.observed_points][:points]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("count", [1, 4])
 def test_curves_have_a_row_for_each_point_and_come_out_the_same(count: int) -> None:
     given = driven(count)
     svg = curves(*given)
@@ -250,6 +251,11 @@ def test_curves_have_a_row_for_each_point_and_come_out_the_same(count: int) -> N
     assert svg == curves(*given)
     assert not re.search(r"<script|<image|href=\"(?!#)", svg)
     assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
+
+
+@cache
+def of_four_points() -> str:
+    return curves(*driven(4))
 
 
 def drawn(svg: str, axes: int) -> list[Array]:
@@ -266,9 +272,8 @@ def test_a_path_has_equal_scales() -> None:
 
 @pytest.mark.parametrize("row", [0, 1, 2, 3])
 def test_curves_are_the_velocity_and_acceleration_of_the_point(row: int) -> None:
-    given = driven(4)
-    _, t, q, v, a, points = given
-    svg, point = curves(*given), points[row]
+    _, t, q, v, a, points = driven(4)
+    svg, point = of_four_points(), points[row]
     for panel, values in ((2, velocity(q, v, point)), (3, acceleration(q, v, a, point))):
         lines = drawn(svg, 3 * row + panel)
         assert len(lines) == 2

@@ -215,7 +215,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 16)
     asked = ("crank_slider", VARIED)
-    sweep(*asked, tmp_path / "local", samples=640, how=SHORT, where=Where(jobs=2))
+    sweep(*asked, tmp_path / "local", samples=320, how=SHORT, where=Where(jobs=2))
     options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     killed: list[int] = []
 
@@ -232,7 +232,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
 
         thread = threading.Thread(target=kill_one, daemon=True)
         thread.start()
-        sweep(*asked, tmp_path / "dask", samples=640, how=SHORT, where=Where("dask", address))
+        sweep(*asked, tmp_path / "dask", samples=320, how=SHORT, where=Where("dask", address))
         thread.join(10.0)
     assert killed
     assert table(tmp_path / "dask") == table(tmp_path / "local")

@@ -12,7 +12,7 @@ from gauss_bench.bench.asked import affordable
 from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.bench.one_run import Run, sampling_through
 from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, evidence_of
-from gauss_bench.bench.worker import Worker
+from gauss_bench.bench.worker import kept
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
@@ -78,13 +78,16 @@ def simulate(
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     fixed = choice.integrator not in offered.adaptive
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
-    with Worker() as worker:
+    worker = kept(engine)  # which has described it already
+    try:
         run = run_of(request, mechanism, limit, worker)
         found, truth, finer = run.trajectory or run.reached, None, None
         if found is not None and run.status in RAN:
             truth = certified_until(mechanism, at[-1])
             if truth is None and fixed and len(found.t) > 1:
                 finer = run_of(at_half_the_step(request, run.seconds, found.t), mechanism, limit, worker)
+    finally:
+        worker.stop()
     return judged(mechanism, engine, choice, run, at, truth, finer)
 
 

@@ -4,7 +4,6 @@ Everything but the suite's own formulations runs apart. What comes back are samp
 found out on this side of the pipe, by code that the engine's process cannot reach.
 """
 
-import atexit
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from gauss_bench.bench.context import Alteration, unaltered
 from gauss_bench.bench.offers import isolated
 from gauss_bench.bench.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, received
-from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.bench.worker import Worker, WorkerFailure, kept
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.load import load
@@ -75,17 +74,6 @@ def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Work
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return received(outcome_of(answer), request.wanted, mechanism.n)
-
-
-_kept: dict[str, Worker] = {}
-
-
-def kept(engine: str) -> Worker:
-    """A worker that runs this engine and no other, until this process ends: libraries take up to 3 s to import."""
-    if engine not in _kept:
-        _kept[engine] = Worker()
-        atexit.register(_kept[engine].stop)
-    return _kept[engine]
 
 
 def performed_there(request: Request) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from gauss_bench.bench.apart import Request, run_apart
 from gauss_bench.bench.measure import accelerations
 from gauss_bench.bench.offers import Offer, offers
 from gauss_bench.bench.one_run import Asked, Run, nothing, sampling_at
-from gauss_bench.bench.worker import Worker
+from gauss_bench.bench.worker import Worker, kept
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.mechanism.load import load
@@ -66,13 +66,17 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     described = Check("describes itself", offer.usable, offer.reason)
     if not offer.usable:
         return [described]
-    with Worker() as worker, TemporaryDirectory() as folder:
-        subject = _Subject(offer, worker, Path(folder))
-        checks = [described]
-        for check in (_times, _start, _derivatives, _motion, _same_again, _undisturbed, _steps, _forces):
-            told(check.__doc__ or "")
-            checks += check(subject)
-        return checks
+    worker = kept(name)  # which has described it already
+    try:
+        with TemporaryDirectory() as folder:
+            subject = _Subject(offer, worker, Path(folder))
+            checks = [described]
+            for check in CHECKS:
+                told(check.__doc__ or "")
+                checks += check(subject)
+            return checks
+    finally:
+        worker.stop()
 
 
 @dataclass(frozen=True)
@@ -275,3 +279,6 @@ def run_before(model: Model) -> None:
 
 def _equal(one: Trajectory, other: Trajectory) -> bool:
     return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
+
+
+CHECKS = (_times, _start, _derivatives, _motion, _same_again, _undisturbed, _steps, _forces)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.bench.worker import Worker, WorkerFailure, kept
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get, is_class
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
@@ -143,7 +143,9 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
-        if others:
+        if len(others) == 1:  # it is asked because it is to run next
+            _known.update({name: _asked(kept(name), name) for name in others})
+        elif others:
             with Worker() as worker:
                 _known.update({name: _asked(worker, name) for name in others})
         return [_known[name] for name in wanted]

@@ -9,6 +9,7 @@ can block. Time that it waits for a processor does not count against its limit: 
 a task has started ends with its worker, in whatever session it hides, and none may take more memory than MEMORY.
 """
 
+import atexit
 import contextlib
 import fcntl
 import os
@@ -146,6 +147,17 @@ class Worker:
         lines = self.log.read()[-4000:].decode(errors="replace").strip().splitlines()
         said = in_a_sentence(lines[-1]) if lines else ""
         return f": {said}" if said else ""
+
+
+_kept: dict[str, Worker] = {}
+
+
+def kept(engine: str) -> Worker:
+    """A worker that is asked about this engine and no other, until this process ends: libraries take up to 3 s to import."""
+    if engine not in _kept:
+        _kept[engine] = Worker()
+        atexit.register(_kept[engine].stop)
+    return _kept[engine]
 
 
 class SpoiltAnswer(RuntimeError):

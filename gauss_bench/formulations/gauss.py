@@ -18,7 +18,10 @@ Matrix Computations (4th ed.), section 6.2.3; refinement of constrained least sq
 Squares Problems (1996), section 2.9.
 """
 
+from functools import cache
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 
 from gauss_bench.terms import Array, Solution, Terms
@@ -60,13 +63,19 @@ def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
     """Y (n, r), N (n, n - r), R (r, m) and the order P of the rows in J^T P = Y R, with Y^T N = 0."""
     m, n = J.shape
     factors, pivots, tau, _, _ = dgeqp3(J.T)
-    R = np.triu(factors)[: min(m, n)]
+    R = np.where(_below(min(m, n), m), 0.0, factors[: min(m, n)])
     diagonal = np.abs(np.diagonal(R))
     rank = int((diagonal > RANK_TOLERANCE * diagonal.max(initial=0.0)).sum())
     reflectors = np.zeros((n, n), order="F")
     reflectors[:, : min(m, n)] = factors[:, : min(m, n)]
     basis = dorgqr(reflectors, tau, overwrite_a=True)[0]
     return basis[:, :rank], basis[:, rank:], R[:rank], pivots - 1
+
+
+@cache
+def _below(rows: int, columns: int) -> NDArray[np.bool_]:
+    """(rows, columns) where an upper triangle is zero."""
+    return np.tri(rows, columns, -1, dtype=bool)
 
 
 def least_squares(A: Array, b: Array) -> Array:

@@ -11,7 +11,7 @@ from gauss_bench.engines import all_names
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.studio import dragging, dynamics, editing, files, motion, templates
+from gauss_bench.studio import dragging, dynamics, editing, exports, files, motion, templates
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.drawing import NAME
 from gauss_bench.studio.errors import Refused
@@ -125,6 +125,12 @@ def recover(session: Session, message: Message) -> Reply:
     return shown(session)
 
 
+def export(session: Session, message: Message) -> Reply:
+    with session.lock:
+        text, reading = session.text, session.reading
+    return exports.exported(text, reading, message)
+
+
 def share(session: Session, message: Message) -> Reply:
     return {"fragment": files.fragment(session.text)}
 
@@ -227,6 +233,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "save": save,
     "import": bring_in,
     "recover": recover,
+    "export": export,
     "share": share,
     "lock": lock,
     "picture": picture,
@@ -244,7 +251,14 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
 }
 
 
-APART = ("drawing", "motion", "stop", "import")  # verbs that take long, or must not wait for others; they mind the lock themselves
+# These take long or must not wait for others; they mind the lock themselves.
+APART = (
+    "drawing",
+    "motion",
+    "stop",
+    "import",
+    "export",
+)
 
 
 def answer(session: Session, message: Message) -> Reply:

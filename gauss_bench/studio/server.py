@@ -26,6 +26,7 @@ from gauss_bench.api.results import plain
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.mechanism.load import find
 from gauss_bench.studio import files
+from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.requests import answer
 from gauss_bench.studio.security import LARGEST, SOCKETS, Guard, Rate, headers
@@ -203,6 +204,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
+    collect()
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell

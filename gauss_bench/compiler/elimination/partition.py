@@ -101,7 +101,7 @@ def row_names(mechanism: Mechanism) -> list[str]:
     return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
-@lru_cache(maxsize=8)  # a mechanism is asked about under several formulations, and once more for other partitions
+@lru_cache(maxsize=32)  # a mechanism is asked about under several formulations, and once more for other partitions
 def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     """Samples, redundant rows and null spaces of a mechanism.
 

@@ -10,10 +10,11 @@ Markowitz's rule leaves many ties, and which way they fall decides how much canc
 operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
 trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
 its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is remembered on disk: a later
-process eliminates once.
+process eliminates once. Who would rather wait for steps than for code sets GAUSS_BENCH_ATTEMPTS to a small number.
 """
 
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
@@ -35,7 +36,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
-ATTEMPTS = 144
+SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
+THOROUGH = 144
+ATTEMPTS = int(os.environ.get(SHORTER) or THOROUGH)
 REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)

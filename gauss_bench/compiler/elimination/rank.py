@@ -9,7 +9,7 @@ Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.1
 """
 
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +92,6 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
     return error / size if size > 0 else error
 
 
-@lru_cache(maxsize=8)
 def _checked_at(mechanism: Mechanism) -> States:
     """States on the constraints, other than those at which pivots are chosen."""
     return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)

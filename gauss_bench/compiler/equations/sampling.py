@@ -4,6 +4,7 @@ An undriven linkage is walked along its free motion, from its start, a step of a
 or has met a position where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
 """
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -37,6 +38,7 @@ def scales(mechanism: Mechanism) -> Array:
     return np.tile([length, length, 1.0], len(mechanism.links))
 
 
+@lru_cache(maxsize=64)  # a walk takes longer than many a search, and pivots, checks and engines ask for the same ones
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """`count` or fewer states spread over the motion, the start first."""
     rng = np.random.default_rng(seed)
