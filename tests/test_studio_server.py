@@ -21,6 +21,8 @@ pytest.importorskip("uvicorn")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from gauss_bench.studio.security import RATE, WINDOW, Rate
+
 
 @dataclass(frozen=True)
 class Running:
@@ -139,6 +141,13 @@ def test_what_is_no_message_gets_a_sentence(running: Running) -> None:
             assert not found["ok"]
             assert found["error"]["text"]
         assert ask(socket, "hello")["ok"]
+
+
+def test_messages_are_answered_no_faster_than_their_rate() -> None:
+    rate = Rate()
+    assert all(rate.allows(0.0) for _ in range(RATE))
+    assert not rate.allows(0.5)
+    assert rate.allows(WINDOW + 0.01)
 
 
 def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_path: Path) -> None:

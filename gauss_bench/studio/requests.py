@@ -38,9 +38,14 @@ def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
     return value
 
 
+def engines_here() -> list[dict[str, Any]]:
+    """Every engine of the suite, with why it cannot be used where it cannot."""
+    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
+
+
 def hello(session: Session, message: Message) -> Reply:
     left = session.autosave.left()
-    engines = [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
+    engines = engines_here()
     return {
         "version": __version__,
         "templates": templates.listed(),
