@@ -150,6 +150,14 @@ def test_no_wrong_motion_of_a_random_linkage_is_called_ok() -> None:
     assert sum(word == "ok, and right" for _, word, _ in endings) >= 2
 
 
+def test_a_motion_that_runs_away_makes_no_noise(tmp_path: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=1e13)))
+    found = simulate(str(path), stabilization="projection", step=1e-2, at=[0.0, 0.9])
+    assert found.status == "nan"
+    assert capfd.readouterr() == ("", "")
+
+
 def test_rows_are_judged_like_single_runs_where_no_truth_is_known(tmp_path: Any) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8)))  # no reference passes it

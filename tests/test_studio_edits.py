@@ -1,5 +1,6 @@
 """Drawing by edits: what is drawn is a file that the suite takes, every edit can be taken back, and comments stay."""
 
+import base64
 import math
 import tomllib
 from pathlib import Path
@@ -234,6 +235,29 @@ def test_deleting_takes_what_cannot_be_without_it(tmp_path: Path) -> None:
     pen.ask("delete", ids=[f"links.{x['name']}" for x in pen.now["links"]])
     assert pen.now["links"] == []
     assert pen.session.text.count("[joints") == 0
+
+
+def test_a_drawing_is_exported_as_it_moves(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    assert pen.ask("export", kind="toml")["text"] == pen.session.text
+    assert pen.ask("export", kind="svg")["text"].startswith("<svg")
+    head, *rows = pen.ask("export", kind="csv", samples=8)["text"].splitlines()
+    assert "bar2.P.x [m]" in head
+    assert len(rows) == 9
+    assert base64.b64decode(pen.ask("export", kind="gif", samples=8)["base64"]).startswith(b"GIF8")
+    assert "no export" in pen.refused("export", kind="nothing")
+
+
+@pytest.mark.slow
+def test_a_drawing_is_exported_as_a_model_and_comes_back(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    pen = four_bar(tmp_path)
+    model = pen.ask("export", kind="mujoco")
+    assert model["name"].endswith(".xml")
+    other = Pen(tmp_path)
+    found = other.scene("import", text=model["text"])
+    assert found["status"] | {"loop_names": []} == pen.now["status"] | {"loop_names": []}
+    assert other.refused("import", text="<html></html>")
 
 
 def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """The studio's server as a browser meets it: a page with a token, one socket, and nobody else."""
 
+import contextlib
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -18,6 +20,8 @@ import pytest
 pytest.importorskip("uvicorn")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+
+from gauss_bench.studio.security import RATE, WINDOW, Rate
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,52 @@ def test_what_is_no_message_gets_a_sentence(running: Running) -> None:
             assert not found["ok"]
             assert found["error"]["text"]
         assert ask(socket, "hello")["ok"]
+
+
+def test_messages_are_answered_no_faster_than_their_rate() -> None:
+    rate = Rate()
+    assert all(rate.allows(0.0) for _ in range(RATE))
+    assert not rate.allows(0.5)
+    assert rate.allows(WINDOW + 0.01)
+
+
+def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_path: Path) -> None:
+    cache = tmp_path / "cache" / "gauss-bench" / "studio"
+    first = started(tmp_path)
+    with first.socket() as socket:
+        drawn = ask(socket, "add_pin", at=[0.1, 0.2], ground=True)["scene"]["pins"]
+        job = ask(socket, "template", name="four_bar")["ok"] and ask(socket, "release", until=20.0, engine="gauss")["job"]
+        assert job == 1
+        kept = ask(socket, "set", path="title", value="Not saved")["scene"]["title"]
+    assert len(drawn) == 1
+    workers = [int(x.name.split(".")[1]) for x in cache.glob("run.*")]
+    assert workers == [first.process.pid]
+    assert ended(first, signal.SIGKILL) == -signal.SIGKILL
+    assert len([*cache.glob("*.json")]) == 1
+    second = started(tmp_path)
+    assert not [*cache.glob("run.*")]
+    with second.socket() as socket:
+        assert kept in ask(socket, "hello")["recovered"]["text"]
+        assert ask(socket, "recover", take=True)["scene"]["title"] == "Not saved"
+        assert ask(socket, "hello")["recovered"] is None
+        ask(socket, "save", path="saved")
+    assert ended(second) == 0
+    assert [*cache.iterdir()] == []
+    for _ in range(100):  # what ran ends with the server that began it
+        if not (left := of_the_studio(tmp_path)):
+            break
+        time.sleep(0.1)
+    assert not left
+
+
+def of_the_studio(folder: Path) -> list[str]:
+    """Processes that were started with this folder's cache."""
+    sign, found = f"XDG_CACHE_HOME={folder / 'cache'}".encode(), []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if sign in path.read_bytes().split(b"\0"):
+                found.append(path.parent.name)
+    return found
 
 
 def test_what_is_too_large_ends_its_socket_alone(running: Running) -> None:

@@ -55,13 +55,21 @@ class Evaluator:
         """The nearest consistent state: Gauss-Newton corrections of q down to rounding, then the shortest correction of v.
 
         Singular values below `rank_tolerance` of the largest are left alone: next to a singular position, or where redundant
-        rows disagree by their own drift, following them would throw the state far along the free motion.
+        rows disagree by their own drift, following them would throw the state far along the free motion. What is not
+        finite has no nearest state and stays so.
         """
         h = self.constraints.holonomic
         rows = self.constraints(t, q, v)
         for _ in range(CORRECTIONS):
             if np.abs(rows.phi).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()):
                 break
-            q = q - np.linalg.lstsq(rows.J[:h], rows.phi[:h], rcond=rank_tolerance)[0]
+            q = q - _shortest(rows.J[:h], rows.phi[:h], rank_tolerance)
             rows = self.constraints(t, q, v)
-        return q, v - np.linalg.lstsq(rows.J, rows.J @ v + rows.phi_t, rcond=rank_tolerance)[0]
+        return q, v - _shortest(rows.J, rows.J @ v + rows.phi_t, rank_tolerance)
+
+
+def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:
+    """The shortest x (n,) nearest to J x = r; NaN where that is not finite, of which LAPACK would complain on stderr."""
+    if not (np.isfinite(J).all() and np.isfinite(r).all()):
+        return np.full(J.shape[1], np.nan)
+    return np.asarray(np.linalg.lstsq(J, r, rcond=rank_tolerance)[0])

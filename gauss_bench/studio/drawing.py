@@ -94,7 +94,12 @@ class Drawing:
     def points(self, link: str) -> dict[str, Array]:
         """Name -> (2,) place of a link's points in its own frame; of the ground in the world."""
         given = self.sub("ground", "points") if link == "ground" else self.link(link).get("points", {})
-        return resolve_points(given)
+        try:
+            return resolve_points(given)
+        except (RecursionError, KeyError, TypeError, ValueError):
+            pass  # a fault of the file, which is told; what could be read of it counts
+        rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
+        return resolve_points(rest.get("points", {}))
 
     def place(self, reference: str) -> Array:
         """(2,) place of a point in the world.

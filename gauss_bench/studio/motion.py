@@ -64,8 +64,8 @@ def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | 
     return d.document
 
 
-def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
-    """The motion of a drawing over its law's duration, and the mechanism that was moved; what is singular is looked for apart.
+def moved(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
+    """The mechanism that was moved, its motion over the law's duration, and why it stopped before the end, if it did.
 
     Raises:
         Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
@@ -82,7 +82,17 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
             found, stopped = error.reached, str(error)
         except ValueError as error:
             raise Refused(str(error)) from error
-    x = Trajectory(times[: len(found.q)], found.q, found.v, found.a, len(found.q) - 1)
+    n = len(found.q)
+    return mechanism, Trajectory(times[:n], found.q, found.v, found.a, n - 1), stopped
+
+
+def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
+    """The motion of a drawing as the page shows it, and the mechanism that was moved; what is singular is looked for apart.
+
+    Raises:
+        Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
+    """
+    mechanism, x, stopped = moved(text, reading, message)
     named = message.get("points")
     points = observed(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
     whole = spread(mechanism, x)

@@ -7,12 +7,14 @@ and placed by the loader's own functions. So nothing is read here in another way
 import copy
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.kinematics.assembly import put_together
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.build import build_mechanism
 from gauss_bench.mechanism.closure import close_joints
@@ -31,6 +33,7 @@ from gauss_bench.trajectory import Trajectory, in_a_sentence
 ROUNDS = 200  # of leaving out what is at fault; each leaves out something
 MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link that says nothing of either, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario in which nothing is held, driven or pushed
+RANK = 1e-9  # of the largest singular value: rows below it say nothing new
 TRIED = 6  # scenarios that are looked at whether they start
 
 
@@ -133,6 +136,8 @@ def read(document: Document) -> Reading:
         problems.append(Problem("error", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
     found = Reading(document, rest, mechanism, q, closed, unplaced)
     problems += [*_lone(document), *_loose(mechanism)]
+    if closed and found.joints is not None and rank_of(found.joints(0.0, q, 0 * q).J) == mechanism.n:
+        problems.append(Problem("hint", "nothing can move: the links hold each other fast, with no degree of freedom"))
     if not any(x.level == "error" for x in problems):
         problems += _scenarios(document)
     order = ("error", "warning", "hint")
@@ -284,6 +289,13 @@ def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str,
 
 def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
     """What does not assemble, with how far its ends are apart in the drawing."""
+    with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+        with np.errstate(all="ignore"):
+            loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open
+        if loop is not None:
+            links = tuple(x for x in loop.links if x != "ground")
+            where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
+            return [Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)]
     found = []
     for joint in mechanism.joints:
         if isinstance(joint, Revolute):
@@ -328,6 +340,12 @@ def _scenarios(document: Document) -> Iterator[Problem]:
             if sentence not in told:
                 yield Problem("warning", sentence, place(document, sentence.split(":")[0]))
             told.add(sentence)
+
+
+def rank_of(J: Array) -> int:
+    """How many rows are independent, which is 0 of none."""
+    sizes = np.linalg.svd(J, compute_uv=False) if J.size else np.zeros(0)
+    return int((sizes > RANK * sizes.max(initial=0.0)).sum())
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:

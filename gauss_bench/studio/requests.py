@@ -11,7 +11,7 @@ from gauss_bench.engines import all_names
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.load import built_in
-from gauss_bench.studio import dragging, dynamics, editing, files, motion, templates
+from gauss_bench.studio import dragging, dynamics, editing, exports, files, motion, templates
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.drawing import NAME
 from gauss_bench.studio.errors import Refused
@@ -38,9 +38,14 @@ def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
     return value
 
 
+def engines_here() -> list[dict[str, Any]]:
+    """Every engine of the suite, with why it cannot be used where it cannot."""
+    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
+
+
 def hello(session: Session, message: Message) -> Reply:
     left = session.autosave.left()
-    engines = [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
+    engines = engines_here()
     return {
         "version": __version__,
         "templates": templates.listed(),
@@ -123,6 +128,12 @@ def recover(session: Session, message: Message) -> Reply:
             session.put(left.text, frozenset(left.locks))
         left.file.unlink(missing_ok=True)
     return shown(session)
+
+
+def export(session: Session, message: Message) -> Reply:
+    with session.lock:
+        text, reading = session.text, session.reading
+    return exports.exported(text, reading, message)
 
 
 def share(session: Session, message: Message) -> Reply:
@@ -227,6 +238,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "save": save,
     "import": bring_in,
     "recover": recover,
+    "export": export,
     "share": share,
     "lock": lock,
     "picture": picture,
@@ -244,7 +256,14 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
 }
 
 
-APART = ("drawing", "motion", "stop", "import")  # verbs that take long, or must not wait for others; they mind the lock themselves
+# These take long or must not wait for others; they mind the lock themselves.
+APART = (
+    "drawing",
+    "motion",
+    "stop",
+    "import",
+    "export",
+)
 
 
 def answer(session: Session, message: Message) -> Reply:

@@ -10,8 +10,7 @@ from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.mechanism.references import items, sequence, table
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.reading import Reading, lone_pins, loops_of, pins_of
-from gauss_bench.terms import Array
+from gauss_bench.studio.reading import Reading, lone_pins, loops_of, pins_of, rank_of
 
 UNITS = {
     "torque": ("value", "N m"),
@@ -21,7 +20,6 @@ UNITS = {
     "joint_damping": ("c", "N m s"),
     "coulomb_friction": ("mu", ""),
 }  # type of a force -> the number that it is called by, and its unit
-RANK = 1e-9  # of the largest singular value: rows below it say nothing new
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
@@ -237,11 +235,6 @@ def status(reading: Reading) -> dict[str, Any]:
         "redundant": len(J) - rank,
         "loop_names": loops_of(mechanism),
     }
-
-
-def rank_of(J: Array) -> int:
-    sizes = np.linalg.svd(J, compute_uv=False) if J.size else np.zeros(0)
-    return int((sizes > RANK * sizes.max(initial=0.0)).sum())
 
 
 def independent(mechanism: Mechanism) -> int:

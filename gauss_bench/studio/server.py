@@ -8,6 +8,7 @@ import contextlib
 import json
 import signal
 import socket
+import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -25,12 +26,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gauss_bench.api.results import plain
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.mechanism.load import find
-from gauss_bench.studio import files
+from gauss_bench.mechanism.load import read as read_file
+from gauss_bench.studio import files, templates
+from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.requests import answer
+from gauss_bench.studio.requests import answer, engines_here
 from gauss_bench.studio.security import LARGEST, SOCKETS, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
+PAUSE = 0.02  # [s]
 PAGE = Path(__file__).parent / "page"
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -136,9 +140,8 @@ class Studio:
             return as_json({"id": None, "ok": False, "error": {"text": "the message is no JSON", "where": (), "field": ""}})
         if not isinstance(message, dict):
             return as_json({"id": None, "ok": False, "error": {"text": "a message is an object", "where": (), "field": ""}})
-        if not rate.allows():
-            said = {"text": "too many messages in a second", "where": (), "field": ""}
-            return as_json({"id": message.get("id"), "ok": False, "error": said})
+        while not rate.allows():  # who sends faster waits, and so does what it sends
+            await asyncio.sleep(PAUSE)
         return as_json(await asyncio.to_thread(answer, self.session, message))
 
     def tell(self, event: dict[str, Any]) -> None:
@@ -175,6 +178,8 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if linkage is None:
         return Session(folder)
     path = find(linkage)
+    if linkage not in templates.files():
+        read_file(path)
     if path.suffix == ".toml" and path == Path(linkage):
         session = Session(path.resolve().parent)
         linkage = path.name
@@ -203,6 +208,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
+    collect()
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
@@ -221,6 +227,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         timeout_graceful_shutdown=2,
         limit_concurrency=64,
     )
+    threading.Thread(target=engines_here, daemon=True).start()  # the page asks for them first
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(address)

@@ -306,8 +306,8 @@ export function Canvas(): JSX.Element {
       <Behind />
       <Grid />
       <Paths />
-      {ghosted.value && <Linkage at={ghosted.value} named={false} look="ghost" />}
       {now && <Linkage at={now} named={names.value} />}
+      {ghosted.value && <Linkage at={ghosted.value} named={false} look="ghost" />}
       <Velocities />
       <Reshape />
       <Centres />

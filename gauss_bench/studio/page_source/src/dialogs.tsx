@@ -129,7 +129,7 @@ function Open(): JSX.Element {
       {known?.recovered && (
         <p class="note">
           What was drawn here before and not saved is kept.{" "}
-          <button type="button" class="quiet" onClick={() => void opened({ text: known.recovered!.text })}>
+          <button type="button" class="quiet" onClick={() => void opened({ take: true }, "recover")}>
             Recover it
           </button>
         </p>

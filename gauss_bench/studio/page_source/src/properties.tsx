@@ -4,7 +4,7 @@ import { Check, Lock, NumberField, Read, TextField } from "./fields";
 import { apart, direction } from "./geometry";
 import { Sign } from "./icons";
 import type { Force, Link, Pin, Problem, Slide, XY } from "./protocol";
-import { dialog, edit, motion, placed, scene, selection, sheet } from "./state";
+import { dialog, edit, placed, scene, selection, sheet } from "./state";
 import type { Picked } from "./state";
 import { remove } from "./tools";
 
@@ -95,6 +95,9 @@ function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
         {slide.block} slides along a line of {slide.guide.split(".")[0]}, now at {degrees(angle).toFixed(1)}° to the horizontal.
       </p>
       {slide.guide.startsWith("ground.") && <NumberField label="Direction" unit="°" value={degrees(angle)} send={(v) => set(`joints.${slide.id}.angle_deg`, v)} />}
+      <div class="row">
+        <Lock of="slide" on={slide.locked} set={(on) => edit("lock", { slide: slide.id, on })} /> <small class="note">Locked, a drag keeps it where it is.</small>
+      </div>
       <NumberField label="Offset" unit="m" value={null} empty="0" send={(v) => set(`joints.${slide.id}.offset`, v)} />
     </>
   );
@@ -208,7 +211,6 @@ function Whole(): JSX.Element {
           </ol>
         </>
       )}
-      {motion.value?.limits && <p class="note">{motion.value.limits}</p>}
     </>
   );
 }

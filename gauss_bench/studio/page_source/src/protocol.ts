@@ -89,15 +89,16 @@ export interface Series {
   values: (number | null)[];
 }
 export interface Motion {
+  job?: number; // the singular positions follow in an event of this number
   times: number[];
   poses: Record<string, Pose[]>;
   points: Record<string, { p: XY[]; v: XY[] | null; a: XY[] | null }>;
-  input: Series | null;
+  input: (Series & { unit?: string }) | null;
   singular: { kind: string; coordinate: string; value: number | null; poses: Poses | null }[];
   transmission: Series[];
   torque: { unit: string; values: (number | null)[] } | null;
   pins: { joint: string; force: ([number | null, number | null] | null)[] }[];
-  advantage: Series[] | (number | null)[] | null;
+  advantage: { input: string; output: string; values: (number | null)[] }[] | null;
   limits: string | null;
   note: string | null;
 }

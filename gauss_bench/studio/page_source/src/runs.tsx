@@ -38,30 +38,24 @@ const advice = signal<{ job: number | null; answers: Answer[]; done: boolean; no
 
 /** What the server says unasked. */
 export function hear(event: Event): void {
-  if (event.event === "progress") progress.value = String(event.text ?? event.note ?? "");
+  if (event.event === "singular") {
+    if (motion.value && motion.value.job === event.job) motion.value = { ...motion.value, singular: event.singular as Motion["singular"] };
+  } else if (event.event === "progress") progress.value = String(event.text ?? event.note ?? "");
   else if (event.event === "release" && event.job === job.value) {
     const run = event as unknown as Run;
     runs.value = [...runs.value.filter((r) => r.engine !== run.engine), run];
     if (runs.value.length === 1) watch(run);
     else if (run.times?.length) ghost.value = { engine: run.engine, times: run.times, poses: run.poses };
   } else if (event.event === "release_done" && event.job === job.value) {
-    const made = event.compare as Compare | Compare[] | null;
-    compared.value = Array.isArray(made) ? made : made ? [made] : [];
+    compared.value = (event.compared as Compare[] | undefined) ?? (event.compare ? [event.compare as Compare] : []);
     job.value = null;
     progress.value = "";
-    if (event.error) say(String((event.error as { text?: string }).text ?? event.error), "error");
+    if (event.error) say(String(event.error), "error");
   } else if (event.event === "recommend") {
-    const more = Array.isArray(event.answers) ? (event.answers as Answer[]) : event.answer ? [event.answer as Answer] : typeof event.engine === "string" ? [event as unknown as Answer] : [];
-    const all = Array.isArray(event.answers) ? more : [...advice.value.answers, ...more];
-    advice.value = { ...advice.value, answers: all, done: event.done === true, note: String(event.note ?? event.text ?? "") };
-  } else if (event.event === "recommend_done" || event.event === "stopped") {
-    advice.value = { ...advice.value, done: true, note: String(event.note ?? event.text ?? advice.value.note) };
-    if (event.event === "stopped" && event.job === job.value) job.value = null;
-  } else if (event.event === "failed" || event.event === "error") {
-    const text = String((event.error as { text?: string } | undefined)?.text ?? event.text ?? "It failed.");
-    say(text, "error");
-    if (event.job === job.value) job.value = null;
-    if (event.job === advice.value.job) advice.value = { ...advice.value, done: true, note: text };
+    const more = event.answer ? [event.answer as Answer] : [];
+    advice.value = { ...advice.value, answers: [...advice.value.answers, ...more], note: typeof event.advice === "string" ? event.advice : advice.value.note };
+  } else if (event.event === "recommend_done") {
+    advice.value = { ...advice.value, done: true, note: event.error ? String(event.error) : advice.value.note };
     progress.value = "";
   }
 }

@@ -45,7 +45,7 @@ const swept = (): XY[] => {
 /** The whole linkage in the window, and its motion too, once that is there. */
 export function show(): void {
   fit(scene.value, swept());
-  fitting = true;
+  fitting = motion.value === null && (scene.value?.links.length ?? 0) > 0;
 }
 
 const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
@@ -118,6 +118,7 @@ export function take(next: Scene): void {
 
 /** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */
 export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
+  fitting = false; // who draws keeps his window
   const reply = await attempt(verb, what);
   if (reply?.scene) take(reply.scene);
   return reply;
@@ -134,15 +135,13 @@ export function refresh(): void {
   const mine = ++wanted;
   const now = scene.value;
   const driven = now?.scenarios.some((s) => s.kind === "driven");
-  if (!now || !now.status.assembles || !driven) {
+  if (!now || !now.status.assembles || !(driven || now.drivers_possible.length)) {
     motion.value = null;
     motionNote.value = !now?.links.length
       ? ""
       : !now.status.assembles
         ? "What does not assemble does not move: see the problems."
-        : now.drivers_possible.length
-          ? "Choose what is driven, and it moves."
-          : "Nothing can be driven yet: pin a link to the ground.";
+        : "Nothing can be driven yet: pin a link to the ground.";
     return;
   }
   later = setTimeout(() => void compute(mine), 250);
@@ -150,7 +149,7 @@ export function refresh(): void {
 
 async function compute(mine: number): Promise<void> {
   try {
-    const reply = await ask("motion", { samples: 181 });
+    const reply = await ask("motion", { samples: 180 });
     if (mine !== wanted) return;
     batch(() => {
       motion.value = ((reply as { motion?: Motion }).motion ?? reply) as unknown as Motion;
@@ -168,7 +167,7 @@ async function compute(mine: number): Promise<void> {
 
 /** The motion of now, computed if it is not there yet. */
 export async function ready(): Promise<Motion | null> {
-  if (!motion.value && scene.value?.scenarios.some((s) => s.kind === "driven")) {
+  if (!motion.value && scene.value?.status.assembles && scene.value.links.length) {
     clearTimeout(later);
     await compute(++wanted);
   }
@@ -272,13 +271,3 @@ export function start(onEvent: (event: Event) => void): void {
     })();
   });
 }
-
-export const nearestPin = (at: XY): string | null => {
-  let best: string | null = null;
-  let distance = Infinity;
-  for (const pin of scene.value?.pins ?? []) {
-    const d = Math.hypot(pin.at[0] - at[0], pin.at[1] - at[1]);
-    if (d < distance) [best, distance] = [pin.id, d];
-  }
-  return best;
-};

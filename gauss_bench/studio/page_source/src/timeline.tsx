@@ -28,15 +28,13 @@ const lengths = (list: XY[] | null): (number | null)[] => (list ?? []).map((v) =
 function charts(now: Motion): Chart[] {
   const points = Object.entries(now.points);
   const chart = (id: string, title: string, unit: string, curves: Omit<Curve, "unit">[]): Chart => ({ id, title, unit, curves: curves.map((c) => ({ ...c, unit })) });
-  const advantage = Array.isArray(now.advantage) ? now.advantage : [];
-  const gains = advantage.length && typeof advantage[0] === "object" && advantage[0] !== null ? (advantage as { name: string; values: (number | null)[] }[]) : advantage.length ? [{ name: "advantage", values: advantage as (number | null)[] }] : [];
   return [
     chart("v", "Speed", "m/s", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.v) }))),
     chart("a", "Acceleration", "m/s²", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.a) }))),
     chart("torque", "Drive", now.torque?.unit ?? "N m", now.torque ? [{ name: "drive", hue: 1, values: now.torque.values }] : []),
     chart("transmission", "Transmission angle", "°", now.transmission.map((t, hue) => ({ ...t, hue }))),
     chart("pins", "Pin forces", "N", now.pins.map((p, hue) => ({ name: p.joint, hue, values: p.force.map((f) => (typeof f === "number" ? f : f && f[0] !== null && f[1] !== null ? Math.hypot(f[0], f[1]) : null)) }))),
-    chart("advantage", "Mechanical advantage", "", gains.map((g, hue) => ({ ...g, hue }))),
+    chart("advantage", "Mechanical advantage", "", (now.advantage ?? []).slice(0, 6).map((g, hue) => ({ name: `${g.output} of ${g.input}`, values: g.values, hue }))),
   ].filter((c) => c.curves.some((curve) => curve.values.some((v) => v !== null)));
 }
 
@@ -213,10 +211,17 @@ function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind
   );
 }
 
+/** Where the driven coordinate is, angles in degrees. */
+function inputText(input: NonNullable<Motion["input"]>, i: number): string {
+  const value = input.values[i] ?? null;
+  return input.unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${figure(value)} ${input.unit ?? ""}`;
+}
+
 export function Timeline(): JSX.Element {
   const now = motion.value;
   const end = now?.times.at(-1) ?? 1;
-  const list = now ? charts(now) : [];
+  const own = scene.value?.scenarios.some((s) => s.kind === "driven"); // curves come when something is driven, not while one draws
+  const list = now && (own || moving.value) ? charts(now) : [];
   const input = now?.input;
   const i = now ? Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12)) : 0;
   return (
@@ -237,7 +242,7 @@ export function Timeline(): JSX.Element {
           onInput={(e) => scrub(Number(e.currentTarget.value))}
         />
         <output>
-          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${figure(input.values[i] ?? null, 4)}` : ""}
+          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${inputText(input, i)}` : ""}
         </output>
         <label class="pace">
           <span class="hidden">Pace</span>
@@ -279,6 +284,7 @@ export function Timeline(): JSX.Element {
           </button>
         )}
       </div>
+      {now?.limits && <p class="note doubt">{now.limits}</p>}
       {motionNote.value && !now && <p class="note">{motionNote.value}</p>}
       {open.value && list.length > 0 && (
         <>

@@ -3,7 +3,7 @@ import { batch, signal } from "@preact/signals";
 import { apart, direction, fromSegment } from "./geometry";
 import type { Target } from "./hit";
 import type { XY } from "./protocol";
-import { edit, nearestPin, placed, say, scene, selection, still } from "./state";
+import { edit, placed, say, scene, selection, still } from "./state";
 
 export type ToolId = "select" | "reshape" | "ground" | "bar" | "link" | "slider" | "spring" | "damper" | "torque" | "force" | "cylinder" | "observe" | "picture";
 
@@ -17,11 +17,18 @@ export interface Tool {
   make?: (picks: Target[]) => Promise<unknown>;
 }
 
+/** The pin that an edit makes; null where it was refused. */
+async function made(verb: string, what: object): Promise<string | null> {
+  const reply = await edit(verb, what);
+  const ids = (reply?.made ?? []) as string[];
+  return ids.find((id) => id.startsWith("pins."))?.slice(5) ?? null;
+}
+
 /** An end of something: the pin there, a new point of the link there, or a new place. */
 async function end(pick: Target): Promise<{ pin: string } | { at: XY }> {
   if (pick.pin !== null) return { pin: pick.pin };
-  if (pick.link !== null && (await edit("add_point", { link: pick.link, at: pick.at }))) {
-    const pin = nearestPin(pick.at);
+  if (pick.link !== null) {
+    const pin = await made("add_point", { link: pick.link, at: pick.at });
     if (pin) return { pin };
   }
   return { at: pick.at };
@@ -49,8 +56,9 @@ async function connectTwo(type: string, picks: Target[], values: object): Promis
   for (const pick of picks) {
     let at = await end(pick);
     if ("at" in at) {
-      if (!(await edit("add_pin", { at: pick.at, ground: true }))) return null;
-      at = { pin: nearestPin(pick.at) ?? "" };
+      const pin = await made("add_pin", { at: pick.at, ground: true });
+      if (!pin) return null;
+      at = { pin };
     }
     held.push(at.pin);
   }
@@ -101,8 +109,7 @@ async function observe(picks: Target[]): Promise<unknown> {
     say("Only points of moving links are observed: click on a bar, a plate or a pin.", "error");
     return null;
   }
-  if (pick.pin === null && !(await edit("add_point", { link, at: pick.at }))) return null;
-  const point = pointOf(pick.pin ?? nearestPin(pick.at) ?? "");
+  const point = pointOf(pick.pin ?? (await made("add_point", { link, at: pick.at })) ?? "");
   return point && edit("observe", { point, on: !scene.value!.observe.includes(point) });
 }
 

@@ -1,0 +1,84 @@
+"""A drawing as other files: its text, a picture, the table and the film of its motion, and the models of engines."""
+
+import base64
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.api.exchange import STEP, written
+from gauss_bench.api.history import table
+from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.welding import spread
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.drawings.shown import film
+from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.dragging import assembled
+from gauss_bench.studio.drawing import Message
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.motion import moved
+from gauss_bench.studio.reading import Reading, of_links
+from gauss_bench.trajectory import Curve, Group, History, Told, Trajectory
+
+FORMS = ("toml", "svg", "csv", "gif", *KINDS)
+
+
+def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
+    """A file of the kind that a message asks for: its name, with its `text` or its bytes in `base64`.
+
+    Raises:
+        Refused: there is no such kind, or the drawing cannot become it; with the reason.
+    """
+    kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
+    match kind:
+        case "toml":
+            return {"name": f"{name}.toml", "text": text}
+        case "svg":
+            mechanism = assembled(reading, "drawn as a picture").whole
+            return {"name": f"{name}.svg", "text": draw(mechanism, of_links(assembled(reading, "drawn"), reading.q))}
+        case "csv" | "gif":
+            mechanism, x, _ = moved(text, reading, message)
+            if kind == "csv":
+                return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
+            told = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
+            found = film(".gif", told, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
+            return {"name": f"{name}.gif", "base64": base64.b64encode(found).decode("ascii")}
+        case str() if kind in KINDS:
+            return _model(text, reading, kind, name, message.get("scenario"))
+    raise Refused(f"there is no export {str(kind)[:40]!r}; there are {', '.join(FORMS)}", field="kind")
+
+
+def curves(mechanism: Mechanism, x: Trajectory) -> History:
+    """Angles of links and places of observed points, with their rates."""
+    from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+
+    whole, links = mechanism.whole, spread(mechanism, x)
+    found = [
+        Curve(Group.LINK, link.name, key, unit, level[:, 3 * i + 2])
+        for i, link in enumerate(whole.links)
+        for key, unit, level in zip(
+            ("theta", "omega", "alpha"), ("rad", "rad/s", "rad/s^2"), (links.q, links.v, links.a), strict=True
+        )
+    ]
+    for p in whole.observed_points:
+        levels = position(links.q, p), velocity(links.q, links.v, p), acceleration(links.q, links.v, links.a, p)
+        for letter, unit, level in zip(("", "v", "a"), ("m", "m/s", "m/s^2"), levels, strict=True):
+            found += [Curve(Group.POINT, p.name, letter + axis, unit, np.asarray(level[:, j])) for j, axis in enumerate("xy")]
+    return History(x.t, tuple(found))
+
+
+def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> dict[str, Any]:
+    """The model of an engine, built in a process of its own."""
+    scenarios = reading.document.get("scenarios", {})
+    free = next((k for k, x in scenarios.items() if not {"driver", "drivers"} & x.keys()), None)
+    chosen = scenario if isinstance(scenario, str) and scenario in scenarios else free or next(iter(scenarios), None)
+    if chosen is None:
+        raise Refused("there is no scenario that could be exported: let it go or drive it first")
+    with workplace(text, name) as path:
+        try:
+            found = written(str(path), chosen, kind, STEP)
+        except (ExchangeError, MissingExtra) as error:
+            raise Refused(str(error).replace(f"{path}: ", "")) from error
+        return {"name": f"{name}{KINDS[kind].suffix}", "text": str(found["text"]).replace(str(path), path.name)}
