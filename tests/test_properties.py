@@ -152,7 +152,7 @@ SEEDS = st.integers(0, 99)
 
 
 @given(linkages(), SEEDS)
-@examples(25)
+@examples(20)
 def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any], seed: int) -> None:
     x = problem(document, seed)
     for name in SOUND:
@@ -179,7 +179,7 @@ def test_compiled_accelerations_are_those_of_the_formulations(document: dict[str
 
 
 @given(linkages())
-@examples(12)
+@examples(10)
 def test_energy_changes_by_the_work_of_what_has_no_potential(document: dict[str, Any]) -> None:
     """Dampers, dry friction, what turns, varies or drives: along a run, what they do is what energy there is more or less."""
     mechanism = load_document(document)
@@ -200,7 +200,7 @@ TOLERANCE = 1e-8  # of DOP853 at 1e-10 a step, over some dozens
 
 
 @given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
-@examples(15)
+@examples(12)
 def test_driven_kinematics_are_the_dynamics_of_the_same_linkage(document: dict[str, Any]) -> None:
     """By closing loops, without forces: velocities and accelerations meet all rows of the dynamics, and are rates of each other."""
     mechanism = load_document(document)
@@ -239,7 +239,7 @@ def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
     ),
     SEEDS,
 )
-@examples(10, share=0.5)
+@examples(8, share=0.5)
 def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -> None:
     """Masses, dimensions and the start as they were; springs, dampers and other forces by the work they do along what may move."""
     pytest.importorskip("mujoco")
@@ -270,7 +270,7 @@ def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -
 
 
 @given(linkages())
-@examples(15)
+@examples(12)
 def test_a_file_written_and_read_again_is_the_same_mechanism(document: dict[str, Any]) -> None:
     mechanism = load_document(document)
     again = load_document(tomllib.loads(toml(document, ["A head\nof two lines."])))
