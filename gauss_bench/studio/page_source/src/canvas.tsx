@@ -99,7 +99,7 @@ export function Canvas(): JSX.Element {
       const [dx, dy] = [(box.width - size.value[0]) / 2, (box.height - size.value[1]) / 2];
       size.value = [box.width, box.height];
       if (first) show();
-      else pan(dx, dy);
+      else if (tool.value === "select") pan(dx, dy); // else what is being drawn stays under the pointer
     });
     watch.observe(svg);
     const wheel = (e: WheelEvent): void => {
