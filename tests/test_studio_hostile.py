@@ -188,6 +188,7 @@ def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
         assert heard(first, "scene")["scene"]["title"] == undone["title"] == "Theirs"
 
 
+@pytest.mark.slow
 def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Running) -> None:
     """An import is read in a process of its own, for seconds; meanwhile everybody draws on."""
     with running.socket() as first, running.socket() as second:
@@ -202,6 +203,7 @@ def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Runn
         assert ids == [8, 7]
 
 
+@pytest.mark.slow
 def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
     """Pages that ask and never read, half-open connections, and more pages than there is room for."""
     idle = [sockets.create_connection(("127.0.0.1", running.port)) for _ in range(10)]
@@ -219,6 +221,7 @@ def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
         assert ask(again, "hello")["ok"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) -> None:
     running = started(tmp_path)
@@ -235,6 +238,7 @@ def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) ->
     assert not [*(tmp_path / "cache" / "gauss-bench" / "studio").glob("run.*")]
 
 
+@pytest.mark.slow
 def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
     import subprocess
     import sys
