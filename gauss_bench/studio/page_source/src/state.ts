@@ -29,6 +29,10 @@ export const lined = signal(true); // a grid that pulls
 export const frames = signal({ solved: 0, ms: 0, jump: 0 });
 
 let fitting = false;
+let fitted = -Infinity; // when the motion was last fitted into the window
+
+/** Whether the curves of a motion that was just fitted may be taking their room. */
+export const settling = (): boolean => performance.now() - fitted < 500;
 
 /** Where every pin goes in the motion, one place in eight. */
 const swept = (): XY[] => {
@@ -163,7 +167,10 @@ async function compute(mine: number): Promise<void> {
       clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
       motionNote.value = motion.value.note ?? "";
     });
-    if (fitting) fit(scene.value, swept());
+    if (fitting) {
+      fit(scene.value, swept());
+      fitted = performance.now();
+    }
     fitting = false;
   } catch (error) {
     if (mine !== wanted || !(error instanceof Refused)) return;
