@@ -127,7 +127,13 @@ def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path: Path, c
 
 
 @pytest.mark.parametrize(
-    ("more", "said"), [({"dirty": True}, "changed code"), ({"commit": ""}, "commit"), ({"cpu": ""}, "processor")]
+    ("more", "said"),
+    [
+        ({"dirty": True}, "changed code"),
+        ({"commit": ""}, "commit"),
+        ({"cpu": ""}, "processor"),
+        ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "GAUSS_BENCH_ATTEMPTS=8 alone"),
+    ],
 )
 def test_a_run_that_cannot_be_traced_is_not_published(
     more: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

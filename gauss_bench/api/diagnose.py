@@ -150,8 +150,9 @@ def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker
         arrays = worker.call(_built, (linkage, mechanism.scenario, until), limit, SUB_SAMPLES)
     except WorkerFailure as failure:
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
-    method, _ = str(arrays.pop("method")), arrays.pop("certified")
-    return Reference(**{k: np.asarray(x, dtype=float) for k, x in arrays.items()}, method=method)
+    told: dict[str, Any] = {"method": str(arrays.pop("method")), "certified": bool(arrays.pop("certified"))}
+    curves: dict[str, Any] = {k: np.asarray(x, dtype=float) for k, x in arrays.items()}
+    return Reference(**curves, **told)
 
 
 def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:

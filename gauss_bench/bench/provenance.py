@@ -36,12 +36,16 @@ def check_publishable(folder: Path) -> None:
         raise TableError(f"{folder / ENVIRONMENT}: does not name the commit that the run was made from: not to be published")
     if told.get("dirty"):
         raise TableError(f"{folder / ENVIRONMENT}: the run was made from changed code: not to be published")
+    if told.get("shortened"):
+        raise TableError(f"{folder / ENVIRONMENT}: kernels were searched for with {told['shortened']} alone: not to be published")
     if (folder / TIMES).exists() and not told.get("cpu"):
         raise TableError(f"{folder / ENVIRONMENT}: does not name the processor that times were taken on: not to be published")
 
 
 def environment() -> dict[str, Any]:
     """Where and with what a run was made."""
+    from gauss_bench.compiler.elimination.program import SHORTER  # which loads the compiler
+
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": _git("rev-parse", "--short=12", "HEAD"),
@@ -50,6 +54,7 @@ def environment() -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu(),
         "cores": os.cpu_count(),
+        "shortened": f"{SHORTER}={os.environ[SHORTER]}" if os.environ.get(SHORTER) else "",
         "threads": 1,
         "blas": _blas(),
         "versions": package_versions(),

@@ -38,7 +38,7 @@ from gauss_bench.terms import Array
 EFFORT = 2400  # attempts times unknowns, at most: about a second
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
 THOROUGH = 144
-ATTEMPTS = int(os.environ.get(SHORTER) or THOROUGH)
+ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
 REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)

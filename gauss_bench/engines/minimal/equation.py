@@ -133,6 +133,7 @@ def write_equation(
         position_correction=NOTHING,
         velocity_correction=NOTHING,
         directions=NOTHING,
+        direction_thresholds=np.zeros(0),
         multipliers=NOTHING,
         energy=NOTHING,
         residual=NOTHING,
