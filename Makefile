@@ -32,9 +32,11 @@ test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C comp
 
 FILES ?= 20000
 LISTS ?= 3000
+MOTIONS ?= 200
+PROPERTIES ?= 300
 SEED ?= 1
-fuzz: setup            ## hostile files and arguments at length: make fuzz FILES=2000 LISTS=300 SEED=2
-	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --seed $(SEED)
+fuzz: setup            ## hostile files and arguments, motions and properties at length: make fuzz FILES=2000 PROPERTIES=1000 SEED=2
+	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --motions $(MOTIONS) --properties $(PROPERTIES) --seed $(SEED)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)

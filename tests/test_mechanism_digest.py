@@ -14,8 +14,8 @@ from typing import Any, get_args
 import pytest
 
 import gauss_bench
-from gauss_bench.mechanism.digest import physics_digest, source_digest
-from gauss_bench.mechanism.load import built_in, document_of, load, merge
+from gauss_bench.mechanism.digest import content_digest, physics_digest, source_digest
+from gauss_bench.mechanism.load import built_in, document_of, load, load_document, merge
 from gauss_bench.mechanism.schema import LinkageTable, Table, Text
 from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
 from tests.conftest import DATA
@@ -162,3 +162,14 @@ def test_stored_references_and_journals_know_a_change_at_any_depth_of_their_room
 def test_a_room_that_is_not_there_has_no_digest() -> None:
     with pytest.raises(FileNotFoundError, match="attic"):
         source_digest("attic")
+
+
+def test_a_force_that_varies_tells_what_it_is() -> None:
+    def digest(factor: dict[str, Any]) -> str:
+        change = {"format": "planar-linkage/2", "forces": {"motor": factor}}
+        return content_digest(load_document(merge(document_of("four_bar")[0], change), "torque"))
+
+    ramp = {"over_time": {"law": "ramp", "time": 0.3}}
+    others = [{}, {"over_time": {"law": "ramp", "time": 0.4}}, {"against": {"share": 0.5, "speed": 1.0}}]
+    assert digest(ramp) == digest(ramp)
+    assert len({digest(x) for x in (ramp, *others)}) == 4

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.mechanism.factors import Factor
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.schema import SECOND, LinkageTable, Table
@@ -91,6 +92,8 @@ def _content(x: Any) -> Iterator[bytes]:
             yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
         case MotionLaw():  # its function is made from these
             yield from _content((x.name, x.numbers))
+        case Factor():
+            yield from _content((x.made_of, x.share, x.speed))
         case Mapping():
             yield from _content([*x.items()])
         case tuple() | list():

@@ -29,11 +29,13 @@ class Factor:
 
     Attributes:
         of_time: t -> factor.
+        made_of: the table that it was read from, as text, for those who tell one factor from another.
         kinks: times [s] at which that has no derivative.
         share, speed: against the direction of the force, and the speed over which it goes over [m/s or rad/s].
     """
 
     of_time: Callable[[Array], Array]
+    made_of: str
     kinks: tuple[float, ...] = ()
     share: float = 1.0
     speed: float = 1.0
@@ -50,7 +52,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
         return None
     of_time, kinks = _of_time(table.get("over_time"))
     against = table.get("against", {})
-    return Factor(of_time, kinks, float(against.get("share", 1.0)), float(against.get("speed", 1.0)))
+    return Factor(of_time, repr(table.get("over_time")), kinks, float(against.get("share", 1.0)), float(against.get("speed", 1.0)))
 
 
 def _of_time(table: Mapping[str, Any] | None) -> tuple[Callable[[Array], Array], tuple[float, ...]]:

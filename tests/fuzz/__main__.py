@@ -1,9 +1,10 @@
-"""`python -m tests.fuzz`: hostile files, lists of arguments, and motions by lot, at length.
+"""`python -m tests.fuzz`: hostile files, lists of arguments, motions by lot, and properties of drawn linkages, at length.
 
 Exits 1 where one of them ended as none may: with a fault, too late, or wrong and yet called ok.
 """
 
 import argparse
+import os
 import random
 import sys
 import tempfile
@@ -12,11 +13,14 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+import pytest
+
 from gauss_bench.mechanism.load import built_in
 from tests.fuzz import files, lists
 from tests.fuzz.driven import LATE, Ending, endings, run_one
 from tests.fuzz.motions import over_motions
 
+PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
 BATCH = 500  # files that lie in the folder at a time
 
 
@@ -25,6 +29,7 @@ def main() -> int:
     options.add_argument("--files", type=int, default=2000, metavar="N", help="damaged linkage files (default 2000)")
     options.add_argument("--lists", type=int, default=500, metavar="N", help="lists of arguments (default 500)")
     options.add_argument("--motions", type=int, default=200, metavar="N", help="runs held against other mechanics (default 200)")
+    options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file and list")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
@@ -53,10 +58,19 @@ def main() -> int:
         if sentence:
             bad.append(sentence)
             print(f"motion {number} {sentence}", flush=True)
+    if asked.properties and over_properties(asked.seed, asked.properties):
+        bad.append("a property does not hold")
     for word, count in sorted(found.items()):
         print(f"{count:7d}  {word}")
     print(f"{sum(found.values())} in {time.monotonic() - began:.0f} s; {len(bad)} ended as none may", file=sys.stderr)
     return 1 if bad else 0
+
+
+def over_properties(seed: int, count: int) -> bool:
+    """Whether one of the properties does not hold; its smallest linkage, and what brings it back, are printed."""
+    print(f"properties: {count} linkages each, seed {seed}", flush=True)
+    os.environ["PROPERTIES"] = str(count)
+    return pytest.main([str(PROPERTIES), f"--hypothesis-seed={seed}", "-rA", "--tb=short", "--no-header"]) != pytest.ExitCode.OK
 
 
 def warm(folder: Path) -> None:
