@@ -5,12 +5,14 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gauss_bench import cli
+from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.mechanism.load import document_of, load, load_document, of_one_scenario
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
@@ -123,7 +125,8 @@ def test_starts_close_at_their_own_dimensions(
 def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> None:
     """The kernel with open numbers against the reference formulation, which builds every linkage anew."""
     varied = [*VARIED, "links.crank.mass=uniform(0.3,0.4)"]
-    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=SHORT, where=Where(jobs=1))
+    how = replace(SHORT, integrator="rk4", step=1e-3)
+    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Where(jobs=1))
     assert all(x["status"] == {"ok": 3} for x in told["engines"].values())
     found = rows(tmp_path / "s")
     for one, other in zip(found[:3], found[3:], strict=True):
@@ -132,6 +135,41 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> No
         for key in one.keys() - {"engine", "status", "message", "energy_bar"}:
             assert one[key] == pytest.approx(other[key], rel=1e-7, abs=1e-8), key
     assert len({x["measured"] for x in found[:3]}) == 3
+
+
+@pytest.mark.slow
+def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path) -> None:
+    """Two seconds, some eight turns: the kernel's DOP853 against the reference formulation, whose steps keep to a tolerance."""
+    varied = ["links.rod.length=0.5:0.5:1"]
+    sweep("crank_slider", varied, tmp_path / "native")
+    sweep("crank_slider", varied, tmp_path / "exact", ["gauss"], how=How(integrator="dop853"))
+    for one, other in zip(rows(tmp_path / "native"), rows(tmp_path / "exact"), strict=True):
+        assert (one["status"], other["status"]) == ("ok", "ok")
+        assert one["measured"] == pytest.approx(other["measured"], rel=0, abs=1e-7)
+
+
+def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
+    """Each content of a table is read once in a batch; alone, each sample reads its own."""
+    paths = ["links.rod.length", "links.rod.mass", "gravity.x", "gravity.y", "scenarios.paper.start.crank_deg"]
+    family = Family(of_one_scenario(document_of("crank_slider")[0], "paper"), "paper", paths, "crank_slider")
+    values = np.array(
+        [[0.5, 0.7, 0.1, -9.0, 3.0], [0.5, 0.8, 0.1, -9.0, 3.0], [0.55, 0.7, 0.0, -9.0, 0.0], [0.5, -1.0, 0.1, -9, 3.0]]
+    )
+    together = family.starts(values)
+    assert list(together.reasons) == [3]
+    assert "mass" in together.reasons[3]
+    for k, row in enumerate(values[:3]):
+        alone = parameter_values(family.mechanism_of(row))
+        assert {name: x[k] for name, x in together.columns.items()} == {name: alone[name] for name in together.columns}
+    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x"} <= together.columns.keys()
+
+
+def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None:
+    some = plan(["a=uniform(0,1)", "b=uniform(0,1)", "c=uniform(2,2.0000001)"], 200, seed=1)
+    found = sensitivities(some, np.exp(9 * some.values[:, 0]))["rank_correlation"]
+    assert found["a"] == pytest.approx(1.0, abs=1e-12)
+    assert abs(found["b"]) < 0.2
+    assert sensitivities(some, -(some.values[:, 1] ** 3))["rank_correlation"]["b"] == pytest.approx(-1.0, abs=1e-12)
 
 
 def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:

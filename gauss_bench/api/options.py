@@ -175,9 +175,11 @@ def _sweep(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("--scenario", help="default: the first with a start")
     verb.add_argument("--settings", metavar="NAME,KEY=VALUE,...", help="of the engines")
-    verb.add_argument("--integrator", help="of the engines; their first by default")
+    verb.add_argument("--integrator", help="of the engines; default: dop853_fixed of native code, else their first")
     verb.add_argument("--stabilization", choices=("none", "baumgarte", "projection"), default="none")
-    verb.add_argument("--step", type=float, default=1e-3, metavar="H", help="in seconds, at most (default 0.001)")
+    verb.add_argument(
+        "--step", type=float, metavar="H", help="in seconds, at most (default 0.001; native code by dop853_fixed 0.002)"
+    )
     verb.add_argument("--until", type=float, metavar="T", help="seconds (default: the scenario's duration)")
     verb.add_argument("--budget", type=float, metavar="S", help="seconds that one sample may take in a worker (default 60)")
     verb.add_argument("--backend", choices=("local", "dask"), default="local", help="who runs batches (default local)")
@@ -300,7 +302,10 @@ VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "diagnose": ("split an engine's error by its causes, and name the one that dominates", _diagnose),
     "kinematics": ("move one linkage through a law, without forces", _kinematics),
     "recommend": ("find the cheapest setting of each engine that holds an accuracy on one linkage", _recommend),
-    "sweep": ("run one linkage with many different numbers: grids, tolerances, sensitivities", _sweep),
+    "sweep": (
+        "run one linkage with many different numbers: grids, tolerances, sensitivities; rows are judged by loops and energy",
+        _sweep,
+    ),
     "studio": ("draw a linkage in the browser, drag it, watch its curves and save its file", _studio),
     "export": ("write one linkage as a model, script or program that runs without this package", _export),
     "import": ("make a linkage file of a planar model in MJCF or URDF", _import),

@@ -24,7 +24,8 @@ from gauss_bench.terms import Array
 TRIES = 6  # from the drawing, then from drawings with links turned by lot: the nearest of all is told
 TURNED = 1.0  # [rad] at most
 ALONG = 0.5  # cosine from which a link counts as lying along the gap
-GENERIC = 0.03  # of the linkage's size: off a position where the rank is lower than elsewhere
+GENERIC = 0.03  # of the linkage's size, or [rad]: off a position where the rank is lower than elsewhere
+MOVED = 0.5  # of a step along what is free: a linkage that is less far on afterwards has not moved
 
 
 @dataclass(frozen=True)
@@ -203,13 +204,34 @@ def _point(mechanism: Mechanism, link: int, node: str, name: str) -> Point | Non
     return joint.a if joint.a.link == link else joint.b
 
 
+def rank_about(mechanism: Mechanism, q: Array) -> int:
+    """Rank of the joint rows at a position of no special kind near q (n,); at q itself where the joints are not closed there."""
+    bare = replace(mechanism, drivers=(), knife_edges=())
+    place = Freedom(bare).close(q)
+    if place is None:
+        return mechanism.n - int(Freedom(bare).at(q)[1].free.shape[1])
+    return _rank(bare, place)
+
+
 def _rank(mechanism: Mechanism, place: Place) -> int:
-    """Rank of the joint rows at a position of no special kind: the largest at the place and beside it."""
+    """Rank of the joint rows at a position of no special kind: the largest at the place and beside it.
+
+    Bars in one line are free by the rank, and cannot move: nothing is found beside them. There the rank is that of the same joints
+    with links turned by a little, which is the one of a linkage whose lengths are not exactly so.
+    """
     freedom, rng = Freedom(mechanism), np.random.default_rng(0)
-    rank = mechanism.n - int(place.free.shape[1])
+    here = rank = mechanism.n - int(place.free.shape[1])
+    moves = not place.free.size
     for _ in range(3):
         way = place.free @ rng.normal(size=place.free.shape[1])
         size = float(np.abs(way).max(initial=0.0)) or 1.0
-        beside = freedom.close(place.q + way * (GENERIC * freedom.size / size) / freedom.scale)
-        rank = max(rank, mechanism.n - int(beside.free.shape[1])) if beside else rank
-    return rank
+        step = way * (GENERIC * freedom.size / size) / freedom.scale
+        beside = freedom.close(place.q + step)
+        if beside is None or np.abs((beside.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
+            continue
+        moves, rank = True, max(rank, mechanism.n - int(beside.free.shape[1]))
+    if moves or here == len(place.J):
+        return rank
+    turned = np.array(place.q)
+    turned[2::3] += rng.uniform(-GENERIC, GENERIC, size=len(turned[2::3]))
+    return max(rank, mechanism.n - int(freedom.at(turned)[1].free.shape[1]))

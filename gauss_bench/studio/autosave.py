@@ -71,12 +71,20 @@ class Autosave:
 
 
 @contextmanager
-def workplace(text: str, name: str) -> Iterator[Path]:
-    """A file of this text called `name`.toml, for those who read linkages from files; gone with its folder afterwards."""
-    home = folder()
-    home.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f"run.{os.getpid()}.{since(os.getpid())}.", dir=home) as made:
-        path = Path(made) / f"{name if NAME.fullmatch(name) else 'drawing'}.toml"
+def workplace(text: str, name: str, suffix: str = ".toml") -> Iterator[Path]:
+    """A file of this text called `name` + suffix, for those who read from files; gone with its folder afterwards.
+
+    Raises:
+        OSError: neither under the caches nor among temporary files can one be written.
+    """
+    try:
+        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        home = folder() if os.access(folder(), os.W_OK) else None
+    except OSError:
+        home = None  # among temporary files, then
+    prefix = f"run.{os.getpid()}.{since(os.getpid())}."
+    with tempfile.TemporaryDirectory(prefix=prefix, dir=home, ignore_cleanup_errors=True) as made:
+        path = Path(made) / f"{name if NAME.fullmatch(name) else 'drawing'}{suffix}"
         path.write_text(text, encoding="utf-8")
         yield path
 

@@ -1,7 +1,6 @@
 """Files of the studio: only inside the folder it was started in, and a linkage as a link that carries itself."""
 
 import base64
-import tempfile
 import zlib
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.mechanism.load import MAX_BYTES, built_in
 from gauss_bench.mechanism.load import read as read_file
 from gauss_bench.studio import templates
+from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
 from gauss_bench.tables import write_text
 
@@ -60,11 +60,11 @@ def opened(folder: Path, name: str) -> tuple[str, Path | None]:
     return path.read_text(encoding="utf-8"), path
 
 
-def save(folder: Path, path: Path, text: str, replace: bool, own: Path | None) -> None:
-    """Write the text in one move; over another file than the one that was opened only where that is wished.
+def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
+    """Write the text in one move; over a file that is not `own`, or does not say what is `known` of it, only where that is wished.
 
     Raises:
-        Refused: a name that no linkage may have, or there is a file already.
+        Refused: a name that no linkage may have, or there is a file already, or one that may only be read.
     """
     if path.stem in built_in():
         raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
@@ -72,10 +72,24 @@ def save(folder: Path, path: Path, text: str, replace: bool, own: Path | None) -
         raise Refused(f"{path.name} lies in no folder, or is one", field="path")
     if path.exists() and path != own and not replace:
         raise Refused(f"{path.name} is there already", field="replace")
+    if path.exists() and not path.stat().st_mode & 0o222:
+        raise Refused(f"{path.name} may only be read: choose another name", field="path")
+    if path == own and not replace and changed(path, known):
+        raise Refused(f"{path.name} has been changed by someone else since it was opened", field="replace")
     try:
         write_text(path, text)
     except OSError as error:
         raise Refused(f"{path.name} cannot be written: {error.strerror}", field="path") from error
+
+
+def changed(path: Path, known: str) -> bool:
+    """Whether a file says something else than what is known of it; one that is gone does not."""
+    try:
+        return path.read_text(encoding="utf-8") != known
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
 
 
 def imported(text: str) -> tuple[str, list[str]]:
@@ -84,9 +98,7 @@ def imported(text: str) -> tuple[str, list[str]]:
     Raises:
         Refused: it is none, or not planar, or what reads it is not installed.
     """
-    with tempfile.TemporaryDirectory(prefix="gauss-bench-studio-") as folder:
-        model = Path(folder) / "model.xml"
-        model.write_text(text, encoding="utf-8")
+    with workplace(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
                 found = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
@@ -110,9 +122,9 @@ def of_fragment(given: str) -> str:
     try:
         packed = base64.b64decode(given + "=" * (-len(given) % 4), altchars=b"-_", validate=True)
         unpacking = zlib.decompressobj()
-        content = unpacking.decompress(packed, MAX_BYTES + 1)
-        if len(content) > MAX_BYTES or not unpacking.eof:
-            raise Refused("the link is cut off, or carries more than a linkage file")
-        return content.decode("utf-8")
+        text = unpacking.decompress(packed, MAX_BYTES + 1).decode("utf-8")
     except (ValueError, zlib.error) as error:
         raise Refused("the link carries no linkage") from error
+    if not unpacking.eof or len(text) > MAX_BYTES:
+        raise Refused("the link is cut off, or carries more than a linkage file")
+    return text

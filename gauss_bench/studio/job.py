@@ -151,6 +151,7 @@ def main() -> None:
     request = json.loads(line)
     try:
         WORK[request["work"]](request, say)
+        say({"event": "done"})
     except Exception as error:
         say({"event": "failed", "text": str(error) or type(error).__name__})
 

@@ -8,12 +8,15 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
+from gauss_bench.trajectory import in_a_sentence
 
 MOST = 3  # at once
+GRACE = 2.0  # [s] for what is left of a piece of work that is stopped
 
 
 class Jobs:
@@ -22,6 +25,7 @@ class Jobs:
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
         self.tell = tell
         self.running: dict[int, subprocess.Popen[bytes]] = {}
+        self.followers: dict[int, threading.Thread] = {}
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, name: str, request: dict[str, Any], done: str) -> int:
@@ -44,36 +48,48 @@ class Jobs:
                 env=environment,
                 start_new_session=True,
             )
-        threading.Thread(target=self._follow, args=(job, text, name, request, done), daemon=True).start()
+            follower = threading.Thread(target=self._follow, args=(job, text, name, request, done), daemon=True)
+            self.followers[job] = follower
+        follower.start()
         return job
 
     def _follow(self, job: int, text: str, name: str, request: dict[str, Any], done: str) -> None:
         process = self.running[job]
         last: dict[str, Any] = {"event": done, "job": job}
-        with workplace(text, name) as path, contextlib.suppress(OSError, ValueError):
-            assert process.stdin is not None
-            assert process.stdout is not None
-            process.stdin.write(json.dumps(request | {"path": str(path)}).encode() + b"\n")
-            process.stdin.flush()
-            ended = False
-            for line in process.stdout:
-                event = json.loads(line) | {"job": job}
-                match event["event"]:
-                    case "failed":
-                        last |= {"error": event["text"].replace(f"{path}: ", "")}
-                        ended = True
-                    case "compared":
-                        last.setdefault("compare", event["compare"])
-                        last.setdefault("compared", []).append(event["compare"])
-                    case _:
-                        ended = True
-                        self.tell(event)
-            if not ended:
-                last |= {"error": "it was stopped"}
+        try:
+            with workplace(text, name) as path:
+                last |= self._told(process, path, request | {"path": str(path)}, job)
+        except (OSError, ValueError) as error:
+            last |= {"error": f"it could not be run: {in_a_sentence(error)}"}
         self._end(process)
         with self.lock:
             self.running.pop(job, None)
+            self.followers.pop(job, None)
         self.tell(last)
+
+    def _told(self, process: "subprocess.Popen[bytes]", path: Path, request: dict[str, Any], job: int) -> dict[str, Any]:
+        """Tell what the process finds as it comes; what its last event has besides."""
+        last: dict[str, Any] = {}
+        ended = False
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with contextlib.suppress(BrokenPipeError):  # it was stopped before it began
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.flush()
+        for line in process.stdout:
+            event = json.loads(line) | {"job": job}
+            match event["event"]:
+                case "failed":
+                    last |= {"error": event["text"].replace(f"{path}: ", "")}
+                    ended = True
+                case "compared":
+                    last.setdefault("compare", event["compare"])
+                    last.setdefault("compared", []).append(event["compare"])
+                case "done":
+                    ended = True
+                case _:
+                    self.tell(event)
+        return last if ended else last | {"error": "it was stopped"}
 
     @staticmethod
     def _end(process: "subprocess.Popen[bytes]") -> None:
@@ -94,6 +110,10 @@ class Jobs:
                 os.killpg(process.pid, signal.SIGKILL)
 
     def stop_all(self) -> None:
-        """End everything that goes on."""
+        """End everything that goes on, and wait until nothing of it is left."""
+        followers = [*self.followers.values()]
         for job in [*self.running]:
             self.stop(job)
+        for follower in followers:
+            if follower.ident is not None:
+                follower.join(GRACE)

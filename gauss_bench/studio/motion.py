@@ -38,6 +38,8 @@ def moving(text: str, reading: Reading, message: Message) -> Mechanism:
         LinkageError, ChoiceError: the file or the driver cannot be used.
     """
     document, given, scenario = reading.document, message.get("driver"), message.get("scenario")
+    if not isinstance(given, (dict, str, type(None))) or not isinstance(scenario, (str, type(None))):
+        raise Refused("a driver is a law, or its coordinate and law in words; a scenario is named", field="driver")
     is_driven = [k for k, x in document.get("scenarios", {}).items() if {"driver", "drivers"} & x.keys()]
     if isinstance(given, dict) or (given is None and scenario is None and not is_driven):
         text = written(text, _driven_so(document, reading, given))

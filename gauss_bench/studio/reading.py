@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.assembly import put_together
+from gauss_bench.kinematics.assembly import put_together, rank_about
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.build import build_mechanism
 from gauss_bench.mechanism.closure import close_joints
@@ -33,7 +33,6 @@ from gauss_bench.trajectory import Trajectory, in_a_sentence
 ROUNDS = 200  # of leaving out what is at fault; each leaves out something
 MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link that says nothing of either, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario in which nothing is held, driven or pushed
-RANK = 1e-9  # of the largest singular value: rows below it say nothing new
 TRIED = 6  # scenarios that are looked at whether they start
 
 
@@ -76,6 +75,15 @@ class Reading:
     def joints(self) -> Constraints | None:
         """The rows of the joints alone."""
         return None if self.mechanism is None else Constraints(replace(self.mechanism, drivers=(), knife_edges=()))
+
+    @cached_property
+    def rank(self) -> int:
+        """How many rows of the joints are independent, the drawing being of no special kind."""
+        if self.mechanism is None:
+            return 0
+        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError):
+            return rank_about(self.mechanism, self.q)
+        return 0
 
     def whole(self, q: Array) -> Array:
         """State(s) (..., n) of the bodies as those of the links of the file."""
@@ -136,7 +144,7 @@ def read(document: Document) -> Reading:
         problems.append(Problem("error", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
     found = Reading(document, rest, mechanism, q, closed, unplaced)
     problems += [*_lone(document), *_loose(mechanism)]
-    if closed and found.joints is not None and rank_of(found.joints(0.0, q, 0 * q).J) == mechanism.n:
+    if closed and found.rank == mechanism.n:
         problems.append(Problem("hint", "nothing can move: the links hold each other fast, with no degree of freedom"))
     if not any(x.level == "error" for x in problems):
         problems += _scenarios(document)
@@ -340,12 +348,6 @@ def _scenarios(document: Document) -> Iterator[Problem]:
             if sentence not in told:
                 yield Problem("warning", sentence, place(document, sentence.split(":")[0]))
             told.add(sentence)
-
-
-def rank_of(J: Array) -> int:
-    """How many rows are independent, which is 0 of none."""
-    sizes = np.linalg.svd(J, compute_uv=False) if J.size else np.zeros(0)
-    return int((sizes > RANK * sizes.max(initial=0.0)).sum())
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:

@@ -1,6 +1,7 @@
 """What the page may ask for: one function for every verb of the protocol, which README.md describes."""
 
 import contextlib
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,6 +16,7 @@ from gauss_bench.studio import dragging, dynamics, editing, exports, files, moti
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.drawing import NAME
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.security import DEEPEST
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
@@ -36,6 +38,26 @@ def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise Refused(f"{key} is not what it should be", field=key)
     return value
+
+
+def sound(message: Message) -> None:
+    """Check that every number of a message is one to compute with, every text one to write, and none of it endlessly deep.
+
+    Raises:
+        Refused: it is not so.
+    """
+    level: list[Any] = [message]
+    for _ in range(DEEPEST):
+        for x in level:
+            if isinstance(x, (int, float)) and not abs(x) <= sys.float_info.max:
+                raise Refused("a number of the message is larger than any that can be computed with")
+            if isinstance(x, str) and not x.isascii() and any("\ud800" <= c <= "\udfff" for c in x):
+                raise Refused("a text of the message has half a character, which no file can hold")
+        inner = [x for x in level if isinstance(x, (dict, list))]
+        level = [y for x in inner for y in ((*x.keys(), *x.values()) if isinstance(x, dict) else x)]
+        if not level:
+            return
+    raise Refused(f"the message is nested deeper than {DEEPEST} levels")
 
 
 def engines_here() -> list[dict[str, Any]]:
@@ -108,7 +130,7 @@ def save(session: Session, message: Message) -> Reply:
     if not NAME.fullmatch(path.stem):
         raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
     content = written(session.text, session.document | {"name": path.stem})
-    files.save(session.folder, path, content, bool(message.get("replace")), session.path)
+    files.save(path, content, bool(message.get("replace")), session.path, session.saved)
     session.saved_as(path, content)
     return {"path": path.name} | shown(session)
 
@@ -199,10 +221,13 @@ def move_by_law(session: Session, message: Message) -> Reply:
     job = -session.motions  # of no process that could be stopped
 
     def look() -> None:
-        try:
-            marks, why = motion.singular(mechanism)
-        except Exception as error:
-            marks, why = [], in_a_sentence(error)
+        with session.looking:  # one at a time, and of nothing that was drawn otherwise meanwhile
+            if session.text != text:
+                return
+            try:
+                marks, why = motion.singular(mechanism)
+            except Exception as error:
+                marks, why = [], in_a_sentence(error)
         session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
 
     threading.Thread(target=look, daemon=True).start()
@@ -272,6 +297,7 @@ def answer(session: Session, message: Message) -> Reply:
     if not isinstance(id, (int, str)) or isinstance(id, bool):
         id = None
     try:
+        sound(message)
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:

@@ -10,7 +10,7 @@ from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.mechanism.references import items, sequence, table
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.reading import Reading, lone_pins, loops_of, pins_of, rank_of
+from gauss_bench.studio.reading import Reading, lone_pins, loops_of, pins_of
 
 UNITS = {
     "torque": ("value", "N m"),
@@ -222,17 +222,16 @@ def _cylinders_are_sound(document: Document) -> bool:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """Whether it assembles, and its counts where the drawing is."""
+    """Whether it assembles, and its counts at a position of no special kind near the drawing."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
-    J = joints(0.0, reading.q, np.zeros_like(reading.q)).J
-    rank = rank_of(J)
+    rank = reading.rank
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - rank,
         "loops": independent(mechanism),
-        "redundant": len(J) - rank,
+        "redundant": len(joints(0.0, reading.q, np.zeros_like(reading.q)).phi) - rank,
         "loop_names": loops_of(mechanism),
     }
 

@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 LARGEST = 2 << 20  # bytes of a message
 RATE, WINDOW = 300, 1.0  # messages in so many seconds that are answered: drags send some 60 a second
 SOCKETS = 8  # pages at once
+UNREAD = 64  # messages that wait for a page to read them; one that reads none is let go
+BESIDE = 4  # long requests of a page that go on while it asks others
+DEEPEST = 40  # levels of a message
 
 
 def headers(port: int) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """The studio's server: the page, its files, and one socket; on this machine alone, for as long as the process lives.
 
-Whatever takes time runs in a thread, so that the socket stays awake; requests of all pages come one after the other.
+Whatever takes time runs in a thread, so that the socket stays awake. Requests of a page come one after the other, but for those
+that take long, and changes of all pages likewise; what one page has changed is told to the others.
 """
 
 import asyncio
@@ -11,6 +12,7 @@ import socket
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -30,8 +32,8 @@ from gauss_bench.mechanism.load import read as read_file
 from gauss_bench.studio import files, templates
 from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.requests import answer, engines_here
-from gauss_bench.studio.security import LARGEST, SOCKETS, Guard, Rate, headers
+from gauss_bench.studio.requests import APART, answer, engines_here
+from gauss_bench.studio.security import BESIDE, LARGEST, SOCKETS, UNREAD, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
 PAUSE = 0.02  # [s]
@@ -86,7 +88,8 @@ class Studio:
 
     def __init__(self, session: Session, guard: Guard):
         self.session, self.guard = session, guard
-        self.pages: set[asyncio.Queue[str]] = set()
+        self.pages: set[Page] = set()
+        self.revision = session.revision  # that all pages were told of
         self.loop: asyncio.AbstractEventLoop | None = None
         routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
         self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
@@ -94,6 +97,7 @@ class Studio:
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
         self.loop = asyncio.get_running_loop()
+        self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # no page waits for another's long request
         yield
         self.session.stop()
 
@@ -111,38 +115,59 @@ class Studio:
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
             await socket.close(1008)
             return
-        await socket.accept()
-        outgoing: asyncio.Queue[str] = asyncio.Queue()
-        self.pages.add(outgoing)
-        sending, rate = asyncio.create_task(self._send(socket, outgoing)), Rate()
+        page = Page(asyncio.current_task())
+        self.pages.add(page)
+        beside: set[asyncio.Task[None]] = set()
+        sending, rate = None, Rate()
         try:
+            await socket.accept()
+            sending = asyncio.create_task(self._send(socket, page))
             while True:
-                told = await socket.receive_text()
-                outgoing.put_nowait(await self._answer(told, rate))
+                message = heard(await socket.receive_text())
+                while not rate.allows():  # who sends faster waits, and so does what it sends
+                    await asyncio.sleep(PAUSE)
+                answering = self._answer(message, page)
+                if message.get("do") not in APART:
+                    await answering
+                    continue
+                while len(beside) >= BESIDE:
+                    await asyncio.wait(beside, return_when=asyncio.FIRST_COMPLETED)
+                task = asyncio.create_task(answering)
+                beside.add(task)
+                task.add_done_callback(beside.discard)
         except (WebSocketDisconnect, KeyError, RuntimeError):  # gone, or it sent bytes
             pass
+        except asyncio.CancelledError:  # it read nothing, or the studio ends
+            pass
         finally:
-            self.pages.discard(outgoing)
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, RuntimeError, WebSocketDisconnect):
-                await sending
-            with contextlib.suppress(RuntimeError):
-                await socket.close(1003)
+            self.pages.discard(page)
+            for going in (*beside, *([sending] if sending else [])):
+                going.cancel()
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect, asyncio.TimeoutError):
+                await asyncio.wait_for(socket.close(1003), 1.0)
 
-    async def _send(self, socket: WebSocket, outgoing: "asyncio.Queue[str]") -> None:
-        while True:
-            await socket.send_text(await outgoing.get())
+    async def _send(self, socket: WebSocket, page: "Page") -> None:
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
+            while True:
+                await socket.send_text(await page.unread.get())
 
-    async def _answer(self, told: str, rate: Rate) -> str:
-        try:
-            message = json.loads(told, parse_constant=_no_number)
-        except (ValueError, RecursionError):
-            return as_json({"id": None, "ok": False, "error": {"text": "the message is no JSON", "where": (), "field": ""}})
-        if not isinstance(message, dict):
-            return as_json({"id": None, "ok": False, "error": {"text": "a message is an object", "where": (), "field": ""}})
-        while not rate.allows():  # who sends faster waits, and so does what it sends
-            await asyncio.sleep(PAUSE)
-        return as_json(await asyncio.to_thread(answer, self.session, message))
+    async def _answer(self, message: dict[str, Any], page: "Page") -> None:
+        """Answer the page, and tell the others what it has changed."""
+        found = UNHEARD
+        if message is not UNHEARD:
+            try:
+                found = await asyncio.to_thread(answer, self.session, message)
+            except RuntimeError:  # the studio ends
+                return
+        await page.unread.put(as_json(found))
+        scene = found.get("scene")
+        if scene is not None and scene["revision"] > self.revision:
+            self.revision = scene["revision"]
+            others = self.pages - {page}
+            if others:
+                text = as_json({"event": "scene", "scene": scene})
+                for other in others:
+                    other.tell(text)
 
     def tell(self, event: dict[str, Any]) -> None:
         """Tell every page; from any thread."""
@@ -153,7 +178,34 @@ class Studio:
 
     def _tell_all(self, text: str) -> None:
         for page in self.pages:
-            page.put_nowait(text)
+            page.tell(text)
+
+
+class Page:
+    """One socket: what it has not read yet, and the task that listens to it."""
+
+    def __init__(self, task: "asyncio.Task[Any] | None"):
+        self.task, self.unread = task, asyncio.Queue[str](UNREAD)
+
+    def tell(self, text: str) -> None:
+        """Put on its way what it has not asked for; a page that reads nothing is let go."""
+        try:
+            self.unread.put_nowait(text)
+        except asyncio.QueueFull:
+            if self.task is not None:
+                self.task.cancel()
+
+
+UNHEARD: dict[str, Any] = {"id": None, "ok": False, "error": {"text": "a message is an object of JSON", "where": (), "field": ""}}
+
+
+def heard(told: str) -> dict[str, Any]:
+    """The message of a text; `UNHEARD` where it is none."""
+    try:
+        message = json.loads(told, parse_constant=_no_number)
+    except (ValueError, RecursionError):
+        return UNHEARD
+    return message if isinstance(message, dict) else UNHEARD
 
 
 def as_json(item: dict[str, Any]) -> str:

@@ -35,6 +35,7 @@ class Session:
         self.revision = 0
         self.path: Path | None = None
         self.picture: dict[str, Any] | None = None
+        self.motions, self.looking = 0, threading.Lock()
         self.autosave = Autosave(self._named())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
@@ -51,7 +52,6 @@ class Session:
         self._read: tuple[str, Reading] | None = None
         self.drag: Dragging | None = None
         self.branches: tuple[Reading, list[Array]] | None = None
-        self.motions = 0
 
     def open(self, text: str, path: Path | None = None) -> None:
         """Begin anew with a text; one that was read from a file is saved there.

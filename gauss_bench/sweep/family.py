@@ -24,11 +24,12 @@ from gauss_bench.mechanism.errors import BuildError, LinkageError
 from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import GROUND, Along, Coordinate, Force, Joint, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.schema import LinkageTable
-from gauss_bench.sweep.paths import Document, changed
+from gauss_bench.sweep.paths import Document, changed, number_at
 from gauss_bench.terms import Array
 
 STRIDE = 0.02  # of the linkage's size: largest change of a dimension between two closures
 NEWTON = 12  # iterations of each closure: three or four are needed
+WHOLE = ("gravity", "ground")  # tables of the file's top level that hold no tables by name
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")
 Columns = Mapping[str, Array]
 
@@ -61,7 +62,10 @@ class Family:
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
         self.document, self.scenario, self.paths, self.source = document, scenario, tuple(paths), source
         self.nominal = load_document(document, scenario, source)
-        self.heads = {tuple(path.split(".")[:2]) for path in paths}
+        self.heads = dict[tuple[str, ...], list[int]]()  # of each table that paths touch: which paths
+        for k, path in enumerate(paths):
+            head, *rest = path.split(".")
+            self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
 
     @cached_property
     def closed_to_kernels(self) -> str:
@@ -107,74 +111,74 @@ class Family:
         """Names of the numbers that change with any of the paths, as kernels call them."""
         moved = set[str]()
         for factor in (1.01, 1.3):
-            for path in self.paths:
-                try:
-                    old = self._number(path)
-                    found = self._numbers(changed(self.document, {path: old * factor if old else factor - 1.0}))
-                except (BuildError, ValidationError):
-                    continue
-                moved |= {name for name, x in found.items() if x != self._parameters[name]}
+            for head, places in self.heads.items():
+                for path in (self.paths[k] for k in places):
+                    old = number_at(self.document, path)
+                    try:
+                        found = self._numbers(head, changed(self.document, {path: old * factor if old else factor - 1.0}))
+                    except (BuildError, ValidationError):
+                        continue
+                    moved |= {name for name, x in found.items() if x != self._parameters[name]}
         return tuple(name for name in self._parameters if name in moved)
 
-    def _number(self, path: str) -> float:
-        from gauss_bench.sweep.paths import number_at
-
-        return number_at(self.document, path)
-
-    def _numbers(self, document: Document) -> dict[str, float]:
-        """Numbers of the tables that paths touch, by their names in kernels.
+    def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
+        """Numbers of a table, by their names in kernels.
 
         Raises:
-            ValidationError, BuildError: the tables are no longer those of a linkage.
+            ValidationError, BuildError: the table is no longer that of a linkage.
         """
-        found: dict[str, float] = {}
-        for head, *rest in self.heads:
-            table = document[head]
-            if head == "gravity":
-                self._tables[head].validate_python(table)
-                found |= {f"gravity.{axis}": float(x) for axis, x in zip("xy", table, strict=True)}
-                continue
-            if head == "ground":
-                self._tables[head].validate_python(table)
-                found |= _places("points.ground", resolve_points(table["points"]))
-                continue
-            (name,) = rest
-            self._tables[head].validate_python({name: table[name]})
-            if head == "links":
-                link = build_link(name, table[name])
-                found |= {f"links.{name}.mass": float(link.mass), f"links.{name}.inertia": float(link.inertia)}
-                found |= {f"links.{name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
-                found |= _places(f"points.{name}", link.points)
-            elif head == "joints":
-                found[f"joints.{name}.offset"] = float(table[name]["offset"])
-            elif head == "forces" and any(f.name == name for f in self.nominal.forces):
-                for key, x in force_numbers(self._resolver.force(name, table[name])).items():  # type: ignore[arg-type]
-                    found |= (
-                        {f"forces.{name}.{key}": float(x)}
-                        if np.ndim(x) == 0
-                        else {f"forces.{name}.{key}.{axis}": float(y) for axis, y in zip("xy", np.ravel(x), strict=True)}
-                    )
+        kind, *names = head
+        table, form = document[kind], self._tables[kind]
+        if kind == "gravity":
+            form.validate_python(table)
+            return {f"gravity.{axis}": float(x) for axis, x in zip("xy", table, strict=True)}
+        if kind == "ground":
+            form.validate_python(table)
+            return _places("points.ground", resolve_points(table["points"]))
+        (name,) = names
+        form.validate_python({name: table[name]})
+        if kind == "links":
+            link = build_link(name, table[name])
+            found = {f"links.{name}.mass": float(link.mass), f"links.{name}.inertia": float(link.inertia)}
+            found |= {f"links.{name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
+            return found | _places(f"points.{name}", link.points)
+        if kind == "joints":
+            return {f"joints.{name}.offset": float(table[name]["offset"])}
+        if kind != "forces" or all(f.name != name for f in self.nominal.forces):
+            return {}
+        found = {}
+        for key, x in force_numbers(self._resolver.force(name, table[name])).items():  # type: ignore[arg-type]
+            found |= (
+                {f"forces.{name}.{key}": float(x)}
+                if np.ndim(x) == 0
+                else {f"forces.{name}.{key}.{axis}": float(y) for axis, y in zip("xy", np.ravel(x), strict=True)}
+            )
         return found
 
     def starts(self, values: Array) -> Starts:
         """Numbers and starts of samples (k, d)."""
-        names, reasons, rows = self.open_numbers, dict[int, str](), np.full((len(values), len(self.open_numbers)), np.nan)
-        nominal = [self._parameters[name] for name in names]
-        varied = any(head == "scenarios" for head, *_ in self.heads)
-        goals = [self._goals(self.document)] * len(values)
-        for k, row in enumerate(values):
-            document = self.document_of(row)
-            rows[k] = nominal
-            try:
-                found = self._numbers(document)
-                if varied:
-                    goals[k] = self._goals(document)
-            except (ValidationError, BuildError):
-                reasons[k] = self._reason(row)
-                continue
-            rows[k] = [found.get(name, x) for name, x in zip(names, nominal, strict=True)]
-        columns = {name: rows[:, j] for j, name in enumerate(names)}
-        q, v = self._closed(columns, np.array(goals))
+        reasons, goals = dict[int, str](), np.array([self._goals(self.document)] * len(values))
+        columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
+        for head, places in self.heads.items():
+            # a table is read once for each of its contents: a grid has few, and what varies elsewhere does not change them
+            contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
+            for j, row in enumerate(contents.tolist()):
+                samples = np.flatnonzero(which.ravel() == j)
+                document = changed(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
+                try:
+                    found = self._numbers(head, document)
+                    if head[0] == "scenarios":
+                        goals[samples] = self._goals(document)
+                except (ValidationError, BuildError):
+                    reasons |= dict.fromkeys(samples.tolist(), "")
+                    continue
+                for name in columns.keys() & found.keys():
+                    columns[name][samples] = found[name]
+        for k in reasons:
+            reasons[k] = self._reason(values[k])
+            for name, column in columns.items():
+                column[k] = self._parameters[name]
+        q, v = self._closed(columns, goals)
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
             if k not in reasons:
                 q[k], v[k] = self._alone(values[k], k, reasons)

@@ -8,6 +8,7 @@ import numpy as np
 from gauss_bench.sweep.plan import Plan
 
 SHOWN = 500  # points of a panel: more only blacken it
+TICKS = 4  # intervals of an axis, at most: a small panel has no room for more, and they take most of the drawing
 MOST = 8  # figures that are drawn
 
 
@@ -34,6 +35,8 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
             few = np.linspace(0, len(y) - 1, min(len(y), SHOWN)).round().astype(int)
             for axis, path in zip(line[1:], plan.paths, strict=True):
                 axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
+        for axis in line:
+            axis.locator_params(nbins=TICKS)
         titled(line[0], name)
         line[0].set_ylabel("samples")
         if len(engines) > 1:

@@ -52,13 +52,12 @@ def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
     x = plan.values[: len(y)][there]
     if len(x) < FEWEST or np.ptp(y[there]) == 0:
         return {}
-    from scipy.stats import spearmanr
+    import pandas
 
-    told = {}
-    for path, column in zip(plan.paths, x.T, strict=True):
-        if np.ptp(column) > 0:
-            told[path] = float(spearmanr(column, y[there]).statistic)
-    return {"rank_correlation": told}
+    varied = np.ptp(x, axis=0) > 0
+    ranks = pandas.DataFrame(np.column_stack([y[there], x[:, varied]])).rank()
+    found = np.atleast_2d(np.corrcoef(ranks, rowvar=False))[0, 1:].tolist()
+    return {"rank_correlation": dict(zip(np.array(plan.paths)[varied].tolist(), found, strict=True))}
 
 
 def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:

@@ -9,8 +9,8 @@ import type { Target } from "./hit";
 import type { Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
-  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, shown,
-  show, showCentres, still, take,
+  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
+  shown, show, showCentres, still, take,
 } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
 import { pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
@@ -98,8 +98,8 @@ export function Canvas(): JSX.Element {
       const first = size.value[0] === 800 && size.value[1] === 600;
       const [dx, dy] = [(box.width - size.value[0]) / 2, (box.height - size.value[1]) / 2];
       size.value = [box.width, box.height];
-      if (first) show();
-      else pan(dx, dy);
+      if (first || settling()) show();
+      else if (tool.value === "select") pan(dx, dy); // else what is being drawn stays under the pointer
     });
     watch.observe(svg);
     const wheel = (e: WheelEvent): void => {

@@ -179,9 +179,8 @@ function Save(): JSX.Element {
       close();
       return;
     }
-    
     setFault(said.value?.text ?? "");
-    setTaken(/exist|replace/i.test(said.value?.text ?? ""));
+    setTaken(said.value?.field === "replace");
   };
   return (
     <Sheet title="Save">

@@ -40,7 +40,7 @@ const advice = signal<{ job: number | null; answers: Answer[]; done: boolean; no
 export function hear(event: Event): void {
   if (event.event === "singular") {
     if (motion.value && motion.value.job === event.job) motion.value = { ...motion.value, singular: event.singular as Motion["singular"] };
-  } else if (event.event === "progress") progress.value = String(event.text ?? event.note ?? "");
+  } else if (event.event === "progress" && (event.job === job.value || event.job === advice.value.job)) progress.value = String(event.text ?? event.note ?? "");
   else if (event.event === "release" && event.job === job.value) {
     const run = event as unknown as Run;
     runs.value = [...runs.value.filter((r) => r.engine !== run.engine), run];
@@ -51,10 +51,10 @@ export function hear(event: Event): void {
     job.value = null;
     progress.value = "";
     if (event.error) say(String(event.error), "error");
-  } else if (event.event === "recommend") {
+  } else if (event.event === "recommend" && event.job === advice.value.job) {
     const more = event.answer ? [event.answer as Answer] : [];
     advice.value = { ...advice.value, answers: [...advice.value.answers, ...more], note: typeof event.advice === "string" ? event.advice : advice.value.note };
-  } else if (event.event === "recommend_done") {
+  } else if (event.event === "recommend_done" && event.job === advice.value.job) {
     advice.value = { ...advice.value, done: true, note: event.error ? String(event.error) : advice.value.note };
     progress.value = "";
   }

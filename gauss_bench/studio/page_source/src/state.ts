@@ -10,7 +10,7 @@ export type Picked = { kind: "link" | "pin" | "slide" | "force"; id: string };
 export const hello = signal<Hello | null>(null);
 export const scene = signal<Scene | null>(null);
 export const selection = signal<Picked[]>([]);
-export const said = signal<{ text: string; level: "error" | "info" } | null>(null); // the line that is read aloud
+export const said = signal<{ text: string; level: "error" | "info"; field?: string } | null>(null); // the line that is read aloud
 export const dialog = signal<"" | "gallery" | "open" | "share" | "release" | "recommend" | "help" | "export" | "save" | "branches">("");
 export const sheet = signal<"" | "properties" | "curves">(""); // narrow screens: which panel covers the drawing
 export const touring = signal(-1);
@@ -29,6 +29,10 @@ export const lined = signal(true); // a grid that pulls
 export const frames = signal({ solved: 0, ms: 0, jump: 0 });
 
 let fitting = false;
+let fitted = -Infinity; // when the motion was last fitted into the window
+
+/** Whether the curves of a motion that was just fitted may be taking their room. */
+export const settling = (): boolean => performance.now() - fitted < 500;
 
 /** Where every pin goes in the motion, one place in eight. */
 const swept = (): XY[] => {
@@ -89,7 +93,7 @@ export async function attempt(verb: string, what: object = {}): Promise<Reply | 
     return reply;
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
-    say(error.fault.text, "error");
+    said.value = { text: error.fault.text, level: "error", field: error.fault.field };
     return null;
   }
 }
@@ -120,8 +124,15 @@ export function take(next: Scene): void {
 export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
   fitting = false; // who draws keeps his window
   const reply = await attempt(verb, what);
-  if (reply?.scene) take(reply.scene);
+  if (reply?.scene) newer(reply.scene);
   return reply;
+}
+
+/** Shows a scene, unless another page's, which came before it, is newer. */
+function newer(next: Scene): boolean {
+  if (next.revision < (scene.value?.revision ?? 0)) return false;
+  take(next);
+  return true;
 }
 
 // The motion follows the linkage by itself, a moment after the last edit.
@@ -156,7 +167,10 @@ async function compute(mine: number): Promise<void> {
       clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
       motionNote.value = motion.value.note ?? "";
     });
-    if (fitting) fit(scene.value, swept());
+    if (fitting) {
+      fit(scene.value, swept());
+      fitted = performance.now();
+    }
     fitting = false;
   } catch (error) {
     if (mine !== wanted || !(error instanceof Refused)) return;
@@ -250,7 +264,10 @@ export const kept = (): string => localStorage.getItem(KEPT) ?? "";
 
 /** Greets the server after every opening of the socket. */
 export function start(onEvent: (event: Event) => void): void {
-  listen(onEvent);
+  listen((event) => {
+    if (event.event !== "scene") onEvent(event);
+    else if (newer(event.scene as Scene)) say("Changed on another page.");
+  });
   let first = true;
   connect(() => {
     void (async () => {

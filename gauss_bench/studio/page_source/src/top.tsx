@@ -25,8 +25,7 @@ function turn(): void {
 
 /** The name that the next save writes to; the first save asks for one. */
 async function save(): Promise<void> {
-  if (!scene.value?.path) dialog.value = "save";
-  else await edit("save");
+  if (!scene.value?.path || (!(await edit("save")) && said.value?.field === "replace")) dialog.value = "save";
 }
 
 const Button = ({ sign, name, hint, go, off, wide }: { sign: string; name: string; hint?: string; go: () => unknown; off?: boolean; wide?: boolean }): JSX.Element => (

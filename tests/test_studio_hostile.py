@@ -1,0 +1,259 @@
+"""The studio under those who mean it ill, or merely two of whom draw at once."""
+
+import base64
+import json
+import os
+import random
+import signal
+import socket as sockets
+import stat
+import time
+import zlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("uvicorn")
+from websockets.sync.client import ClientConnection
+
+from gauss_bench.studio.requests import VERBS, answer
+from gauss_bench.studio.server import as_json
+from gauss_bench.studio.session import Session
+from tests.studio import Pen, four_bar
+from tests.test_studio_server import Running, ask, ended, of_the_studio, started
+
+HUGE = 10**400
+STRANGE: list[Any] = [
+    None,
+    True,
+    -1,
+    1e400,
+    HUGE,
+    "",
+    "\0",
+    "</script>",
+    "..",
+    "\ud800",
+    [],
+    {},
+    [[1]],
+    {"at": [HUGE, 0]},
+    {"pin": {}},
+]
+
+
+def deep(levels: int) -> Any:
+    found: Any = 1
+    for _ in range(levels):
+        found = [found]
+    return found
+
+
+KEYS = ("pin", "at", "from", "to", "points", "link", "guide", "value", "path", "id", "ids", "type", "coordinate", "picture", "text")
+KEYS += ("name", "fragment", "index", "job", "samples", "driver", "scenario", "a", "b", "law", "kind", "point", "through", "start")
+
+
+@pytest.mark.slow
+def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> None:
+    """Strange values for the keys of all verbs: never a fault of the studio, never a change by what is refused."""
+    session, chance = four_bar(tmp_path).session, random.Random(0)
+    for verb in sorted(VERBS.keys() - {"hello", "import", "drawing", "recommend", "release"}):
+        for _ in range(20):
+            given = {key: chance.choice((*STRANGE, deep(500))) for key in chance.sample(KEYS, 6)}
+            before = session.text
+            found = answer(session, {"id": 1, "do": verb} | given)
+            as_json(found)
+            assert found["ok"] or not found["error"].get("fault"), (verb, str(given)[:300], found["error"]["text"])
+            assert found["ok"] or session.text == before, (verb, str(given)[:300])
+            if session.text != before:
+                session.undo()
+
+
+def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    assert "half a character" in pen.refused("set", path="title", value="\ud800")
+    assert "half a character" in pen.refused("open", text='name = "x\udfff"')
+
+
+def test_undo_goes_to_the_beginning_and_no_further(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    for _ in range(50):
+        scene = pen.scene("undo")
+    assert (scene["can_undo"], scene["links"], scene["pins"]) == (False, [], [])
+    for _ in range(50):
+        scene = pen.scene("redo")
+    assert (scene["can_redo"], len(scene["links"])) == (False, 3)
+
+
+def test_a_link_that_unpacks_to_more_than_a_file_is_refused_at_once(tmp_path: Path) -> None:
+    packing = zlib.compressobj(9)
+    packed = b"".join(packing.compress(bytes(1 << 20)) for _ in range(64)) + packing.flush()
+    said = Pen(tmp_path).refused("open", fragment=base64.urlsafe_b64encode(packed).decode())
+    assert "more than a linkage file" in said
+
+
+def test_a_file_that_may_only_be_read_or_was_changed_by_others_is_not_overwritten(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    pen.ask("save", path="mine")
+    file = tmp_path / "mine.toml"
+    pen.ask("set", path="title", value="Changed here")
+    file.write_text(theirs := file.read_text(encoding="utf-8") + "# and there\n", encoding="utf-8")
+    assert "changed by someone else" in pen.refused("save")
+    assert file.read_text(encoding="utf-8") == theirs
+    file.chmod(stat.S_IRUSR)
+    assert "may only be read" in pen.refused("save", replace=True)
+    assert file.read_text(encoding="utf-8") == theirs
+    file.chmod(stat.S_IRUSR | stat.S_IWUSR)
+    assert pen.scene("save", replace=True)["unsaved"] is False
+
+
+def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(tmp_path: Path) -> None:
+    """The rows of joints lose rank where all bars lie in one line; a double parallelogram has a row too many everywhere."""
+    line = Pen(tmp_path)
+    line.pin(0.0, 0.0, ground=True)
+    line.pin(0.4, 0.0, ground=True)
+    for a, b in ((0.0, 0.1), (0.1, 0.3), (0.3, 0.4)):
+        line.bar((a, 0.0), (b, 0.0))
+    assert (line.now["status"]["dof"], line.now["status"]["redundant"]) == (1, 0)
+
+    strut = Pen(tmp_path)
+    strut.pin(0.0, 0.0, ground=True)
+    strut.pin(0.2, 0.0, ground=True)
+    strut.bar((0.0, 0.0), (0.1, 0.0))
+    strut.bar((0.1, 0.0), (0.2, 0.0))
+    assert strut.now["status"]["dof"] == 0
+
+    double = Pen(tmp_path)
+    for x in (0.0, 0.2, 0.4):
+        double.pin(x, 0.0, ground=True)
+        double.bar((x, 0.0), (x + 0.05, 0.1))
+    double.plate((0.05, 0.1), (0.25, 0.1), (0.45, 0.1))
+    assert (double.now["status"]["dof"], double.now["status"]["redundant"]) == (1, 1)
+
+
+def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "taken").write_text("a file, and no folder", encoding="utf-8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
+    pen = four_bar(tmp_path)
+    assert len(pen.ask("motion", samples=4)["times"]) == 5
+    told: list[dict[str, Any]] = []
+    pen.session.tell = told.append
+    pen.ask("release", until=0.01, engine="gauss")
+    for _ in range(600):
+        if any(x["event"] == "release_done" for x in told):
+            break
+        time.sleep(0.1)
+    assert [x["verdict"] for x in told if x["event"] == "release"] == ["ok"]
+    assert "error" not in told[-1]
+    assert not pen.session.jobs.running
+
+
+def test_jobs_stopped_at_once_leave_room_for_others(tmp_path: Path) -> None:
+    session = Session(tmp_path)
+    told: list[dict[str, Any]] = []
+    session.tell = told.append
+    pen = four_bar(tmp_path)
+    pen.session.tell = told.append
+    for _ in range(6):
+        job = pen.ask("release", until=20.0, engine="gauss")["job"]
+        pen.ask("stop", job=job)
+        pen.session.jobs.stop_all()
+    assert not pen.session.jobs.running
+    assert [x["error"] for x in told if x["event"] == "release_done"] == ["it was stopped"] * 6
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Any:
+    found = started(tmp_path)
+    yield found
+    found.process.send_signal(signal.SIGINT)
+    _, said = found.process.communicate(timeout=30)
+    assert "Traceback" not in said, said
+
+
+def heard(socket: ClientConnection, event: str) -> dict[str, Any]:
+    while True:
+        found: dict[str, Any] = json.loads(socket.recv(20))
+        if found.get("event") == event:
+            return found
+
+
+def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
+    with running.socket() as first, running.socket() as second:
+        ask(first, "hello"), ask(second, "hello")
+        drawn = ask(first, "template", name="four_bar")["scene"]
+        assert heard(second, "scene")["scene"] == drawn
+        undone = ask(second, "set", path="title", value="Theirs")["scene"]
+        assert heard(first, "scene")["scene"]["title"] == undone["title"] == "Theirs"
+
+
+@pytest.mark.slow
+def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Running) -> None:
+    """An import is read in a process of its own, for seconds; meanwhile everybody draws on."""
+    with running.socket() as first, running.socket() as second:
+        ask(first, "hello"), ask(second, "hello")
+        first.send(json.dumps({"id": 7, "do": "import", "text": "<mujoco><worldbody/></mujoco>"}))
+        ids = []
+        assert ask(second, "text")["ok"]
+        first.send(json.dumps({"id": 8, "do": "text"}))
+        while len(ids) < 2:
+            found = json.loads(first.recv(60))
+            ids += [found["id"]] if "id" in found else []
+        assert ids == [8, 7]
+
+
+@pytest.mark.slow
+def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
+    """Pages that ask and never read, half-open connections, and more pages than there is room for."""
+    idle = [sockets.create_connection(("127.0.0.1", running.port)) for _ in range(10)]
+    with running.socket() as deaf, running.socket() as good:
+        ask(good, "template", name="eight_bar")
+        deaf.socket.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, 4096)
+        deaf.recv_bufsize = 1
+        for _ in range(100):
+            deaf.send(json.dumps({"id": 1, "do": "text"}))
+        for k in range(20):
+            assert ask(good, "set", path="title", value=f"t{k}")["ok"]
+    for connection in idle:
+        connection.close()
+    with running.socket() as again:
+        assert ask(again, "hello")["ok"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) -> None:
+    running = started(tmp_path)
+    with running.socket() as socket:
+        ask(socket, "template", name="four_bar")
+        ask(socket, "release", until=20.0, engine="gauss")
+        time.sleep(0.5)
+        ended(running, by)
+    for _ in range(100):
+        if not (left := of_the_studio(tmp_path)):
+            break
+        time.sleep(0.1)
+    assert not left
+    assert not [*(tmp_path / "cache" / "gauss-bench" / "studio").glob("run.*")]
+
+
+@pytest.mark.slow
+def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    with sockets.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "gauss_bench", "studio", "--no-browser", "--port", str(port)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert str(port) in done.stderr
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = f"import os, sys; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r}); os.execv(sys.executable, {[*command[:-2]]!r})"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
