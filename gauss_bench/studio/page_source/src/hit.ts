@@ -20,10 +20,14 @@ export function target(placed: Placed, screen: XY, reach: number, free: boolean)
   let pin: string | null = null;
   let at = world;
   let least = Infinity;
+  let moving = false;
+  const tie = 0.5 / scale; // half a pixel: of pins in one place, such as a block's and its guide's, what moves is meant
   for (const candidate of placed.scene.pins) {
     const place = placed.pin(candidate);
     const distance = apart(place, world);
-    if (near(place, reach) && distance < least) [pin, at, least] = [candidate.id, place, distance];
+    const moves = candidate.members.some((ref) => !ref.startsWith("ground."));
+    const nearer = moves === moving ? distance < least : distance < least + (moves ? tie : -tie);
+    if (near(place, reach) && nearer) [pin, at, least, moving] = [candidate.id, place, distance, moves];
   }
   if (pin !== null) return { at, pin, link: null, over: { kind: "pin", id: pin } };
 
