@@ -258,7 +258,7 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
 def test_dragging_goes_on_from_where_it_is_and_jumps_to_no_branch(
     page: Page, record_property: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A joint of the eight-bar follows the pointer for three seconds; how many frames came is told, and no figure depends on it."""
+    """A joint of the eight-bar follows the pointer around, every move answered before the next, however busy the machine is."""
     page.button("Open").click()
     page.page.get_by_role("button", name=re.compile("^eight bar", re.I)).click()
     page.page.wait_for_selector("dialog", state="detached")
@@ -271,15 +271,19 @@ def test_dragging_goes_on_from_where_it_is_and_jumps_to_no_branch(
     turned, moves = 0.0, 180
     for _ in range(moves):
         turned += 2 * math.pi / moves
+        before = page.canvas.get_attribute("data-frames")
         page.page.mouse.move(cx + (x - cx) * math.cos(turned), cy - (x - cx) * math.sin(turned))
-        page.page.wait_for_timeout(1000 * 3 / moves)
+        for _ in range(200):
+            if page.canvas.get_attribute("data-frames") != before:
+                break
+            page.page.wait_for_timeout(10)
     frames, jump = (float(page.canvas.get_attribute(f"data-{k}")) for k in ("frames", "jump"))
     page.page.mouse.up()
     page.settled()
     record_property("frames", frames)
     with capsys.disabled():
         print(f"\n{frames:.0f} solved frames of {moves} pointer moves")
-    assert frames > 20
+    assert frames > 0.9 * moves
     assert jump < 0.6, f"a link turned by {jump} rad from one frame to the next"
     assert page.status() == ("1", "3")
     assert not page.problems()
