@@ -13,7 +13,6 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 
@@ -166,7 +165,7 @@ def examine(
         energy, bar = metrics.energy_error(evaluator, trajectory)
         scale = metrics.energy_scale(evaluator, trajectory)
         errors = metrics.state_errors(mechanism, trajectory, reference) if reference else None
-    return Evidence(size_of(mechanism), drift, energy, bar, scale, errors, acceleration_error)
+    return Evidence(mechanism.size, drift, energy, bar, scale, errors, acceleration_error)
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -238,11 +237,3 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool) -> 
     smaller = f"take a step smaller than {step:g} s"
     project = Subject.LOOPS in subjects and not stabilized
     return f"do not trust it; {smaller}, or stabilization projection" if project else f"do not trust it; {smaller}"
-
-
-def size_of(mechanism: Mechanism) -> float:
-    """The largest distance [m] of two points of one link, or of the ground; 1 where no link has two."""
-    parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in mechanism.links]
-    parts.append([np.asarray(p, dtype=float) for p in mechanism.ground_points.values()])
-    largest = max((float(np.hypot(*(a - b))) for points in parts for a in points for b in points), default=0.0)
-    return largest or 1.0

@@ -92,7 +92,7 @@ def test_the_limits_of_half_the_step_are_half_of_those_of_the_truth() -> None:
         other = as_truth(Trajectory(start.t, np.add(start.q, [moved, 0.0, 0.0]), start.v, start.a, 0))
         errors = metrics.state_errors(mechanism, start, other)
         drift = metrics.Drift(np.zeros(1), np.zeros(1), np.zeros(1))
-        evidence = judge.Evidence(judge.size_of(mechanism), drift, np.zeros(1), 0.0, 1.0, halving=errors)
+        evidence = judge.Evidence(mechanism.size, drift, np.zeros(1), 0.0, 1.0, halving=errors)
         assert judge.judge(evidence).valid is valid
 
 

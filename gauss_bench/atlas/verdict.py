@@ -15,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from gauss_bench.bench.one_run import Run, acceleration_error
-from gauss_bench.judge import examine, judge, size_of
+from gauss_bench.judge import examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import Reference, Status
@@ -59,7 +59,7 @@ def decided(mechanism: Mechanism, run: Run, reference: Reference) -> Found:
         return Found(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:
         return Found(Verdict.FAILED, reason=f"{run.status}: {run.message}")
-    size = size_of(mechanism)
+    size = mechanism.size
     bar = float(np.max(reference.error_q, initial=0.0))
     if not bar <= KNOWN * PASSES * min(1.0, size):
         return Found(Verdict.OPEN, reason=f"the reference is known to {bar:.1e} alone")

@@ -14,7 +14,7 @@ from gauss_bench.bench.apart import Request
 from gauss_bench.bench.one_run import JUDGED, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import OFF_MOTION, Evidence, examine, size_of
+from gauss_bench.judge import OFF_MOTION, Evidence, examine
 from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -38,7 +38,7 @@ def at_half_the_step(request: Request, seconds: float, times: Array, longest: fl
 
 def decides(truth: Reference, mechanism: Mechanism) -> bool:
     """Whether a reference is known so well that no second run is needed to tell whether a run may be used."""
-    return bool(truth.error_q.max(initial=0.0) <= VAGUE * OFF_MOTION * min(1.0, size_of(mechanism)))
+    return bool(truth.error_q.max(initial=0.0) <= VAGUE * OFF_MOTION * min(1.0, mechanism.size))
 
 
 def evidence_of(

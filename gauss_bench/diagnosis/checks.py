@@ -263,7 +263,7 @@ def judged() -> str | None:
     """The judge on a sound motion, and on motions that are not to be used."""
     mechanism, reference = linkage(FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), told(reference)
-    size = judging.size_of(mechanism)
+    size = mechanism.size
 
     def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))

@@ -22,7 +22,6 @@ from gauss_bench.diagnosis.explanations import Explained, Explanation, explained
 from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import size_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States, Status
@@ -162,7 +161,7 @@ class Case:
         projected: Choice | None,
     ):
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
-        most = OPEN * size_of(own.mechanism)
+        most = OPEN * own.mechanism.size
         self.first: Burst = seen.bursts[0]
         self.true, self.off = split.errors_of(truth, self.first)
         self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in seen.bursts)

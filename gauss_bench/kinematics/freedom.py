@@ -22,14 +22,6 @@ CLOSED = 1e-13  # of the linkage's size: a residual that rounding leaves
 CORRECTIONS = 12  # from a prediction to second order three are usual
 
 
-def extent(mechanism: Mechanism) -> float:
-    """Size of a linkage [m]: the largest distance of two points of a link; of the ground, where links have one point each."""
-    owners = [[*link.points.values()] for link in mechanism.links] or [[]]
-    sizes = [float(np.hypot(*(a - b))) for points in owners for a in points for b in points]
-    ground = [float(np.hypot(*(a - b))) for a in mechanism.ground_points.values() for b in mechanism.ground_points.values()]
-    return max(sizes, default=0.0) or max(ground, default=0.0) or 1.0
-
-
 @dataclass(frozen=True, eq=False)
 class Place:
     """A position on the constraints.
@@ -54,7 +46,7 @@ class Freedom:
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, knife_edges=()))
-        self.size = extent(mechanism)
+        self.size = mechanism.size
         self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
 
     def at(self, q: Array, solves: int = 0) -> tuple[Array, Place]:

@@ -577,6 +577,14 @@ class Mechanism:
             return part.body, part.turn
         return next(i for i, link in enumerate(self.links) if link.name == name), 0
 
+    @property
+    def size(self) -> float:
+        """The largest distance [m] of two points of one link, or of the ground; 1 where no link has two."""
+        parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in self.links]
+        parts.append([np.asarray(p, dtype=float) for p in self.ground_points.values()])
+        largest = max((float(np.hypot(*(a - b))) for points in parts for a in points for b in points), default=0.0)
+        return largest or 1.0
+
     def named_point(self, reference: str) -> Point:
         """The point "link.point" of the file, on whatever body carries the link."""
         owner, _, name = reference.partition(".")

@@ -65,15 +65,13 @@ def release(request: Mapping[str, Any], say: Say) -> None:
 
 def compared(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
     """How far a motion parts from another [m], over time, and the link that is furthest."""
-    from gauss_bench.kinematics.freedom import extent
-
     times = t[t <= other_t[-1] + 1e-12]
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)
     gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
     apart = lengths.max(axis=1)
     k = int(apart.argmax())
-    over = np.flatnonzero(apart > APART * extent(whole))
+    over = np.flatnonzero(apart > APART * whole.size)
     every = max(1, len(times) // 500)
     return {
         "engine": engine,

@@ -22,7 +22,6 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
 from gauss_bench.engines.extras import require
-from gauss_bench.judge import size_of
 from gauss_bench.mechanism.errors import LinkageError
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.load import load_document
@@ -160,7 +159,7 @@ def _native(asked: Asked, engine: str, values: Array) -> list[dict[str, Any]]:
         forces = _multipliers(code, t, q[part], v[part], p[part])
         some_q, some_v = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
         motions = Motions(t, some_q, some_v, forces)
-        found, statuses, sentences = figures(family_of(some.nominal, own), motions, size_of(some.nominal))
+        found, statuses, sentences = figures(family_of(some.nominal, own), motions, some.nominal.size)
         table = np.stack([np.broadcast_to(x, len(statuses)) for x in found.values()], axis=-1).tolist()
         for k, numbers, status, sentence in zip(there[part], table, statuses, sentences, strict=True):
             rows[k] = {"status": str(status), "message": sentence, **dict(zip(found, numbers, strict=True))}
@@ -208,7 +207,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float]) -> dict[str, Any
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
     motions = Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
-    found, statuses, sentences = figures(mechanism, motions, size_of(mechanism))
+    found, statuses, sentences = figures(mechanism, motions, mechanism.size)
     said = "; ".join(filter(None, (run.message, sentences[0])))
     return {"status": str(statuses[0]), "message": said, **{name: float(np.ravel(x)[0]) for name, x in found.items()}}
 

@@ -218,7 +218,7 @@ class Family:
         old = self._goals(self.document)
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
-        strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * _size(mechanism)), turn / STEP)))
+        strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
@@ -368,12 +368,6 @@ def force_numbers_of(mechanism: Mechanism, name: str) -> set[str]:
 
 def _places(prefix: str, points: Mapping[str, Array]) -> dict[str, float]:
     return {f"{prefix}.{name}.{axis}": float(x) for name, xy in points.items() for axis, x in zip("xy", xy, strict=True)}
-
-
-def _size(mechanism: Mechanism) -> float:
-    from gauss_bench.judge import size_of
-
-    return size_of(mechanism)
 
 
 def told(error: LinkageError) -> str:

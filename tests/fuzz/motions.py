@@ -59,7 +59,7 @@ def ending(seed: int, folder: Path) -> tuple[str, str]:
         true, bar = true_end(document, "run", mechanism.q0, mechanism.v0, UNTIL)
     except NoMotion:
         return "ok, the truth is not known", ""
-    size = judge.size_of(mechanism)
+    size = mechanism.size
     if bar > judge.OFF_MOTION * min(1.0, size) / 2:
         return "ok, the truth is not known", ""
     off = np.abs(found.trajectory.q[-1] - true).reshape(-1, 3)
