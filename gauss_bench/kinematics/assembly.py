@@ -15,10 +15,10 @@ import numpy as np
 
 from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.kinematics.freedom import Freedom, Place
-from gauss_bench.kinematics.topology import Loop, find_graph
+from gauss_bench.kinematics.topology import Loop, find_graph, held
 from gauss_bench.mechanism.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Revolute
+from gauss_bench.mechanism.model import Joint, Mechanism, Point, Revolute
 from gauss_bench.terms import Array
 
 TRIES = 6  # from the drawing, then from drawings with links turned by lot: the nearest of all is told
@@ -90,7 +90,7 @@ def put_together(mechanism: Mechanism) -> Assembly:
     Raises:
         ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
     """
-    graph = find_graph(_held(mechanism))
+    graph = find_graph(held(mechanism))
     names = tuple(tuple(_links(mechanism, loop)) for loop in graph.loops)
     bare = replace(mechanism, drivers=(), knife_edges=())
     chords = [_opened(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
@@ -106,26 +106,6 @@ def put_together(mechanism: Mechanism) -> Assembly:
         place = _closed(bare, joints, nearer.q)
     rank = _rank(replace(bare, joints=tuple(joints)), place)
     return Assembly(place.q, found, mechanism.n - rank, 2 * len(joints) - rank, names)
-
-
-def _held(mechanism: Mechanism) -> Mechanism:
-    """With a pin to the ground for every group of links that no joints hold to it; that closes no loop."""
-    while True:
-        try:
-            find_graph(mechanism)
-        except ValueError:
-            reached, joints = {GROUND}, [_ends(x) for x in mechanism.joints]
-            while more := {b for a, b in [*joints, *((b, a) for a, b in joints)] if a in reached} - reached:
-                reached |= more
-            loose = next(i for i in range(len(mechanism.links)) if i not in reached)
-            pin = Revolute(f"loose {loose}", f"loose {loose}", Point(GROUND, np.zeros(2), "ground."), Point(loose, np.zeros(2), ""))
-            mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
-        else:
-            return mechanism
-
-
-def _ends(joint: Joint) -> tuple[int, int]:
-    return (joint.a.link, joint.b.link) if isinstance(joint, Revolute) else (joint.guide.link, joint.block.link)
 
 
 def _links(mechanism: Mechanism, loop: Loop) -> list[str]:

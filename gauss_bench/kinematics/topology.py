@@ -12,14 +12,14 @@ chosen is not printed there; those of the breadth-first tree are the printed one
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
-from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
 Levels = tuple[Array, Array, Array]  # a quantity, its rate and its second rate
@@ -150,10 +150,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     """
     pairs = pairs_of(mechanism, bars)
     links = len(mechanism.links) + len(bars)
-    net = nx.MultiGraph()
-    net.add_nodes_from(range(GROUND, links))
-    for pair in pairs:
-        net.add_edge(*pair.links, key=pair.name, pair=pair)
+    net = _net(pairs, links)
     parents = dict(nx.bfs_predecessors(net, GROUND))
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
@@ -162,6 +159,29 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     taken = {branch.pair.name for branch in tree.values()}
     loops = tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in taken)
     return LinkageGraph(links, pairs, tuple(tree.values()), loops)
+
+
+def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
+    net = nx.MultiGraph()
+    net.add_nodes_from(range(GROUND, links))
+    for pair in pairs:
+        net.add_edge(*pair.links, key=pair.name, pair=pair)
+    return net
+
+
+def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
+    """Links that no chain of joints holds to the frame."""
+    reached = nx.node_connected_component(_net(pairs_of(mechanism), len(mechanism.links)), GROUND)
+    return tuple(i for i in range(len(mechanism.links)) if i not in reached)
+
+
+def held(mechanism: Mechanism) -> Mechanism:
+    """With a pin to the frame for every group of links that no joints hold to it; that closes no loop."""
+    while loose := loose_links(mechanism):
+        name = f"loose {loose[0]}"
+        pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
+        mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
+    return mechanism
 
 
 def _path(tree: dict[int, TreeEdge], link: int) -> list[int]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.assembly import put_together, rank_about
-from gauss_bench.kinematics.topology import find_graph
+from gauss_bench.kinematics.topology import find_graph, held, loose_links
 from gauss_bench.mechanism.build import build_mechanism
 from gauss_bench.mechanism.closure import close_joints
 from gauss_bench.mechanism.constraints import Constraints
@@ -318,15 +318,8 @@ def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
 
 
 def _loose(mechanism: Mechanism) -> list[Problem]:
-    """Links that no chain of joints holds to the ground."""
-    held, before = {GROUND}, 0
-    while len(held) != before:
-        before = len(held)
-        for j in mechanism.joints:
-            ends = {j.a.link, j.b.link} if isinstance(j, Revolute) else {j.guide.link, j.block.link}
-            if ends & held:
-                held |= ends
-    names = [x.name for i, x in enumerate(mechanism.links) if i not in held]
+    """Links that hang on nothing."""
+    names = [mechanism.link_name(i) for i in loose_links(mechanism)]
     return [
         Problem("warning", f"{name} hangs on nothing: no joints lead from it to the ground", (f"links.{name}",)) for name in names
     ]
@@ -351,12 +344,8 @@ def _scenarios(document: Document) -> Iterator[Problem]:
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """The links of every independent loop, without the ground; none while links hang on nothing."""
-    try:
-        graph = find_graph(mechanism)
-    except ValueError:
-        return []
-    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in graph.loops]
+    """The links of every independent loop, without the ground, whatever hangs on nothing."""
+    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in find_graph(held(mechanism)).loops]
 
 
 def pins_of(document: Document) -> list[tuple[str, list[str]]]:

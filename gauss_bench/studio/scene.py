@@ -226,29 +226,11 @@ def status(reading: Reading) -> dict[str, Any]:
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
-    rank = reading.rank
+    rank, loops = reading.rank, loops_of(mechanism)
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - rank,
-        "loops": independent(mechanism),
+        "loops": len(loops),
         "redundant": len(joints(0.0, reading.q, np.zeros_like(reading.q)).phi) - rank,
-        "loop_names": loops_of(mechanism),
+        "loop_names": loops,
     }
-
-
-def independent(mechanism: Mechanism) -> int:
-    """How many loops: pairs beyond those that a forest of links needs, whatever hangs on nothing."""
-    group = {i: i for i in range(GROUND, len(mechanism.links))}
-
-    def root(i: int) -> int:
-        while group[i] != i:
-            i = group[i]
-        return i
-
-    loops = 0
-    for j in mechanism.joints:
-        a, b = (j.guide.link, j.block.link) if isinstance(j, Prismatic) else (j.a.link, j.b.link)
-        if root(a) == root(b):
-            loops += 1
-        group[root(a)] = root(b)
-    return loops
