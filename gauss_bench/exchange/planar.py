@@ -27,18 +27,18 @@ from gauss_bench.exchange.spatial import (
     Straight,
 )
 from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.closure import RANK_TOLERANCE, close_joints
+from gauss_bench.mechanism.closure import close_joints
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic
+from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
 from gauss_bench.mechanism.schema import FORMAT
 from gauss_bench.mechanism.sketch import sketch
+from gauss_bench.mechanism.surest import HELD, candidates, null_space, surest
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # sine of an angle out of the plane, and offset across it in lengths of the mechanism: what rounding explains
 SAME = 1e-12  # [m] two points of a link that are one
 OPEN = 1e-6  # in lengths of the mechanism: from where it is said that a loop was open
-CLEAR = 0.3  # of the most that any coordinate says: the first of several that are nearly as good is what a reader expects
 DURATION = 5.0  # [s] of the scenario: files say nothing of it
 SCENARIO = "as_imported"
 
@@ -538,44 +538,6 @@ def named(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
             chosen = f"{base}_{k}"
         found.append(chosen)
     return found
-
-
-HELD = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "point": ("points", "point_velocities")}  # of a start
-Candidate = tuple[str, str, list[Angle | Along]]
-
-
-def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
-    """What a start may hold, with its coordinates: links' angles, ways along slides, and points of links."""
-    world = Point(GROUND, np.zeros(2), "ground.")
-    found: list[Candidate] = [("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
-    found += [("slide", j.name, [j.motion]) for j in mechanism.joints if isinstance(j, Prismatic)]
-    for k, link in enumerate(mechanism.links):
-        point = mechanism.point(k, next(iter(link.points)))
-        found.append(("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
-    return found
-
-
-def null_space(J: Array, n: int) -> Array:
-    """(n, dof) directions that rows (m, n) leave free."""
-    if not J.any():
-        return np.eye(n)
-    _, s, Vt = np.linalg.svd(J)
-    return np.asarray(Vt[int((s > RANK_TOLERANCE * s[0]).sum()) :].T)
-
-
-def surest(offered: list[Candidate], q: Array, free: Array) -> list[Candidate]:
-    """Candidates that together fix the free directions (n, dof) at q.
-
-    Each is the first that says at least CLEAR as much of what is still free as any other does.
-    """
-    rows = [np.array([gradient(x, q) for x in coordinates]) @ free for _, _, coordinates in offered]
-    left, chosen = np.eye(free.shape[1]), list[Candidate]()  # columns: an orthonormal basis of what is still free
-    while left.shape[1]:
-        said = [float(np.linalg.norm(x @ left, 2)) for x in rows]
-        k = next(k for k, x in enumerate(said) if x >= CLEAR * max(said))
-        chosen.append(offered[k])
-        left = left @ null_space(rows[k] @ left, left.shape[1])
-    return chosen
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:

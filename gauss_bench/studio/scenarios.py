@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.planar import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Angle, Distance, Prismatic
 from gauss_bench.mechanism.references import items, sequence, table
+from gauss_bench.mechanism.surest import HELD, candidates, null_space, surest
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.drawing import PLACED, Drawing, pair, rounded
 from gauss_bench.studio.edits import number
