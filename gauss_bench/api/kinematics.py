@@ -29,6 +29,7 @@ from gauss_bench.mechanism.errors import Fault, LinkageError
 from gauss_bench.mechanism.load import document_of, load_document, load_sketched, merge
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.references import drivers_of
 from gauss_bench.mechanism.schema import SECOND
 from gauss_bench.mechanism.welding import spread
 from gauss_bench.terms import Array
@@ -161,7 +162,7 @@ def _held_motion(
             raise error from None
     chosen = document["scenarios"][own.scenario]
     moved = written_out(merge(document, chosen.get("override", {}) if driver is None else {}))
-    tables = [chosen["driver"]] if "driver" in chosen else list(chosen.get("drivers", []))
+    tables = [*drivers_of(chosen)]
     tables = tables if driver is None else [_placed_driver(document, own, driver)]
     if not tables:
         raise LinkageError(source, [Fault(f"scenarios.{own.scenario}", "drives nothing; name a driven scenario, or give a driver")])

@@ -36,6 +36,7 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, direction, exact, length, pair, radians
+from gauss_bench.mechanism.references import drivers_of
 from gauss_bench.mechanism.schema import SECOND
 from gauss_bench.mechanism.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.terms import Array
@@ -253,8 +254,7 @@ def build_mechanism(
     acting = [names.force(f, document["forces"][f]) for f in chosen.get("forces", [])]
     observe = document.get("observe", {})
     crank = document.get("crank")
-    driven = [chosen["driver"]] if "driver" in chosen else chosen.get("drivers", [])
-    drivers = tuple(names.driver(x) for x in driven)
+    drivers = tuple(names.driver(x) for x in drivers_of(chosen))
     return Mechanism(
         name=document["name"],
         title=document.get("title", ""),

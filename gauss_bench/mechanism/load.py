@@ -22,6 +22,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.references import items, reference_faults, table
 from gauss_bench.mechanism.schema import schema_faults
 from gauss_bench.mechanism.sketch import sketch
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
@@ -100,24 +101,24 @@ def load_sketched(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load_document`, but at rest where the sketch has it, whatever the scenario holds: that may be too little for a start."""
-
-    def at_rest(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
-        q = sketched(mechanism, merged)
-        return replace(mechanism, q0=q, v0=0.0 * q)
-
-    return _placed(document, scenario, source, sha256, stem, at_rest)
+    return _placed(document, scenario, source, sha256, stem, _at_rest(sketched))
 
 
 def load_drawn(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load_sketched`, but with q0 as the sketch has it and the joints left open: for those who ask why they do not close."""
+    return _placed(document, scenario, source, sha256, stem, _at_rest(sketch))
 
-    def as_drawn(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
-        q = sketch(mechanism, merged)
+
+def _at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Callable[[Mechanism, dict[str, Any]], Mechanism]:
+    """A start at rest at the positions q (n,) of a mechanism and its document."""
+
+    def placed(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
+        q = where(mechanism, merged)
         return replace(mechanism, q0=q, v0=0.0 * q)
 
-    return _placed(document, scenario, source, sha256, stem, as_drawn)
+    return placed
 
 
 def _placed(

@@ -31,6 +31,11 @@ def sequence(value: Any, key: str) -> list[Any]:
     return entries if isinstance(entries, list) else []
 
 
+def drivers_of(scenario: dict[str, Any]) -> list[Any]:
+    """The tables of a scenario's drivers, be there one `driver`, several `drivers` or none."""
+    return [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers")
+
+
 class Names:
     """The names a document defines, and the faults of what refers to them."""
 

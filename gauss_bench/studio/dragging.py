@@ -10,6 +10,7 @@ from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Revolute
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.references import drivers_of
 from gauss_bench.studio.drawing import Drawing, Message, owner, place
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.reading import Reading
@@ -79,8 +80,7 @@ def inputs(reading: Reading) -> list[str]:
     """Links whose angles are given: those that the first driven scenario drives, else the crank, else the first on the ground."""
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
-        drivers = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
-        if names := [x["link"] for x in drivers if "link" in x]:
+        if names := [x["link"] for x in drivers_of(scenario) if "link" in x]:
             return names
     if isinstance(document.get("crank"), str):
         return [document["crank"]]

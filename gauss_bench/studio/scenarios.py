@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Angle, Distance, Prismatic
-from gauss_bench.mechanism.references import items, sequence, table
+from gauss_bench.mechanism.references import drivers_of, items, sequence, table
 from gauss_bench.mechanism.surest import HELD, candidates, null_space, surest
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.drawing import PLACED, Drawing, pair, rounded
@@ -33,7 +33,7 @@ def drive(d: Drawing, message: Message) -> None:
     coordinate = message.get("coordinate")
     scenarios = d.group("scenarios")
     scenario = scenarios.get(DRIVEN, {})
-    drivers = [scenario["driver"]] if "driver" in scenario else [*sequence(scenario, "drivers")]
+    drivers = drivers_of(scenario)
     where = _coordinate(d, coordinate)
     drivers = [x for x in drivers if not all(x.get(k) == y for k, y in where.items())]
     if not message.get("off"):
@@ -103,7 +103,7 @@ def _length(reading: Reading, between: Any) -> float | None:
 def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] | None = None) -> None:
     """Let the drivers of "driven" begin where the linkage is drawn (those of `fresh`, or all), and hold what they leave free."""
     scenario = table(table(document, "scenarios"), DRIVEN)
-    drivers = [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers")
+    drivers = drivers_of(scenario)
     now = coordinates(reading)
     for driver in drivers:
         if fresh is not None and not all(driver.get(k) == x for k, x in fresh.items()):
@@ -181,7 +181,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
     for name, scenario in items(document, "scenarios"):
         if name == RELEASED:
             continue
-        for driver in [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers"):
+        for driver in drivers_of(scenario):
             link, joint = f"links.{driver.get('link')}", f"slides.{driver.get('joint')}"
             for key, of, unit in (("start_deg", link, degrees), ("start", link, 1.0), ("start", joint, 1.0)):
                 if key in driver:
