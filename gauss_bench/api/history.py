@@ -6,7 +6,7 @@ of the linkage file. Where a file observes nothing, all links are told. Signs an
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -41,18 +41,28 @@ def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
     """Every curve in its order; behind the first `sound` samples the work done is not worth integrating."""
     whole, links = mechanism.whole, spread(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
-    for i in turning:
+    yield from turned(whole, links, turning)
+    yield from observed(whole, links)
+    evaluator = Evaluator(mechanism)
+    yield from energies(evaluator, x, sound)
+    yield from forces(evaluator, x)
+    yield from transmission(mechanism, x.q)
+
+
+def turned(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
+    """Angles of links, with their rates."""
+    for i in which:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
+
+
+def observed(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
+    """Places of observed points, with their rates."""
     for point in whole.observed_points:
         levels = position(links.q, point), velocity(links.q, links.v, point), acceleration(links.q, links.v, links.a, point)
         for letter, unit, level in zip(("", "v", "a"), LEVELS, levels, strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
-    evaluator = Evaluator(mechanism)
-    yield from energies(evaluator, x, sound)
-    yield from forces(evaluator, x)
-    yield from transmission(mechanism, x.q)
 
 
 def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]:

@@ -17,7 +17,7 @@ from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
 
 Message = Mapping[str, Any]
-STILL = ("observe", "add_force", "drive", "rename")  # edits after which everything lies where it lay
+STAYING = ("observe", "add_force", "drive", "rename")  # edits after which everything lies where it lay
 SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # what a linkage's places follow from
 
 
@@ -53,7 +53,7 @@ def edit(session: Session, message: Message) -> list[str]:
     verb = str(message.get("do"))
     if verb == "move":
         return edited(session, lambda d: move(d, message, session.locks))
-    still = verb in STILL or (verb == "set" and not SHAPES.match(str(message.get("path"))))
+    still = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
     change = (GEOMETRY | KEYS | {"drive": drive})[verb]
     return edited(session, lambda d: change(d, message), still)
 

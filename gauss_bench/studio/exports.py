@@ -3,10 +3,8 @@
 import base64
 from typing import Any
 
-import numpy as np
-
 from gauss_bench.api.exchange import STEP, written
-from gauss_bench.api.history import table
+from gauss_bench.api.history import observed, table, turned
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
@@ -20,7 +18,7 @@ from gauss_bench.studio.drawing import Message
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.motion import moved
 from gauss_bench.studio.reading import Reading, of_links
-from gauss_bench.trajectory import Curve, Group, History, Told, Trajectory
+from gauss_bench.trajectory import History, Told, Trajectory
 
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
@@ -36,8 +34,8 @@ def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
         case "toml":
             return {"name": f"{name}.toml", "text": text}
         case "svg":
-            mechanism = assembled(reading, "drawn as a picture").whole
-            return {"name": f"{name}.svg", "text": draw(mechanism, of_links(assembled(reading, "drawn"), reading.q))}
+            mechanism = assembled(reading, "drawn as a picture")
+            return {"name": f"{name}.svg", "text": draw(mechanism.whole, of_links(mechanism, reading.q))}
         case "csv" | "gif":
             mechanism, x, _ = moved(text, reading, message)
             if kind == "csv":
@@ -51,22 +49,9 @@ def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
 
 
 def curves(mechanism: Mechanism, x: Trajectory) -> History:
-    """Angles of links and places of observed points, with their rates."""
-    from gauss_bench.mechanism.coordinates import acceleration, position, velocity
-
+    """Angles of all links and places of observed points, with their rates."""
     whole, links = mechanism.whole, spread(mechanism, x)
-    found = [
-        Curve(Group.LINK, link.name, key, unit, level[:, 3 * i + 2])
-        for i, link in enumerate(whole.links)
-        for key, unit, level in zip(
-            ("theta", "omega", "alpha"), ("rad", "rad/s", "rad/s^2"), (links.q, links.v, links.a), strict=True
-        )
-    ]
-    for p in whole.observed_points:
-        levels = position(links.q, p), velocity(links.q, links.v, p), acceleration(links.q, links.v, links.a, p)
-        for letter, unit, level in zip(("", "v", "a"), ("m", "m/s", "m/s^2"), levels, strict=True):
-            found += [Curve(Group.POINT, p.name, letter + axis, unit, np.asarray(level[:, j])) for j, axis in enumerate("xy")]
-    return History(x.t, tuple(found))
+    return History(x.t, (*turned(whole, links, range(len(whole.links))), *observed(whole, links)))
 
 
 def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> dict[str, Any]:

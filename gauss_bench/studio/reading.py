@@ -25,6 +25,7 @@ from gauss_bench.mechanism.errors import AssemblyError, BuildError, Fault, Linka
 from gauss_bench.mechanism.load import document_faults, load_document
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.mechanism.references import items, sequence, table
+from gauss_bench.mechanism.sketch import sketch
 from gauss_bench.mechanism.welding import spread
 from gauss_bench.studio.document import Document
 from gauss_bench.terms import Array
@@ -120,10 +121,10 @@ def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
 def read(document: Document) -> Reading:
     """What can be read of a document, whatever is wrong with it."""
     faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
-    problems = [Problem("error", said(f), place(document, f.path)) for f in faults]
+    problems = [Problem("error", str(f), place(document, f.path)) for f in faults]
     rest = _still(copy.deepcopy(document))
     mechanism, more = _built(rest)
-    problems += [Problem("error", said(f), place(document, f.path)) for f in more if f not in faults]
+    problems += [Problem("error", str(f), place(document, f.path)) for f in more if f not in faults]
     if mechanism is None:
         problems += [Problem("hint", "nothing is drawn yet: a bar between two places is a beginning")] if not problems else []
         return Reading(document, rest, None, np.zeros(0), False, (), (*problems, *_lone(document)))
@@ -150,11 +151,6 @@ def read(document: Document) -> Reading:
         problems += _scenarios(document)
     order = ("error", "warning", "hint")
     return replace(found, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
-
-
-def said(fault: Fault) -> str:
-    """A fault for people: the path without what the drawing shows anyway."""
-    return str(fault)
 
 
 def place(document: Document, path: str) -> tuple[str, ...]:
@@ -272,8 +268,6 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
     """Where the sketch has the links; those that it does not place stand at the origin, or hang from the one point known."""
-    from gauss_bench.mechanism.sketch import sketch
-
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})

@@ -238,14 +238,6 @@ def centres(session: Session, message: Message) -> Reply:
     return {"centres": motion.instant_centres(session.reading, message.get("at"))}
 
 
-def release(session: Session, message: Message) -> Reply:
-    return dynamics.release(session, message)
-
-
-def recommend(session: Session, message: Message) -> Reply:
-    return dynamics.recommend(session, message)
-
-
 def stop(session: Session, message: Message) -> Reply:
     session.jobs.stop(told(message, "job", int))
     return {}
@@ -274,8 +266,8 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "branch": branch,
     "motion": move_by_law,
     "centres": centres,
-    "release": release,
-    "recommend": recommend,
+    "release": dynamics.release,
+    "recommend": dynamics.recommend,
     "stop": stop,
     **dict.fromkeys(editing.EDITS, make_edit),
 }

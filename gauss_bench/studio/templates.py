@@ -19,8 +19,8 @@ def files() -> dict[str, Path]:
     return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
-def text_of(name: str) -> str:
-    """The text of a template.
+def path_of(name: str) -> Path:
+    """The file of a template.
 
     Raises:
         Refused: there is none of that name.
@@ -28,7 +28,16 @@ def text_of(name: str) -> str:
     path = files().get(name)
     if path is None:
         raise Refused(f"there is no template {name[:60]!r}")
-    return path.read_text(encoding="utf-8")
+    return path
+
+
+def text_of(name: str) -> str:
+    """The text of a template.
+
+    Raises:
+        Refused: as `path_of`.
+    """
+    return path_of(name).read_text(encoding="utf-8")
 
 
 @cache
@@ -46,11 +55,9 @@ def drawing(name: str) -> str:
     """A template as SVG; empty where it cannot be drawn.
 
     Raises:
-        Refused: there is none of that name.
+        Refused: as `path_of`.
     """
-    path = files().get(name)
-    if path is None:
-        raise Refused(f"there is no template {name[:60]!r}")
+    path = path_of(name)
     try:
         return draw(*posed(path))
     except (LinkageError, ArithmeticError, ValueError):
