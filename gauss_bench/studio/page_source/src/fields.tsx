@@ -14,16 +14,20 @@ interface Numeric {
   children?: ComponentChildren;
 }
 
-/** A number with its unit. Enter or leaving the field sends it; Esc takes it back. An empty field is null where `empty` says what that means. */
-export function NumberField({ label, value, unit, empty, send, children }: Numeric): JSX.Element {
+interface Entered {
+  label: string;
+  shown: string;
+  finish: (draft: string) => void;
+  children?: ComponentChildren;
+  input?: { inputMode?: "decimal"; placeholder?: string | undefined; spellcheck?: boolean };
+}
+
+/** What stands there until somebody types. Enter or leaving the field finishes what was typed; Esc takes it back. */
+function Entry({ label, shown, finish, children, input }: Entered): JSX.Element {
   const [draft, setDraft] = useState<string | null>(null);
-  const shown = value === null || value === undefined ? "" : String(Number(value.toPrecision(8)));
-  const finish = (): void => {
-    if (draft === null || draft === shown) return setDraft(null);
-    const next = draft.trim() === "" ? null : Number(draft.replace(",", "."));
+  const done = (): void => {
     setDraft(null);
-    if (next === null ? empty === undefined : !Number.isFinite(next)) say(`${label} takes a number.`, "error");
-    else void send(next);
+    if (draft !== null && draft !== shown) finish(draft);
   };
   return (
     <label class="field">
@@ -31,43 +35,41 @@ export function NumberField({ label, value, unit, empty, send, children }: Numer
       <span class="entry">
         <input
           type="text"
-          inputMode="decimal"
           aria-label={label}
           value={draft ?? shown}
-          placeholder={empty}
           onInput={(e) => setDraft(e.currentTarget.value)}
-          onBlur={finish}
-          onKeyDown={(e) => (e.key === "Enter" ? finish() : e.key === "Escape" && setDraft(null))}
+          onBlur={done}
+          onKeyDown={(e) => (e.key === "Enter" ? done() : e.key === "Escape" && setDraft(null))}
+          {...input}
         />
-        {unit && <small>{unit}</small>}
         {children}
       </span>
     </label>
   );
 }
 
-export function TextField({ label, value, send }: { label: string; value: string; send: (value: string) => unknown }): JSX.Element {
-  const [draft, setDraft] = useState<string | null>(null);
-  const finish = (): void => {
-    const next = draft?.trim();
-    setDraft(null);
-    if (next !== undefined && next !== value) void send(next);
+/** A number with its unit. An empty field is null where `empty` says what that means. */
+export function NumberField({ label, value, unit, empty, send, children }: Numeric): JSX.Element {
+  const shown = value === null || value === undefined ? "" : String(Number(value.toPrecision(8)));
+  const finish = (draft: string): void => {
+    const next = draft.trim() === "" ? null : Number(draft.replace(",", "."));
+    if (next === null ? empty === undefined : !Number.isFinite(next)) say(`${label} takes a number.`, "error");
+    else void send(next);
   };
   return (
-    <label class="field">
-      <span>{label}</span>
-      <span class="entry">
-        <input
-          type="text"
-          value={draft ?? value}
-          spellcheck={false}
-          onInput={(e) => setDraft(e.currentTarget.value)}
-          onBlur={finish}
-          onKeyDown={(e) => (e.key === "Enter" ? finish() : e.key === "Escape" && setDraft(null))}
-        />
-      </span>
-    </label>
+    <Entry label={label} shown={shown} finish={finish} input={{ inputMode: "decimal", placeholder: empty }}>
+      {unit && <small>{unit}</small>}
+      {children}
+    </Entry>
   );
+}
+
+export function TextField({ label, value, send }: { label: string; value: string; send: (value: string) => unknown }): JSX.Element {
+  const finish = (draft: string): void => {
+    const next = draft.trim();
+    if (next !== value) void send(next);
+  };
+  return <Entry label={label} shown={value} finish={finish} input={{ spellcheck: false }} />;
 }
 
 export const Lock = ({ of, on, set }: { of: string; on: boolean; set: (on: boolean) => unknown }): JSX.Element => (

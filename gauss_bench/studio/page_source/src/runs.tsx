@@ -73,6 +73,17 @@ function watch(run: Run): void {
 
 const verdictWord = (run: Run): string => (run.trusted_until !== null && run.trusted_until !== undefined ? `${run.verdict}, trusted to ${figure(run.trusted_until, 3)} s` : run.verdict);
 
+const Engines = ({ of }: { of: { name: string; here: boolean }[] }): JSX.Element => (
+  <>
+    {of.map((e) => (
+      <option key={e.name} value={e.name}>
+        {e.name}
+        {e.here ? "" : " (not installed)"}
+      </option>
+    ))}
+  </>
+);
+
 export function Release(): JSX.Element {
   const engines = hello.value?.engines ?? [];
   const [until, setUntil] = useState("2");
@@ -102,24 +113,14 @@ export function Release(): JSX.Element {
         <label class="field">
           <span>Engine</span>
           <select value={engine} onChange={(e) => setEngine(e.currentTarget.value)}>
-            {(engines.length ? engines : [{ name: "gauss-native", here: true }]).map((e) => (
-              <option key={e.name} value={e.name}>
-                {e.name}
-                {e.here ? "" : " (not installed)"}
-              </option>
-            ))}
+            <Engines of={engines.length ? engines : [{ name: "gauss-native", here: true }]} />
           </select>
         </label>
         <label class="field">
           <span>Laid over it</span>
           <select value={overlay} onChange={(e) => setOverlay(e.currentTarget.value)}>
             <option value="">nothing</option>
-            {engines.map((e) => (
-              <option key={e.name} value={e.name}>
-                {e.name}
-                {e.here ? "" : " (not installed)"}
-              </option>
-            ))}
+            <Engines of={engines} />
           </select>
         </label>
       </div>
