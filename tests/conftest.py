@@ -4,6 +4,7 @@ import os
 import shutil
 import tempfile
 import tomllib
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,22 @@ def full_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "ATTEMPTS", program.THOROUGH)
     monkeypatch.delenv(program.SHORTER)
     program.known_program.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A browser without a window, where there is one; where CI is set there must be."""
+    playwright = (
+        pytest.importorskip("playwright.sync_api") if not os.environ.get("CI") else __import__("playwright.sync_api").sync_api
+    )
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if found is None:
+        assert not os.environ.get("CI"), "no Chromium here, and pages must be looked at where CI is set"
+        pytest.skip("no Chromium here to look at pages with")
+    with playwright.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
+        yield opened
+        opened.close()
 
 
 def needs(*tools: str) -> Any:

@@ -4,7 +4,6 @@ import functools
 import http.server
 import json
 import math
-import os
 import re
 import shutil
 import threading
@@ -28,7 +27,6 @@ from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_st
 from gauss_bench.suites.read import read_suite, restricted
 
 REPORTS = Path(__file__).parents[1] / "reports"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
 
@@ -294,20 +292,6 @@ def test_two_builds_are_the_same(out: Path, tmp_path: Path) -> None:
 
 
 # In the browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = (
-        pytest.importorskip("playwright.sync_api") if not os.environ.get("CI") else __import__("playwright.sync_api").sync_api
-    )
-    if CHROMIUM is None:
-        assert not os.environ.get("CI"), "no Chromium here, and pages must be looked at where CI is set"
-        pytest.skip("no Chromium here to look at pages with")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
-        yield found
-        found.close()
 
 
 @pytest.fixture(scope="module")

@@ -17,22 +17,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
 BUILT = ROOT / "gauss_bench" / "studio" / "page"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 XY = tuple[float, float]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = (
-        pytest.importorskip("playwright.sync_api") if not os.environ.get("CI") else __import__("playwright.sync_api").sync_api
-    )
-    if CHROMIUM is None:
-        assert not os.environ.get("CI"), "no Chromium here, and the page must be looked at where CI is set"
-        pytest.skip("no Chromium here to draw with")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
-        yield found
-        found.close()
 
 
 @pytest.fixture(scope="module")
