@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "load": "gauss_bench.mechanism.load:load",
+    "load": "gauss_bench.linkage.load:load",
     "simulate": "gauss_bench.api.simulate:simulate",
     "history": "gauss_bench.api.history:history",
     "History": "gauss_bench.trajectory:History",

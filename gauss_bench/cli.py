@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from gauss_bench.api.options import LOCAL, Verb, parser
 from gauss_bench.api.telling import no_longer, tell, tell_if_long
-from gauss_bench.mechanism.limits import harmless
+from gauss_bench.linkage.limits import harmless
 
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
@@ -80,12 +80,12 @@ def is_argument(text: str) -> bool:
 def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
-    from gauss_bench.bench.offers import ChoiceError
     from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.exchange.errors import ExchangeError
-    from gauss_bench.mechanism.errors import LinkageError
+    from gauss_bench.linkage.errors import LinkageError
     from gauss_bench.reference.certificate import CertificateError
     from gauss_bench.report.errors import NoRun
+    from gauss_bench.runs.offers import ChoiceError
     from gauss_bench.suites.read import SuiteError
     from gauss_bench.sweep.errors import SweepError
     from gauss_bench.tables import TableError
@@ -153,7 +153,7 @@ def conformance(options: argparse.Namespace) -> int:
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.files import told_files
-    from gauss_bench.mechanism.load import load
+    from gauss_bench.linkage.load import load
 
     files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace)
     first = load(options.linkage, options.scenario)
@@ -229,7 +229,7 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
         tell("nothing was reached: no file is written")
         return
     from gauss_bench.api.history import history, table
-    from gauss_bench.mechanism.welding import spread
+    from gauss_bench.mechanism.parts import spread
     from gauss_bench.report.drawings.shown import film, picture
 
     found, told = history(result), result.told()
@@ -280,11 +280,14 @@ def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str
     from gauss_bench.api import kinematics as moved
     from gauss_bench.report.drawings.animation import animate
     from gauss_bench.report.drawings.curves import curves
+    from gauss_bench.runs.offers import ChoiceError
 
     if not {"plot", "animate"} & {*wanted}:
         return {}
     mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
+    if "plot" in wanted and not points:
+        raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
     found = {}
     if "plot" in wanted:
         found["plot"] = curves(mechanism, states.t, states.q, states.v, states.a, points)
@@ -294,6 +297,7 @@ def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str
 
 
 def sweep(options: argparse.Namespace) -> int:
+    from gauss_bench.sweep.halving import text as half
     from gauss_bench.sweep.run import How, Where
     from gauss_bench.sweep.run import sweep as swept
     from gauss_bench.sweep.summary import text
@@ -311,7 +315,11 @@ def sweep(options: argparse.Namespace) -> int:
     where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
     found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
     print_json(found) if options.json else print(text(found["engines"]))
-    return 0 if all(set(x["status"]) <= {"ok", "not_assembled"} for x in found["engines"].values()) else 1
+    for name, told in found["engines"].items():
+        tell(f"{name}: {half(told['half_the_step'])}")
+    ended = found["engines"].values()
+    sound = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
+    return 0 if sound and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended) else 1
 
 
 def studio(options: argparse.Namespace) -> int:
@@ -373,8 +381,8 @@ def bring_in(options: argparse.Namespace) -> int:
 def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
-    from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.provenance import environment
+    from gauss_bench.runs.asked import checked_budget
     from gauss_bench.tables import write_table, write_text
 
     for folder in filter(None, (options.out, options.into)):
@@ -427,8 +435,8 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
     Raises:
         SuiteError, LinkageError, KeyError: what cannot be used; before anything is run.
     """
-    from gauss_bench.bench.offers import offers
-    from gauss_bench.mechanism.load import load
+    from gauss_bench.linkage.load import load
+    from gauss_bench.runs.offers import offers
     from gauss_bench.suites.read import joined, of_engines, read_suite, restricted, scenario_of
 
     suite = joined([read_suite(name) for name in names])
@@ -442,12 +450,12 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
 def run(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.files import usable_folder
-    from gauss_bench.bench.asked import checked_budget
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.differences import accuracy_rows, differences
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
+    from gauss_bench.runs.asked import checked_budget
 
     usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
@@ -506,30 +514,40 @@ def check(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.bench import gate
     from gauss_bench.bench.cases import cases
-    from gauss_bench.bench.context import unaltered
     from gauss_bench.bench.runner import measure_all
+    from gauss_bench.runs.apart import unaltered
 
-    chosen = cases(chosen_suite(options, ["gate"]))
+    asked = cases(chosen_suite(options, ["gate"]))
+    chosen = asked
     if not options.accept and not options.baseline.exists():
         print(f"error: {options.baseline}: no baseline there; write one with --accept REASON", file=sys.stderr)
         return BAD_INPUT
+    baseline = None if options.accept else gate.read_baseline(options.baseline)
+    if baseline is not None and (options.linkages or options.engines):  # of a part, what can be held against something
+        chosen = gate.known(asked, baseline)
+        if not chosen:
+            named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
+            print(f"error: {options.baseline} has no figure of {named}; --accept REASON writes them there", file=sys.stderr)
+            return BAD_INPUT
+        if len(chosen) < len(asked):
+            tell(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
     alter = partial(gate.scaled_inertia, options.plant_inertia) if options.plant_inertia else unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
     found = gate.facts(rows, references)
-    if options.accept:
+    if baseline is None:
         changed, refused = gate.accept(found, options.baseline, options.accept)
         print(f"{options.baseline}: {changed} figures new or changed")
-        for sentence in refused:
-            print(f"not accepted, because it failed: {sentence}", file=sys.stderr)
+        for reason in refused:
+            print(f"not accepted, because it failed: {reason}", file=sys.stderr)
         return 1 if refused else 0
-    baseline = gate.restricted(gate.read_baseline(options.baseline), set(rows["mechanism"]), set(rows["engine"]))
-    verdicts = gate.compare(found, baseline)
+    part = gate.restricted(baseline, set(rows["mechanism"]), {x.engine for x in asked})
+    verdicts = gate.compare(found, part)
     failed = list(gate.failures(verdicts))
     if options.json:
         print_json({"passed": not failed, "verdicts": [vars(v) for v in verdicts]})
     else:
-        named = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
-        print(text.format_check(verdicts, shlex.join([*named, "--baseline", str(options.baseline)])))
+        again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
+        print(text.format_check(verdicts, shlex.join([*again, "--baseline", str(options.baseline)])))
     return 1 if failed else 0
 
 

@@ -76,6 +76,7 @@ class Evidence:
         drift: metrics.Drift of every sample.
         energy: (k,) energy gained beyond the work done [J]; energy_bar: the error bar of that work; energy_scale: the energy that
             moves [J].
+        seen: as `energy`, without what damping may have taken between samples that do not resolve it, or None where they do.
         errors: against the truth, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
         halving: where no truth is known, what the run differs by from one at half the step, or None.
@@ -93,6 +94,7 @@ class Evidence:
     halving: metrics.Errors | None = None
     steps_a_period: float | None = None
     disagreement: float | None = None
+    seen: Array | None = None
 
 
 def completeness(trajectory: object, times: Array, n: int) -> Judgement:
@@ -177,7 +179,7 @@ def judge(evidence: Evidence) -> Judgement:
         checks.append((Subject.MODEL, x.acceleration_error, OFF_ACCELERATION, said))
     opened = float(x.drift.position.max(initial=0.0))
     checks.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
-    gained = float(np.abs(x.energy).max(initial=0.0))
+    gained = float(np.abs(x.energy if x.seen is None else x.seen).max(initial=0.0))
     said = f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
     checks.append((Subject.ENERGY, gained, OFF_ENERGY * x.energy_scale + x.energy_bar, said))
     if x.errors is not None:
@@ -201,11 +203,14 @@ def judge(evidence: Evidence) -> Judgement:
 
 def remark(evidence: Evidence) -> str:
     """What must be told of a run that nothing is objected to, or an empty text."""
-    lost = evidence.disagreement
-    if lost is None or not DIGITS < lost <= OFF_ACCELERATION:
-        return ""
-    digits = int(-np.log10(lost))
-    return f"accelerations keep about {digits} digits: formulations differ by {lost:.1e} at the same states"
+    lost, told = evidence.disagreement, []
+    if evidence.seen is not None:
+        gap = float(np.abs(evidence.energy - evidence.seen).max(initial=0.0))
+        told.append(f"its energy is not decidable: {gap:.2g} J are lost between samples too far apart to see damping take them")
+    if lost is not None and DIGITS < lost <= OFF_ACCELERATION:
+        digits = int(-np.log10(lost))
+        told.append(f"accelerations keep about {digits} digits: formulations differ by {lost:.1e} at the same states")
+    return "; ".join(told)
 
 
 def trusted_until(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -167,6 +167,17 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
     kinetic = 0.5 * (trajectory.v * trajectory.v) @ evaluator.mass
     potential = evaluator.applied.potential(trajectory.q)
     return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
+
+
+def without_loss(t: Array, gain: Array, spacing: float) -> Array:
+    """Energy gained beyond the work done (k,) [J], less what is lost between samples further apart than `spacing` [s].
+
+    There a damper may take energy in a time that no sample sees: the samples do not tell how much. What is gained stays.
+    """
+    change = np.diff(gain)
+    unseen = (np.diff(t) > spacing) & (change < 0)
+    lost: Array = np.append(0.0, np.cumsum(np.where(unseen, change, 0.0)))
+    return gain - lost
 
 
 def work(t: Array, power: Array, at: Array) -> Array:

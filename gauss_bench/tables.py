@@ -164,6 +164,18 @@ def _levels(meaning: str) -> tuple[Column, ...]:
     return tuple(number(level, f"{meaning} of {level}s") for level in ("position", "velocity", "acceleration"))
 
 
+LINK_AT = (text("link", "of the linkage file"), number("t", "time", "s"))
+
+
+def _pose(ends: str, which: str) -> tuple[Column, ...]:
+    """A place and an angle, or what is added to one."""
+    return (
+        number(f"x{ends}", f"{which} x of the centre of mass", "m"),
+        number(f"y{ends}", f"{which} y of the centre of mass", "m"),
+        number(f"angle{ends}", f"{which} angle", "rad"),
+    )
+
+
 def _over_processes(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
     """A median over several processes, and their range."""
     return by_clock(
@@ -265,6 +277,20 @@ TABLES: dict[str, Table] = {
             number("energy_error", "of the balance of energy, work and losses", "J"),
         ),
         len(CASE) + 1,
+        "parquet",
+        curves=True,
+    ),
+    "motions": Table(
+        "a link at one time of the true motion, as exactly as it is drawn",
+        (*WHERE, number("t_end", "until where", "s"), *LINK_AT, *_pose("", "true")),
+        5,
+        "parquet",
+        curves=True,
+    ),
+    "poses": Table(
+        "a link at one time of a run that is played: its pose there is motions + ahead + gap, and without gap all loops are closed",
+        (*CASE, *LINK_AT, *_pose("_ahead", "to the nearest pose with closed loops: true +"), *_pose("_gap", "from there:")),
+        len(CASE) + 2,
         "parquet",
         curves=True,
     ),

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from gauss_bench.compiler.elimination import program
-from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.compiler.machine import native_code
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
@@ -26,10 +27,12 @@ CACHE = pytest.StashKey[str]()
 def pytest_configure(config: pytest.Config) -> None:
     """Object code of this run is kept in one folder for all its processes, and the user's own cache is left alone.
 
-    Programs, in this process and in all that it starts, are the best of few attempts: what holds for one holds for any, but for
-    its costs.
+    Programs, in this process and in all that it starts, are the best of few attempts, and machine code is what is there soonest:
+    what holds for one holds for any, but for its costs. Hundreds of processes import the package: it is compiled for the first of
+    them.
     """
-    os.environ[program.SHORTER] = str(FEW)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ[program.SHORTER], os.environ[native_code.QUICK] = str(FEW), "1"
     program.ATTEMPTS = FEW
     if not hasattr(config, "workerinput"):
         config.stash[CACHE] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="gauss-bench-tests-")

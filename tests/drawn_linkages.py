@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from gauss_bench.mechanism.schema import FORMAT, SECOND
+from gauss_bench.linkage.schema import FORMAT, SECOND
 from gauss_bench.terms import Array
 
 MOST = 9  # bodies

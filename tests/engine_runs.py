@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import TrueStates, build_reference
 from gauss_bench.terms import Array
@@ -58,12 +59,18 @@ def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, sta
     return np.array([relative_error(model.acceleration(t, q, v), a) for t, q, v, a in pairs])
 
 
+@lru_cache(maxsize=1)
+def true_torques(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Times [s] of one turn, and the driving forces there; worked out once for all ways in which a linkage is run."""
+    exact = build_reference(mechanism, mechanism.duration)
+    return exact.t, metrics.driving_forces(Evaluator(mechanism), Trajectory(exact.t, exact.q, exact.v, exact.a, 0))
+
+
 def torque_error(engine: Engine, mechanism: Mechanism, settled: float = 0.0, **choice: Any) -> float:
     """Largest error of the driving torque over one turn, from the time `settled` [s] on, relative to the largest torque."""
-    exact = build_reference(mechanism, mechanism.duration)
-    found, evaluator = ran(engine, mechanism, exact.t, **choice), Evaluator(mechanism)
-    true = metrics.driving_forces(evaluator, Trajectory(exact.t, exact.q, exact.v, exact.a, 0))
-    error = np.abs(metrics.driving_forces(evaluator, found) - true)[exact.t >= settled]
+    t, true = true_torques(mechanism)
+    found = ran(engine, mechanism, t, **choice)
+    error = np.abs(metrics.driving_forces(Evaluator(mechanism), found) - true)[t >= settled]
     return float(error.max() / np.abs(true).max())
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench import apart
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs import apart
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 

@@ -1,6 +1,7 @@
 """One recipe, one judge, and one way to ask for more: what simulate, compare and kinematics promise."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -8,18 +9,18 @@ import pytest
 
 import gauss_bench
 from gauss_bench import judge as judging
-from gauss_bench.bench.asked import duration, usable_steps
 from gauss_bench.bench.cases import Case, as_asked
-from gauss_bench.bench.offers import ChoiceError
-from gauss_bench.bench.one_run import sampling, sampling_through
 from gauss_bench.cli import main
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.judge import Subject, completeness, examine, judge
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.metrics import Drift
 from gauss_bench.reference.build import sample_times
+from gauss_bench.runs.asked import duration, usable_steps
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.one_run import sampling, sampling_through
 from gauss_bench.tables import read_file
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -221,3 +222,10 @@ def test_the_former_name_of_intervals_serves_for_one_release() -> None:
     with pytest.warns(DeprecationWarning, match="intervals"):
         found = gauss_bench.kinematics("four_bar", steps=2)
     assert len(found.t) == 3
+
+
+def test_a_linkage_is_read_under_the_rooms_former_name_too_with_a_warning() -> None:
+    former = import_module("gauss_bench.mechanism.load")
+    with pytest.warns(DeprecationWarning, match=r"gauss_bench\.linkage\.load"):
+        read = former.load
+    assert read is gauss_bench.load

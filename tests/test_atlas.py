@@ -18,15 +18,15 @@ from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendu
 from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
 from gauss_bench.atlas.table import page, row, rows_of
 from gauss_bench.atlas.verdict import PASSES, Found, Verdict, decided
-from gauss_bench.bench.one_run import Run, sampling, sampling_at
-from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report import rows as rows_module
 from gauss_bench.report.site.engine import engine_page
+from gauss_bench.runs.one_run import Run, sampling, sampling_at
+from gauss_bench.runs.worker import Worker
 from gauss_bench.tables import read_table, write_table
 from gauss_bench.trajectory import Reference, Status, Trajectory
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.bench.answers import NoAnswer, packed, unpacked
-from gauss_bench.bench.apart import outcome_of
 from gauss_bench.bench.measure import acceleration_errors
-from gauss_bench.bench.one_run import one_run, received, sampling
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference.build import TrueStates
+from gauss_bench.runs.answers import NoAnswer, packed, unpacked
+from gauss_bench.runs.apart import outcome_of
+from gauss_bench.runs.one_run import one_run, received, sampling
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
 
@@ -26,7 +26,8 @@ import pathlib
 import pickle
 import numpy as np
 from gauss_bench import judge, metrics
-from gauss_bench.bench import answers, apart, measure, one_run
+from gauss_bench.bench import measure
+from gauss_bench.runs import answers, apart, one_run
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.trajectory import RunFailure, Trajectory
 

@@ -81,6 +81,34 @@ def test_without_a_baseline_the_gate_is_bad_usage(tmp_path: Path) -> None:
     assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(tmp_path / "none.csv")]) == 2
 
 
+def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_told(
+    baseline: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run: list[Case] = []
+    figures = read_baseline(baseline).assign(message="")
+
+    def measured(cases: list[Case], *rest: object) -> tuple[pd.DataFrame, pd.DataFrame]:
+        run.extend(cases)
+        return pd.DataFrame([CASE]), pd.DataFrame()
+
+    monkeypatch.setattr(runner, "measure_all", measured)
+    monkeypatch.setattr(gate, "facts", lambda *arguments: figures)
+    assert main(["check", "four_bar", "--baseline", str(baseline)]) == 0
+    assert {x.engine for x in run} == {"gauss"}
+    assert "are not in the baseline and are not run" in capsys.readouterr().err
+    run.clear()
+    assert main(["check", "four_bar", "--engine", "lagrange", "--baseline", str(baseline)]) == 2
+    assert "has no figure of four_bar by lagrange" in capsys.readouterr().err
+    assert not run
+
+
+def test_a_known_case_that_an_engine_no_longer_has_fails(found: pd.DataFrame, baseline: Path) -> None:
+    other = read_baseline(baseline).assign(engine="lost")
+    both = pd.concat([read_baseline(baseline), other])
+    part = gate.restricted(both, {"four_bar"}, {"gauss", "lost"})
+    assert {v.case.split()[2] for v in failures(compare(found, part))} == {"lost"}
+
+
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
 

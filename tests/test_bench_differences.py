@@ -132,7 +132,7 @@ def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path: Path, c
         ({"dirty": True}, "changed code"),
         ({"commit": ""}, "commit"),
         ({"cpu": ""}, "processor"),
-        ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "GAUSS_BENCH_ATTEMPTS=8 alone"),
+        ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "in haste, with GAUSS_BENCH_ATTEMPTS=8"),
     ],
 )
 def test_a_run_that_cannot_be_traced_is_not_published(

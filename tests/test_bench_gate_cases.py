@@ -7,8 +7,8 @@ from typing import Any, get_args
 import pytest
 
 from gauss_bench.bench.gate import read_baseline
-from gauss_bench.mechanism import schema
-from gauss_bench.mechanism.load import document_of, load
+from gauss_bench.linkage import schema
+from gauss_bench.linkage.load import document_of, load
 from gauss_bench.suites.read import read_suite
 
 BASELINE = Path(__file__).parents[1] / "reports" / "baseline.csv"

@@ -17,7 +17,7 @@ from gauss_bench.bench.measurements.steps import step_rows
 from gauss_bench.bench.runner import run
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.report.build import all_findings, build_report, read_run, sections
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run

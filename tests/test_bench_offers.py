@@ -17,7 +17,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 CODE = """
 import json
 import gauss_bench
-from gauss_bench.bench.offers import offers
+from gauss_bench.runs.offers import offers
 told = {x.name: [str(x.status), x.reason] for x in offers()}
 runs = {x: gauss_bench.simulate("four_bar", x, at=[0.05], step=5e-3, limit=60.0) for x in NAMES}
 rows = gauss_bench.compare("four_bar", ["gauss", *NAMES], steps=(1e-2,), t_end=0.1, jobs=1)

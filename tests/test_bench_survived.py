@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pytest
 
 from gauss_bench.bench.survived import survived, watching
-from gauss_bench.bench.worker import WorkerFailure
+from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.plugin import installed
 

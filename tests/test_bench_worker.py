@@ -7,7 +7,11 @@ import time
 import pytest
 
 from gauss_bench.bench import tasks
-from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.one_run import sampling
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 
 
@@ -41,6 +45,21 @@ def test_what_a_task_prints_does_not_spoil_its_answer() -> None:
     with Worker() as worker:
         assert worker.call(os.write, (1, b"noise\n"), 20.0) == 6
         assert worker.call(print, ("more noise",), 20.0) is None
+
+
+DEAR = {"pydantic", "scipy", "tqdm", "networkx", "gauss_bench.linkage.load", "gauss_bench.bench.journal"}
+IMPORTED = "[*__import__('sys').modules]"  # a text: a function of this file would bring the file along
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio", "exudyn", "nobody:Nobody"])
+def test_the_process_of_an_engine_imports_nothing_that_reads_linkages_or_keeps_journals(engine: str) -> None:
+    """Every start of a worker would pay for it."""
+    request = Request("four_bar", "torque", engine, Choice(), sampling(1e-2, 0.1))
+    with Worker() as worker:
+        run_apart(request, load("four_bar", "torque"), 20.0, worker)  # some do not know this choice: they are imported all the same
+        found = {*worker.call(eval, (IMPORTED,), 20.0)}
+    assert "gauss_bench.runs.apart" in found
+    assert not found & DEAR
 
 
 def test_one_blas_thread() -> None:

@@ -13,7 +13,7 @@ import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.engines import OWN, all_names
 from gauss_bench.formulations import CONTROLS
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.load import built_in
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
@@ -68,7 +68,7 @@ def test_simulate_prints_one_object_with_all_that_is_promised(capsys: pytest.Cap
 
 
 def test_joint_forces_balance_every_link(capsys: pytest.CaptureFixture[str]) -> None:
-    from gauss_bench.mechanism.load import load
+    from gauss_bench.linkage.load import load
 
     found = said(capsys, "simulate", "six_bar", "--scenario", "torque", "--at", "0.3", "--json")
     mechanism = load("six_bar", "torque")

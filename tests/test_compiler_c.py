@@ -14,7 +14,7 @@ from gauss_bench.compiler.closure import compile_closure
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.terms import Array
 
 pytest.importorskip("llvmlite")

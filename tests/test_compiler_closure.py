@@ -19,9 +19,9 @@ from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
 from gauss_bench.kinematics.singular import singular_positions
+from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
-from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -45,7 +45,7 @@ def mechanism(name: str) -> Mechanism:
 
 @cache
 def closure(name: str, backend: str = "llvm", **more: Any) -> Closure:
-    return compile_closure(mechanism(name), backend=backend, cache=False, **more)
+    return compile_closure(mechanism(name), backend=backend, **more)
 
 
 def crank_angle(m: Mechanism) -> float:
@@ -115,7 +115,7 @@ def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
 
 def test_points_move_with_their_links() -> None:
     m = mechanism("jansen")
-    fast = compile_closure(m, points=m.observed_points, cache=False).turn(90)
+    fast = compile_closure(m, points=m.observed_points).turn(90)
     assert fast.points.shape == (90, len(m.observed_points), 2)
     for k, point in enumerate(m.observed_points):
         levels = (fast.points, fast.point_rates, fast.point_seconds)
@@ -206,9 +206,7 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     start = float(m.q0[3 * rocker + 2])
     angles = start + sense * np.linspace(0.0, 2.0, 401)
     limit = min((x for x in limits if (x - start) * sense > 0), key=lambda x: abs(x - start))
-    sweep = compile_closure(
-        replace(m, drivers=()), backend=backend, cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),)
-    ).sweep(angles)
+    sweep = compile_closure(replace(m, drivers=()), backend=backend, inputs=(Input(constant(0.0, 1.0), link=rocker),)).sweep(angles)
     (loss,) = sweep.losses
     assert loss.kind == "limit of motion"
     assert loss.inputs["rocker"] == pytest.approx(limit, abs=1e-9)  # the library halves its way to 1e-10 rad
@@ -225,7 +223,7 @@ def test_next_to_a_limit_the_library_decides() -> None:
     m = mechanism("four_bar")
     rocker = [link.name for link in m.links].index("rocker")
     limit = max(s.value for s in singular_positions(m) if s.coordinate == "rocker")
-    compiled = compile_closure(replace(m, drivers=()), cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    compiled = compile_closure(replace(m, drivers=()), inputs=(Input(constant(0.0, 1.0), link=rocker),))
     ended = set()
     for gap in 10.0 ** -np.arange(2.0, 9.5, 0.25):
         angles = np.array([float(m.q0[3 * rocker + 2]), limit - gap])
@@ -248,7 +246,7 @@ def test_next_to_a_limit_the_library_decides() -> None:
 def test_a_change_point_is_a_singular_position(count: int, backend: str) -> None:
     """Whether a sample meets it, or all step over it: the assembly changes sides there."""
     m = two_crank_parallelogram()
-    sweep = compile_closure(m, backend=backend, cache=False).turn(count)
+    sweep = compile_closure(m, backend=backend).turn(count)
     (loss,) = sweep.losses
     assert loss.kind == "singular position"
     assert loss.inputs["crank"] == pytest.approx(np.pi, abs=1e-6)  # the library's rank counts as lost at 1e-7 of the largest
@@ -259,7 +257,7 @@ def test_a_change_point_is_a_singular_position(count: int, backend: str) -> None
 def test_next_to_a_change_point_rates_are_not_given() -> None:
     """Nothing moves fast there, and yet rounding is divided by the square of the sine of a dyad: refused from 1e-4 on."""
     m = two_crank_parallelogram()
-    compiled = compile_closure(m, cache=False)
+    compiled = compile_closure(m)
     for gap, status in ((1e-2, Status.CLOSED), (1e-5, Status.LOST)):
         assert compiled.sweep(np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
 
@@ -267,7 +265,7 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_lane_does_not_leap(backend: str) -> None:
     """A parallelogram's rocker is predicted exactly however far the crank goes; what came between is then not known."""
-    compiled = compile_closure(two_crank_parallelogram(), backend=backend, cache=False)
+    compiled = compile_closure(two_crank_parallelogram(), backend=backend)
     start, path = compiled._start, compiled._tracker.path
     for way, closed in ((0.2, 2), (1.0, 1)):
         inputs = np.zeros((1, 3, 3))
@@ -280,7 +278,7 @@ def test_nothing_is_closed_behind_a_loss() -> None:
     """The way goes beyond the limit and back, which an odd sample would not show."""
     m = mechanism("four_bar")
     rocker = [link.name for link in m.links].index("rocker")
-    compiled = compile_closure(replace(m, drivers=()), cache=False, inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    compiled = compile_closure(replace(m, drivers=()), inputs=(Input(constant(0.0, 1.0), link=rocker),))
     start = float(m.q0[3 * rocker + 2])
     angles = start + 1.5 * np.sin(np.linspace(0.0, np.pi, 800))
     (loss,) = compiled.sweep(angles).losses
@@ -290,7 +288,7 @@ def test_nothing_is_closed_behind_a_loss() -> None:
 
 def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A start that is a whole turn off closes as well as the right one, and on the same sides."""
-    compiled = compile_closure(mechanism("four_bar"), cache=False)
+    compiled = compile_closure(mechanism("four_bar"))
     truth, found = compiled.turn(400), compiled._tracker._starts
 
     def shifted(*given: Any) -> Array:
@@ -309,7 +307,7 @@ def test_a_start_at_a_dead_centre_is_refused() -> None:
     m = load("crank_slider", "driven")
     slide = next(j.name for j in m.joints if j.name not in "OAB")
     with pytest.raises(KernelError, match="singular"):
-        compile_closure(m, cache=False, inputs=(Input(constant(0.0, 1.0), joint=slide),))
+        compile_closure(m, inputs=(Input(constant(0.0, 1.0), joint=slide),))
 
 
 # Other dimensions, one linkage in a lane
@@ -339,7 +337,7 @@ def test_a_thousandth_of_the_size_turns_alike() -> None:
     """Tolerances and guards go with the linkage's own vectors, not with those of the file."""
     m = mechanism("six_bar")
     names = tuple(x for x in parameter_values(m) if x.startswith(("points.", "joints.")) or ".com." in x)
-    compiled = compile_closure(m, open_parameters=names, cache=False)
+    compiled = compile_closure(m, open_parameters=names)
     whole, small = compiled.turn(240), compiled.turn(240, parameters=compiled.values / 1000)
     assert (small.status == Status.CLOSED).all()
     size = np.tile([1000.0, 1000.0, 1.0], len(m.links))
@@ -393,7 +391,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ({"lanes": 3}, "power of 2"),
     ):
         with pytest.raises(KernelError, match=text):
-            compile_closure(four, cache=False, **more)  # type: ignore[arg-type]
+            compile_closure(four, **more)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="knife edges"):
         compile_closure(load("sleigh"))
     with pytest.raises(ValueError, match="a turn is of one"):

@@ -31,8 +31,8 @@ from gauss_bench.compiler.stepping.driver import before
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.integrate.fixed_step import semi_implicit_euler
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.terms import Array
@@ -55,9 +55,13 @@ def mechanism(name: str) -> Mechanism:
     return load(linkage, scenario) if scenario else load(linkage)
 
 
-@cache
 def kernel(name: str, stabilization: str = "none", backend: str = "llvm", **more: object) -> Kernel:
-    return compile_kernel(mechanism(name), stabilization=stabilization, backend=backend, cache=False, **more)  # type: ignore[arg-type]
+    return compiled(name, stabilization, backend, **more)
+
+
+@cache
+def compiled(name: str, stabilization: str, backend: str, **more: object) -> Kernel:
+    return compile_kernel(mechanism(name), stabilization=stabilization, backend=backend, **more)  # type: ignore[arg-type]
 
 
 @cache
@@ -187,13 +191,13 @@ CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
 def closing(stabilization: str = "none", backend: str | None = None, formulation: str = "gauss") -> tuple[Kernel, Array, Array]:
     """The kernel, and a state at which the dashpot holds the torque."""
     m = load(CLOSER, "closing")
-    code = compile_kernel(m, formulation, stabilization, cache=False, backend=backend)
+    code = compile_kernel(m, formulation, stabilization, backend=backend)
     return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
 
 
 @cache
 def kernel_of_closer() -> Kernel:
-    return compile_kernel(load(CLOSER, "closing"), "gauss", cache=False)
+    return compile_kernel(load(CLOSER, "closing"), "gauss")
 
 
 @cache
@@ -239,7 +243,7 @@ def test_gauss_and_legendre_have_order_six(stabilization: str) -> None:
 def test_implicit_steps_keep_energy() -> None:
     """Symplectic: over 20 s of free turning in steps of a hundredth of a turn, what is gained and lost does not add up."""
     m = load(CLOSER, "free")
-    code = compile_kernel(m, "gauss", "projection", cache=False)
+    code = compile_kernel(m, "gauss", "projection")
     q, v = code.rollout(m.q0, m.v0, 0.01, 2000, every=10, integrator="gauss_legendre")
     off = np.abs(code.energy(q, v) / code.energy(m.q0, m.v0) - 1.0)
     assert off.max() < 1e-6
@@ -265,7 +269,7 @@ def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted() -> None:
 def test_an_implicit_step_that_does_not_converge_is_not_counted() -> None:
     """A fifth of a turn and more in one step: the interpreted step takes over, or the trajectory is lost, never wrong by chance."""
     m = load(CLOSER, "free")
-    code = compile_kernel(m, "gauss", cache=False)
+    code = compile_kernel(m, "gauss")
     found = np.concatenate(code.rollout(m.q0, m.v0, 0.4, 3, integrator="gauss_legendre"))
     assert code.fallbacks + code.lost > 0
     assert code.lost or np.isfinite(found).all()
@@ -274,7 +278,7 @@ def test_an_implicit_step_that_does_not_converge_is_not_counted() -> None:
 def test_a_loop_has_no_implicit_steps() -> None:
     m = mechanism("crank_slider")
     with pytest.raises(KernelError, match="no implicit steps"):
-        compile_kernel(m, form="looped", cache=False).rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
+        compile_kernel(m, form="looped").rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
 
 
 def test_fixed_and_adaptive_steps_are_those_of_the_interpreted_formulation() -> None:
@@ -373,9 +377,19 @@ def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None
 
 
 @pytest.mark.slow
+def test_projected_steps_of_both_formulations_agree() -> None:
+    """Both correct by the shortest way, so that at steps of 2 ms only roundings tell them apart."""
+    m = mechanism("crank_slider")
+    gauss, lagrange = (
+        np.concatenate(kernel("crank_slider", "projection", formulation=name).rollout(m.q0, m.v0, 2e-3, 300))
+        for name in ("gauss", "lagrange")
+    )
+    assert np.abs(gauss - lagrange).max() < 1e-12
+
+
 def test_projection_holds_for_a_hundred_thousand_steps() -> None:
     m = load("crank_slider", "conservative")
-    code = compile_kernel(m, stabilization="projection", cache=False)
+    code = compile_kernel(m, stabilization="projection")
     q0, v0 = turning(m)
     q, v = code.rollout(q0, v0, H, 100_000, every=1000)
     phi, phi_dot = residuals(m, q, v)
@@ -467,7 +481,7 @@ def test_lanes_that_stop_do_not_disturb_the_others() -> None:
 
 def test_without_another_partition_the_rank_decides() -> None:
     q, v = running("crank_slider", 1500)
-    bad = compile_kernel(mechanism("crank_slider"), "gauss", "projection", independent=(6,), cache=False)
+    bad = compile_kernel(mechanism("crank_slider"), "gauss", "projection", independent=(6,))
     bad._programs._more = iter(())
     found = np.concatenate(bad.rollout(q, v, H, 4000))
     expected = np.concatenate(kernel("crank_slider", "projection").rollout(q, v, H, 4000))
@@ -626,7 +640,7 @@ def test_where_a_loop_over_stages_goes_on_samples_are_projected(count: int) -> N
 def test_open_parameters_differ_from_lane_to_lane() -> None:
     m = mechanism("crank_slider")
     names = ("links.crank.mass", "gravity.y")
-    code = compile_kernel(m, open_parameters=names, cache=False)
+    code = compile_kernel(m, open_parameters=names)
     assert code.parameters == names
     p = np.array([[0.37 + 0.1 * k, -9.81 + k] for k in range(10)])
     q, v = motion("crank_slider", 10)
@@ -652,6 +666,33 @@ def test_forces_and_energy() -> None:
         terms = evaluator.terms(0.0, q[k], v[k])
         balance = terms.M @ a[k] + terms.J.T @ multipliers[k] - terms.Q
         assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [("crank_slider", {}), ("parallelogram", {"stabilization": "projection"}), ("n_four_bar_3", {"form": "looped"})],
+)
+def test_code_that_is_soon_there_computes_the_same_bits(name: str, more: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every kind of step, alone and in lanes: tests run the former, users and the gate the latter."""
+    m = mechanism(name)
+    many = np.tile(m.q0, (5, 1)), m.v0 * np.linspace(0.9, 1.1, 5)[:, None]
+
+    def results() -> Array:
+        code, found = compile_kernel(m, **more), []
+        for integrator in ("rk4", "semi_implicit_euler", "dop853_fixed"):
+            found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator=integrator)
+        if code.form == "straight line":
+            found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator="gauss_legendre")
+            chosen = code.integrate(m.q0, m.v0, np.linspace(0.0, 0.05, 6), 1e-8, 1e-10)
+            found += [chosen.q, chosen.v]
+        found += [*code.rollout(*many, 1e-3, 40), code.acceleration(m.q0, m.v0)]
+        return np.concatenate([x.ravel() for x in found])
+
+    soon = results()
+    monkeypatch.delenv(native_code.QUICK)
+    assert np.isfinite(soon).all()
+    np.testing.assert_array_equal(results(), soon)
 
 
 def test_it_does_not_matter_where_in_memory_code_comes_to_lie() -> None:
@@ -751,7 +792,7 @@ def test_without_a_compiler_numpy_is_chosen(monkeypatch: pytest.MonkeyPatch) -> 
 )
 def test_unknown_names_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(KernelError):
-        compile_kernel(mechanism("crank_slider"), cache=False, **wrong)  # type: ignore[arg-type]
+        compile_kernel(mechanism("crank_slider"), **wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

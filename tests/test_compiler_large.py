@@ -21,8 +21,8 @@ from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.exact import closed_form
 from tests.conftest import DATA, needs
@@ -161,7 +161,7 @@ def test_a_partition_fails_where_its_coordinate_stands_still() -> None:
     generated = generate_in_rounds(study(mechanism), Plan("gauss", (3 * slider,)))
     programs = LoopedPrograms(iter([looped_program(generated)]), Target("llvm", 1, cache=True))
     states = manifold_states(mechanism, 400)
-    sound = np.array([programs.acceleration(0.0, q, v) is not None for q, v in zip(states.q, states.v, strict=True)])
+    sound = np.array([programs.acceleration(0.0, q, v, np.zeros(0)) is not None for q, v in zip(states.q, states.v, strict=True)])
     share = np.abs(states.v[:, 3 * slider]) / np.abs(states.v).max(axis=1)
     assert sound[share > 0.05].all()
     assert not sound[share < 1e-4].any()

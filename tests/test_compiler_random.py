@@ -9,8 +9,8 @@ import pytest
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 

@@ -123,7 +123,7 @@ import numpy as np
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import document_of, load_document
+from gauss_bench.linkage.load import document_of, load_document
 
 document, _, _ = document_of("four_bar")
 document["forces"]["drive"] = {"type": "motor", "link": "crank", "stall": 2.0, "drag": 0.3}
@@ -169,14 +169,14 @@ print(*engines)
 
 def test_a_force_touches_its_keys_and_its_kind(tmp_path: Path) -> None:
     """Keys in schema.py, what it is and what it comes to in model.py; terms, formulations, kernels and adapters follow."""
-    mechanism = copy_of_the_package(tmp_path) / "mechanism"
-    schema = mechanism / "schema.py"
+    package = copy_of_the_package(tmp_path)
+    schema, model = package / "linkage" / "schema.py", package / "mechanism" / "model.py"
     insert(schema, "class CoulombFrictionTable(Table", SCHEMA)
     insert(schema, '    "coulomb_friction": CoulombFrictionTable,', '    "motor": MotorTable,\n')
     union = '    | Annotated[CoulombFrictionTable, Tag("<coulomb_friction>")]'
     insert(schema, union, '    | Annotated[MotorTable, Tag("<motor>")]\n')
-    insert(mechanism / "model.py", "@dataclass(frozen=True, eq=False)\nclass CoulombFriction:", KIND)
-    insert(mechanism / "model.py", '    "coulomb_friction": CoulombFriction.read,', '    "motor": Motor.read,\n')
+    insert(model, "@dataclass(frozen=True, eq=False)\nclass CoulombFriction:", KIND)
+    insert(model, '    "coulomb_friction": CoulombFriction.read,', '    "motor": Motor.read,\n')
     assert "gauss" in run(tmp_path, USED)
 
 
@@ -279,7 +279,7 @@ METRIC = '''def largest_acceleration(mechanism: Mechanism, trajectory: Trajector
 ONE_CASE = """
 from pathlib import Path
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import unaltered
+from gauss_bench.runs.apart import unaltered
 from gauss_bench.bench.measurements.accuracy import accuracy
 from gauss_bench.tables import write_schema, write_table
 found = accuracy(Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1), "store", unaltered, 60.0)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.bench.one_run import one_run
 from gauss_bench.cli import main
 from gauss_bench.diagnosis import explanations, faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
@@ -22,8 +21,9 @@ from gauss_bench.diagnosis.planted import longer
 from gauss_bench.diagnosis.selftest import diagnosed
 from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference.store import certified_reference
+from gauss_bench.runs.one_run import one_run
 from gauss_bench.terms import Solution, Terms
 from gauss_bench.trajectory import States
 from tests.conftest import needs

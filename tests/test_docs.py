@@ -15,7 +15,7 @@ import pytest
 from gauss_bench.api.options import VERBS
 from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
-from gauss_bench.mechanism import schema
+from gauss_bench.linkage import schema
 from tests.conftest import needs
 
 ROOT = Path(__file__).parents[1]

@@ -6,7 +6,7 @@ import pytest
 
 from gauss_bench.api import doctor as room
 from gauss_bench.api.doctor import Checkup, Finding, doctor
-from gauss_bench.bench.offers import Offer
+from gauss_bench.runs.offers import Offer
 from gauss_bench.trajectory import Status
 
 

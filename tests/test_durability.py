@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from gauss_bench import cli
+from gauss_bench.bench.cases import cases
 from gauss_bench.bench.journal import Journal, entry_of, line_of
 from gauss_bench.compiler import user_cache
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference import store
 from gauss_bench.reference.store import read_reference, stored_reference
+from gauss_bench.suites.read import of_engines, read_suite, restricted
+from gauss_bench.tables import KEY, TIMES, read_table
 
 ROWS = {"results": [{"x": 0.1, "y": float("inf")}]}
 
@@ -127,21 +130,22 @@ def test_folders_above_a_folder_of_results_are_not_invented(
 
 
 KILLS = 6
+ENGINES = ["lagrange", "schur", "yuan_ge_eq16"]
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
-RUN += ["--engine", "lagrange", "--engine", "schur", "--engine", "udwadia_kalaba"]
+RUN += [x for name in ENGINES for x in ("--engine", name)]
 
 
-def accuracy(folder: Path) -> dict[str, bytes]:
-    """Every table of a run whose rows no clock is in."""
-    return {x.name: x.read_bytes() for x in folder.rglob("*.csv") if "times" not in x.parts}
+def written_by(folder: Path) -> dict[Path, bytes]:
+    """Every file of a run but its journal."""
+    return {x.relative_to(folder): x.read_bytes() for x in folder.rglob("*") if x.is_file() and ".run" not in x.parts}
 
 
 @pytest.mark.slow
 def test_kills_at_random_moments_lose_and_double_nothing(tmp_path: Path) -> None:
-    """One run undisturbed, by one worker; another killed again and again, by two: the same bytes."""
+    """One run undisturbed, by one worker; another killed again and again, by two: the same bytes, and a further one adds none."""
     started = time.monotonic()
     subprocess.run([*RUN, "--jobs", "1", "--out", str(tmp_path / "whole")], check=True, capture_output=True)
-    lasts, chance, killed = time.monotonic() - started, random.Random(1), 0
+    lasts, chance, killed, ended = time.monotonic() - started, random.Random(1), 0, False
     journal, known = tmp_path / "killed" / ".run" / "journal.jsonl", list[bytes]()
     for _ in range(KILLS):
         process = subprocess.Popen(
@@ -149,20 +153,34 @@ def test_kills_at_random_moments_lose_and_double_nothing(tmp_path: Path) -> None
         )
         try:
             process.wait(chance.uniform(0.2, 0.9) * lasts)
+            ended = True
         except subprocess.TimeoutExpired:
             os.kill(process.pid, signal.SIGKILL)
             process.wait()
             killed += 1
+            assert ended or not (tmp_path / "killed" / "results.csv").exists()
         there = journal.read_bytes().split(b"\n")[:-1] if journal.exists() else []
         assert there[: len(known)] == known
         known = there
-    subprocess.run([*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], check=True, capture_output=True)
-    entries = [entry_of(line + b"\n") for line in journal.read_bytes().split(b"\n")[:-1]]
-    keys = [entry["key"] for entry in entries if entry]
+        if ended:  # what follows would only find that all is done
+            break
+    journal.parent.mkdir(parents=True, exist_ok=True)
+    with journal.open("ab") as file:
+        file.write(b'{"key": "torn')  # what a kill in the middle of a write leaves
+    for _ in range(2):
+        subprocess.run([*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], check=True, capture_output=True)
+        entries = [entry_of(line + b"\n") for line in journal.read_bytes().split(b"\n")[:-1]]
+        keys = [entry["key"] for entry in entries if entry]
+        assert len(keys) == len(set(keys)) == len(entries)
     assert killed
-    assert len(keys) == len(set(keys)) == len(entries)
-    assert accuracy(tmp_path / "killed") == accuracy(tmp_path / "whole")
-    assert not list(tmp_path.rglob("*.part*"))
+    rows = read_table("results", tmp_path / "killed")
+    assert len(rows) == len(cases(of_engines(restricted(read_suite("gate"), {"four_bar": "torque"}), ENGINES)))
+    assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows)
+    one, other = written_by(tmp_path / "whole"), written_by(tmp_path / "killed")
+    assert one == other
+    assert not any(TIMES in path.parts for path in one)
+    provenance = json.loads(one[Path("environment.json")])
+    assert {"versions", "cpu", "threads", "commit", "engines"} <= provenance.keys()
 
 
 def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
-from gauss_bench.bench.worker import Worker
 from gauss_bench.engines import DERIVED, FOREIGN, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.worker import Worker
 from gauss_bench.suites.read import read_suite
 from tests.conftest import everything
 
@@ -99,7 +99,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
     (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))  # of the engine's process
-    monkeypatch.setattr("gauss_bench.bench.worker._kept", {})
+    monkeypatch.setattr("gauss_bench.runs.worker._kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
     found = measure(case, store)["row"]

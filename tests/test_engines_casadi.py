@@ -10,8 +10,8 @@ import pytest
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.casadi import functions
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift, state_errors
 from gauss_bench.reference.store import certified_reference

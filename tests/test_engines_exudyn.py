@@ -10,9 +10,9 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import Readout, verify
 from gauss_bench.engines.exudyn.adapter import VARIANTS, Exudyn, ExudynModel, library, simulation_settings
 from gauss_bench.engines.exudyn.items import System
+from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory

@@ -13,7 +13,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.minimal import adapter
 from gauss_bench.engines.minimal.adapter import Minimal
 from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, ways
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.store import certified_reference

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gauss_bench
-from gauss_bench.bench.offers import ChoiceError, offer
 from gauss_bench.cli import main
 from gauss_bench.engines import COMPILED, OWN
 from gauss_bench.engines.own_options import Known, OptionError
+from gauss_bench.runs.offers import ChoiceError, offer
 from tests.conftest import needs
 
 KNOWN = Known(

@@ -13,8 +13,8 @@ from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.stabilization import baumgarte
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states

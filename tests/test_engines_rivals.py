@@ -12,7 +12,7 @@ from gauss_bench.engines import all_names, c_code, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.by_hand.adapter import ByHand
 from gauss_bench.engines.by_hand.loops import loop_of
-from gauss_bench.mechanism.load import built_in_folder, load, load_document
+from gauss_bench.linkage.load import built_in_folder, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status

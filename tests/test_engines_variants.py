@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gauss_bench.bench.offers import offer
 from gauss_bench.engines import DERIVED, FOREIGN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import OWN_SEARCH, VariantError, Variants, read_variants
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.offers import offer
 from tests.conftest import needs
 
 GOOD = """

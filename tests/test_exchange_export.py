@@ -36,7 +36,7 @@ from gauss_bench.exchange.text import (
     xml_comment,
 )
 from gauss_bench.exchange.transcript import Script
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.alone import BLOCKED, c_alone, python_alone, rows_of

@@ -19,7 +19,7 @@ from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import imported
 from gauss_bench.exchange.planar import plane_of
 from gauss_bench.exchange.safe_xml import read_xml
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.conftest import DATA

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import SingularSystem, Terms, constraint_force, recover_multipliers

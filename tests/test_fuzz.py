@@ -9,9 +9,9 @@ import pytest
 
 from gauss_bench import cli
 from gauss_bench.api import telling
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.limits import harmless, limit_faults
-from gauss_bench.mechanism.load import built_in, document_of, load, load_document
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.limits import harmless, limit_faults
+from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
 from tests.fuzz.driven import Heard
 from tests.fuzz.files import CHANGES, damaged_file

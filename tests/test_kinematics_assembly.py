@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.assembly import put_together
-from gauss_bench.mechanism.load import built_in, document_of, load, load_document, load_drawn
+from gauss_bench.linkage.load import built_in, document_of, load, load_document, load_drawn
 
 
 def four_bar(**lengths: float) -> dict[str, Any]:

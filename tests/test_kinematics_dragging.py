@@ -5,9 +5,9 @@ import pytest
 
 from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.kinematics.singular import STEP, Curve
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.load import load
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
 from gauss_bench.terms import Array
 
 
@@ -121,6 +121,20 @@ def test_locks_hold_angles_places_and_slides() -> None:
     still = Drag(shaper, shaper.q0, "crank.A", Locks(slides=("ram",))).to(np.array([0.0, 0.2]))
     assert abs(value(ram.motion, still.q) - value(ram.motion, shaper.q0)) < 1e-12
     assert "nothing is left to move" in still.note
+
+
+def test_a_locked_joint_makes_two_links_one() -> None:
+    mechanism = load("five_bar")
+    joint = next(x for x in mechanism.joints if isinstance(x, Revolute) and GROUND not in (x.a.link, x.b.link))
+    turned = value(joint.motion, mechanism.q0)
+    drag, before = Drag(mechanism, mechanism.q0, "right_arm.P", Locks(joints=(joint.joint,))), mechanism.q0
+    for target in ([0.1, 0.3], [0.4, 0.2], [0.3, 0.6]):
+        found = drag.to(np.array(target)).q
+        assert abs(value(joint.motion, found) - turned) < 1e-9
+        assert np.abs(found - before).max() > 1e-3, "it still moves"
+        before = found
+    with pytest.raises(ValueError, match="no pin joint"):
+        Drag(mechanism, mechanism.q0, "right_arm.P", Locks(joints=("nothing",)))
 
 
 def test_a_parallelogram_goes_straight_through_its_flat_positions() -> None:

@@ -13,9 +13,9 @@ from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import document_of, load, load_document
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.metrics import driving_forces, joint_forces
 from gauss_bench.terms import Array, recover_multipliers

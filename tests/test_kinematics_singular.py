@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.singular import ChangePoint, Singular, singular_positions
-from gauss_bench.mechanism.load import document_of, load, load_document
+from gauss_bench.linkage.load import document_of, load, load_document
 
 EXACT = 1e-11  # [rad] Newton ends near rounding; a fold doubles the digits lost
 

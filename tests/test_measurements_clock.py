@@ -14,7 +14,7 @@ from gauss_bench.bench.measurements import cold_builds, cost
 from gauss_bench.bench.measurements.cost import race
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine

@@ -25,7 +25,7 @@ from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import CompiledModel
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolled

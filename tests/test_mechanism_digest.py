@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -14,9 +15,9 @@ from typing import Any, get_args
 import pytest
 
 import gauss_bench
-from gauss_bench.mechanism.digest import content_digest, physics_digest, source_digest
-from gauss_bench.mechanism.load import built_in, document_of, load, load_document, merge
-from gauss_bench.mechanism.schema import LinkageTable, Table, Text
+from gauss_bench.linkage.digest import content_digest, physics_digest, source_digest
+from gauss_bench.linkage.load import built_in, document_of, load, load_document, merge
+from gauss_bench.linkage.schema import LinkageTable, Table, Text
 from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
 from tests.conftest import DATA
 
@@ -108,7 +109,7 @@ KEYS = """
 import json, sys
 from pathlib import Path
 from gauss_bench.bench.journal import fingerprint
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference.store import reference_key
 
 package, mechanism = Path(sys.argv[1]), load("four_bar", "torque")
@@ -173,3 +174,20 @@ def test_a_force_that_varies_tells_what_it_is() -> None:
     others = [{}, {"over_time": {"law": "ramp", "time": 0.4}}, {"against": {"share": 0.5, "speed": 1.0}}]
     assert digest(ramp) == digest(ramp)
     assert len({digest(x) for x in (ramp, *others)}) == 4
+
+
+@pytest.mark.parametrize("law", ["constant", "sine", "cosine", "poly345", "table"])
+def test_a_driven_linkage_arrives_in_another_process_as_it_is(law: str) -> None:
+    travel = {"start_deg": 10.0, "travel_deg": 90.0, "time": 0.5}
+    table = {"start_deg": 10.0, "rows": [[0.0, 0.0], [0.2, 30.0], [0.5, 90.0]]}
+    numbers = {"constant": {"start_deg": 10.0, "speed": 2.0}, "table": table}.get(law, travel)
+    document = document_of(built_in()["four_bar"])[0]
+    name = next(key for key, value in document["scenarios"].items() if "driver" in value)
+    driver = document["scenarios"][name]["driver"]
+    document["scenarios"][name]["driver"] = {"link": driver["link"], "law": law, **numbers}
+    sent = load_document(document, name)
+    arrived = pickle.loads(pickle.dumps(sent))
+    assert content_digest(arrived) == content_digest(sent)
+    assert sent.driver is not None
+    for t in (0.0, 0.1, 0.7):
+        assert arrived.driver.law(t) == sent.driver.law(t)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import MAX_BYTES, built_in, load, load_document
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 

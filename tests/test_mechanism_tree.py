@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 

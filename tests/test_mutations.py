@@ -103,13 +103,20 @@ class Spoilt:
 
     def __init__(self, folder: Path) -> None:
         self.told = folder / "told"
-        where = os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1"}
+        where = os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
         command = [sys.executable, "-c", SERVER]
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def outcome(self, tests: list[str], spoilt: tuple[str, ...] = ()) -> tuple[int, str]:
         """Exit code of pytest, or the signal that ended it, and what was printed; `spoilt` are files changed since the start."""
-        arguments = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+        arguments = [
+            "-q",
+            "-x",
+            "-p",
+            "no:cacheprovider",
+            "--assert=plain",
+            *tests,
+        ]  # rewriting them takes longer than running them
         order = {"told": str(self.told), "limit": LIMIT, "arguments": arguments, "spoilt": spoilt}
         assert self.process.stdin
         assert self.process.stdout

@@ -11,8 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import linkage, states

@@ -37,10 +37,10 @@ from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.mechanism.digest import content_digest
+from gauss_bench.linkage.digest import content_digest
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import Jammed, JointFriction
-from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.terms import Array

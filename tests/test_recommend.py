@@ -8,20 +8,22 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.advice.recommending import Recommender, work
+from gauss_bench.advice import budget
+from gauss_bench.advice.budget import Budget
+from gauss_bench.advice.recommending import SEARCHED, Recommender, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, variants
-from gauss_bench.bench.apart import run_apart
-from gauss_bench.bench.offers import offer
 from gauss_bench.bench.search import Scale, Trial, no_coarser
 from gauss_bench.bench.ways import Run, Way, request_of, sampled
-from gauss_bench.bench.worker import Worker
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.snippets import snippet
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference.store import certified_reference
+from gauss_bench.runs.apart import run_apart
+from gauss_bench.runs.offers import offer
+from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference
 from tests.alone import python_alone, rows_of
 from tests.conftest import needs
@@ -38,7 +40,7 @@ def quiet(sentence: str) -> None:
 def known() -> Truth:
     needs("llvmlite")
     with Worker() as worker:
-        return truth(SHORT, {"position": 1e-8, "force": 1e-3}, 60.0, worker, quiet)
+        return truth(SHORT, {"position": 1e-8, "force": 1e-3}, lambda: 60.0, worker, quiet)
 
 
 @pytest.fixture(scope="module")
@@ -100,15 +102,16 @@ def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
     grip = Path(__file__).parent / "data" / "gripper.toml"
     run, rested = Run(str(grip), load(str(grip)), 0.1), []
     with Worker() as worker:
-        known = truth(run, {"position": 1e-5}, 300.0, worker, quiet, lambda: rested.append(True))
+        known = truth(run, {"position": 1e-5}, lambda: 300.0, worker, quiet, lambda: rested.append(True))
         assert not rested
     assert known.told == "step-halved (200 steps of order eight by gauss, and 100)"
     assert known.bars["position"] < 1e-9
 
 
 @pytest.mark.slow
-def test_an_impossible_requirement_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_impossible_requirement_is_told_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
     needs("llvmlite")
+    monkeypatch.setattr("gauss_bench.advice.truth.MOST", 10_000)  # steps: rounding is met long before
     with pytest.raises(NoTruth, match=r"the true motion is known to .* m only, a tenth of 1e-16 m is needed"):
         gauss_bench.recommend("crank_slider", 1e-16, until=0.05, engines=["minimal"], budget=900.0)
 
@@ -183,14 +186,15 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(tmp_path
     """MuJoCo's setting, as the command line writes it, against the certified motion at all times that both have."""
     needs("llvmlite")
     needs("mujoco")
-    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--budget", "300", "--out", str(tmp_path), "--json"]
+    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--settings", "tuned"]
+    asked += ["--budget", "300", "--out", str(tmp_path), "--json"]
     assert main(["recommend", "crank_slider", *asked]) == 0
     (answer,) = json.loads(capsys.readouterr().out)["answers"]
     assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
     _, rows = rows_of(python_alone(tmp_path / "mujoco.py"))  # its end and step are the recommended ones
     assert rows[-1, 0] == pytest.approx(SHORT.until)
     with Worker() as worker:
-        known = truth(SHORT, {"position": 1e-6}, 60.0, worker, quiet).at(SHORT, rows[:, 0])
+        known = truth(SHORT, {"position": 1e-6}, lambda: 60.0, worker, quiet).at(SHORT, rows[:, 0])
     places = np.arange(SHORT.mechanism.n) % 3 != 2
     off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.q)[:, places]
     assert off.max() <= 1e-4
@@ -234,8 +238,8 @@ def test_candidates_and_errors_are_the_same_bit_for_bit() -> None:
     needs("llvmlite")
 
     def accuracy() -> dict[str, list[tuple[object, ...]]]:
-        spaces = {name: variants(offer(name)) for name in QUICK}
-        with Recommender(SHORT, {"position": 1e-6}, spaces, 1800.0, quiet) as recommender:
+        spaces = {name: variants(offer(name))[:6] for name in QUICK}
+        with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(1800.0), quiet) as recommender:
             engines = recommender.search().engines
         rows = {e: [(way, trial) for way, x in many.items() for trial in x] for e, many in engines.items()}
         return {e: [(*way, t.size, t.steps, *sorted(t.errors.items())) for way, t in many] for e, many in rows.items()}
@@ -243,6 +247,62 @@ def test_candidates_and_errors_are_the_same_bit_for_bit() -> None:
     one, other = accuracy(), accuracy()
     assert one == other
     assert len(one["minimal"]) > 5
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock on the wall and the seconds that others had the processor: [wall, waited], to be set."""
+    clock = [0.0, 0.0]
+    monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(budget, "waited", lambda: {"worker": clock[1] / 2, "other worker": clock[1] / 2})
+    return clock
+
+
+def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[float]) -> None:
+    """Two workers at a time, each of which waits half of the time: half of the seconds count."""
+    own = Budget(60.0)
+    slow[:] = 40.0, 40.0
+    assert own.spent() == pytest.approx(20.0)
+    assert own.left() == pytest.approx(40.0)
+    slow[0] = 60.0
+    assert own.spent() == pytest.approx(40.0), "nobody waited meanwhile"
+    assert own.left(0.5) == pytest.approx(-18.0), "half of the budget ends at 42 s by the clock on the wall at the latest"
+    slow[:] = 86.0, 1000.0
+    assert own.spent() == 0.0
+    assert own.left() == pytest.approx(-2.0)
+    assert own.left(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
+
+
+def test_waiting_of_processes_that_have_ended_still_counts(slow: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    own = Budget(60.0)
+    for told in ({"a": 6.0}, {}, {"b": 4.0}, {"b": 5.0}):
+        monkeypatch.setattr(budget, "waited", lambda told=told: told)
+        slow[0] += 10.0
+        own.spent()
+    assert own.spent() == pytest.approx(40.0 - 11.0 / 2)
+
+
+@pytest.mark.skipif(not budget.waited(), reason="this system does not tell of waiting")
+def test_processes_that_it_has_started_are_asked() -> None:
+    with Worker() as worker:
+        process = worker.start()
+        assert str(process.pid) in budget.waited()
+
+
+@pytest.mark.slow
+def test_an_engine_whose_turn_never_came_has_one_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
+    needs("llvmlite")
+    spaces = {name: variants(offer(name)) for name in ("minimal", "lagrange", "gauss")}
+    with Recommender(SHORT, {"position": 1e-4}, spaces, Budget(60.0), quiet) as recommender:
+        left = recommender.budget.left
+        monkeypatch.setattr(
+            recommender.budget, "left", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
+        )
+        recommender.search()
+        answers = recommender.answers({})
+    assert [x.tried for x in answers] == [1, 1, 1]
+    assert all(x.evaluations >= 1 and x.errors and not x.complete for x in answers), answers
 
 
 def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:
@@ -262,7 +322,7 @@ def test_a_scale_begins_no_coarser_than_asked() -> None:
 def test_what_moves_as_it_must_is_told_as_that(tmp_path: Path) -> None:
     """An excavator whose cylinders are driven."""
     needs("llvmlite")
-    found = gauss_bench.recommend("excavator", 1e-4, until=0.2, engines=["gauss-native", "mujoco"], budget=900.0)
+    found = gauss_bench.recommend("excavator", 1e-4, until=0.1, engines=["gauss-native"], settings="default", budget=900.0)
     own = found.answers[0]
     assert (own.engine, own.status) == ("gauss-native", "ok")
     assert "is prescribed, nothing is left to move freely" in found.remarks[0]

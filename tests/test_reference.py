@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
 from gauss_bench.reference.collocation import NoConvergence, gauss_legendre

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.mechanism.load import built_in, document_of, load, load_document
+from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import (
     Certificate,

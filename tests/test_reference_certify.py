@@ -9,7 +9,7 @@ import pytest
 
 from gauss_bench.bench.measurements.certificates import certified_scenarios
 from gauss_bench.cli import main
-from gauss_bench.mechanism.load import built_in, decimal_document, load
+from gauss_bench.linkage.load import built_in, decimal_document, load
 from gauss_bench.papers.published import VALUES, published
 from gauss_bench.reference.certificate import as_reference, certificate_path, check_holds, read_certificate
 from gauss_bench.reference.certify import certify

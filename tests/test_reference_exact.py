@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gauss_bench.api.simulate import simulate
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.terms import Array

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import gauss_bench.reference.extended_linkage as extended_linkage
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.closure import held_coordinates
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import held_coordinates
+from gauss_bench.linkage.load import decimal_document, load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import decimal_document, load, load_document, merge
 from gauss_bench.mechanism.numbers import PI
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre, gauss_tableau

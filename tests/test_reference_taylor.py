@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.linkage.load import built_in, decimal_document, load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, decimal_document, load, load_document, merge
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form

@@ -6,22 +6,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.bench.one_run import one_run, sampling
+from gauss_bench.cli import main
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.digest import physics_digest
-from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.linkage.closure import gauss_newton
+from gauss_bench.linkage.digest import physics_digest
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference import certify as certifying
 from gauss_bench.report.drawings.pose import posed
+from gauss_bench.runs.one_run import one_run, sampling
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
+from tests.fuzz.files import toml
 
 
 @dataclass(frozen=True)
@@ -122,3 +127,69 @@ def test_a_file_of_odd_shape_is_refused_by_its_place(old: str, new: str, said: s
     path.write_text(content.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(LinkageError, match=said):
         load(str(path))
+
+
+def test_a_crank_that_is_no_text_is_told_by_its_field() -> None:
+    document = document_of("four_bar")[0] | {"crank": {"a": 1}}
+    with pytest.raises(LinkageError, match="crank: must be text") as caught:
+        load_document(document)
+    assert len(caught.value.faults) == 1
+
+
+def test_kinematics_of_a_file_whose_scenarios_are_no_table_names_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "four_bar.toml"
+    path.write_bytes(toml(document_of("four_bar")[0] | {"scenarios": 7}))
+    assert main(["kinematics", str(path)]) == 2
+    assert "scenarios: " in capsys.readouterr().err
+
+
+def without_crank(folder: Path) -> Path:
+    """A bar on a pin: no crank, nothing observed, nothing driven."""
+    document = {
+        "format": "planar-linkage/1",
+        "name": "bar",
+        "ground": {"points": {"O": [0.0, 0.0]}},
+        "links": {"bar": {"points": {"O": [0.0, 0.0]}, "mass": 1.0, "com": [0.5, 0.0], "inertia": 0.1}},
+        "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
+        "assembly": {"angles": {"bar": 0.0}},
+        "scenarios": {"fall": {"duration": 1.0, "start": {"angles": {"bar": 0.0}}}},
+    }
+    path = folder / "bar.toml"
+    path.write_bytes(toml(document))
+    return path
+
+
+def test_kinematics_asks_for_what_a_linkage_does_not_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bar, plot = str(without_crank(tmp_path)), tmp_path / "plot.svg"
+    assert main(["kinematics", bar, "--driver", "constant:speed=1"]) == 2
+    assert "--driver: the linkage has no crank; say what is driven" in capsys.readouterr().err
+    asked = ["kinematics", bar, "--driver", "constant:link=bar,speed=1", "--intervals", "4", "--plot", str(plot)]
+    assert main(asked) == 2
+    assert "--plot: the file observes no point" in capsys.readouterr().err
+    assert not plot.exists()
+
+
+def test_far_from_the_origin_a_root_is_found_in_as_few_steps_as_near_it() -> None:
+    """Beyond 100 m the rounding of a coordinate alone is larger than the step that ends the search near the origin."""
+    asked = []
+
+    def residual(q: Array) -> tuple[Array, Array]:
+        asked.append(float(q[0]))
+        return q * q - 1000.3**2, np.array([[2.0 * q[0]]])
+
+    found, error = gauss_newton(np.array([1000.0]), residual)
+    assert found[0] == pytest.approx(1000.3, rel=1e-15)
+    assert error < 1e-9
+    assert len(asked) < 12
+
+
+def test_gauss_says_nothing_on_stderr_where_masses_lie_far_apart_and_nothing_is_constrained(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    document = document_of("projectile")[0]
+    for link in document["links"].values():
+        link["inertia"] = 5e14
+    path = tmp_path / "projectile.toml"
+    path.write_bytes(toml(document))
+    gauss_bench.simulate(str(path), "gauss", at=[0.0, 0.002])
+    assert "DTRTRS" not in "".join(capfd.readouterr())

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gauss_bench.mechanism import schema
-from gauss_bench.mechanism.load import built_in, load, load_document
+from gauss_bench.linkage import schema
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.report.build import all_findings, build_report, read_run, sections
 from gauss_bench.report.drawings.drawing import draw, write_drawings
 from gauss_bench.report.drawings.pose import posed

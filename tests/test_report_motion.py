@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.report.drawings.animation import FRAMES, REST, SLOWEST, animate

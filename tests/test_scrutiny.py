@@ -8,10 +8,10 @@ import pytest
 import gauss_bench
 from gauss_bench import judge, metrics
 from gauss_bench.api.simulate import simulate
-from gauss_bench.bench.scrutiny import as_truth, disagreement, fastest_rate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load, load_document
+from gauss_bench.linkage.load import load, load_document
+from gauss_bench.runs.scrutiny import as_truth, disagreement, fastest_rate
 from gauss_bench.trajectory import Trajectory
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import Mechanics, true_end
@@ -67,6 +67,30 @@ def test_a_step_that_resolves_no_period_is_not_ok(tmp_path: Any) -> None:
     assert "steps in a period of the fastest oscillation" in found.message
     assert "take a step smaller" in found.advice
     assert simulate(str(path), step=1e-5, at=[0.0, 0.01]).status == "ok"
+
+
+def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path: Any) -> None:
+    """A block let go by a stiff spring is at rest after 0.2 ms; samples lie a millisecond apart."""
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
+    found = simulate(str(path), step=2e-5, at=[0.0, 0.005])
+    assert found.status == "ok", found.message
+    assert "energy is not decidable" in found.message
+    assert found.metrics["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
+
+
+def test_energy_that_is_gained_or_lost_where_samples_see_it_is_told() -> None:
+    t = np.array([0.0, 1e-3, 2e-3, 2.1e-3])
+    assert metrics.without_loss(t, np.array([0.0, -5.0, -4.0, -7.0]), 5e-4) == pytest.approx([0.0, 0.0, 1.0, -2.0])
+
+
+def test_energy_that_nothing_else_decides_is_objected_to() -> None:
+    drift = metrics.Drift(np.zeros(1), np.zeros(1), np.zeros(1))
+    evidence = judge.Evidence(1.0, drift, np.array([0.0, -1.0]), 0.0, 1.0)
+    assert not judge.judge(evidence).valid
+    decided = judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=np.zeros(2))
+    assert judge.judge(decided).valid
+    assert "1 J are lost" in judge.remark(decided)
 
 
 def test_half_the_step_decides_where_no_truth_is_known(tmp_path: Any) -> None:

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench import apart, search
+from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, Races
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import ladder, raced, requirements
-from gauss_bench.bench.offers import offer
 from gauss_bench.bench.search import (
     Requirement,
     Scale,
@@ -36,11 +35,13 @@ from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import Variant
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.metrics import joint_force_errors
 from gauss_bench.reference.build import build_reference
 from gauss_bench.report.rows import Run
+from gauss_bench.runs import apart
+from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.tables import TABLES, row_of
@@ -335,7 +336,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
         monkeypatch.setattr(kind, "skip", lambda self, mechanism, choice: None)
     variants = {x: Variant(x, "rk4", "none", {"number": k}) for k, x in enumerate(WAYS)}
     monkeypatch.setattr(type(get("mujoco")), "variants", variants)
-    monkeypatch.setattr("gauss_bench.bench.offers._known", {})
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     monkeypatch.setattr(apart, "isolated", lambda _: False)  # what stands in for them is known in this process alone
     return clock
 

@@ -21,8 +21,8 @@ import gauss_bench
 from gauss_bench.api.history import table
 from gauss_bench.api.results import Simulation
 from gauss_bench.cli import main
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.report.drawings.drawing import draw, fit
 from gauss_bench.report.drawings.forces import marks

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("tomlkit")
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.load import built_in
 from gauss_bench.studio.requests import answer
 from tests.studio import Pen, four_bar
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("tomlkit")
-from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.studio.document import written
 from tests.studio import DRAWN, Pen, four_bar
 
@@ -270,3 +270,50 @@ def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:
     assert other.session.text == text
     for spoilt in ("", "AAAA", fragment[:-8], "%%%", fragment + "*"):
         assert other.refused("open", fragment=spoilt)
+
+
+def test_a_trial_shows_the_drawing_as_it_would_be_and_changes_nothing(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    before, pin = (pen.session.text, pen.session.revision), pen.at(0.3, 0.28)
+    tried = pen.ask("move", pin=pin, at=[0.35, 0.28], trial=True)["trial"]
+    assert (pen.session.text, pen.session.revision) == before
+    made = pen.scene("move", pin=pin, at=[0.35, 0.28])
+    for key in ("links", "pins", "status"):
+        assert tried[key] == made[key]
+
+
+def test_a_locked_length_stays_whatever_is_edited(tmp_path: Path) -> None:
+    """Moved, given another length along the same link, or joined elsewhere: refused, and nothing has happened."""
+    pen = Pen(tmp_path)
+    plate = pen.plate((0.0, 0.0), (0.3, 0.0), (0.1, 0.2))
+    a, b, c = pen.now["links"][0]["points"]
+    pen.ask("lock", link=plate, a=a, b=b)
+    before = pen.session.text
+    assert "locked" in pen.refused("move", pin=pen.at(0.3, 0.0), at=[0.4, 0.0])
+    assert "locked" in pen.refused("move", pin=pen.at(0.3, 0.0), at=[0.4, 0.0], trial=True)
+    assert "locked" in pen.refused("set_length", link=plate, a=c, b=b, value=0.5)
+    assert pen.session.text == before
+    pen.ask("move", pin=pen.at(0.1, 0.2), at=[0.1, 0.25])
+    pen.ask("lock", link=plate, a=a, b=b, on=False)
+    pen.ask("set_length", link=plate, a=a, b=b, value=0.5)
+
+
+def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is kept in a file of its own, and offered with the drawing once its process is no more; another drawing has none."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    pen, url = Pen(tmp_path), "data:image/png;base64,AAAA"
+    here = {"at": [0, 0], "width": 1, "height": 1}
+    for wrong in (3, {}, here, {"url": "data:text/html,x"} | here, {"url": url} | here | {"width": 0}):
+        pen.refused("picture", picture=wrong)
+    scene = pen.scene("picture", picture={"url": url, "at": [0, 1], "width": 2, "height": 3})
+    assert "url" not in scene["picture"]
+    assert pen.ask("behind")["url"] == url
+    moved = pen.scene("picture", picture={"at": [5, 1], "width": 4, "height": 6})
+    assert moved["picture"] == {"id": scene["picture"]["id"], "at": [5.0, 1.0], "width": 4.0, "height": 6.0}
+    after = Pen(tmp_path)
+    after.session.autosave.file = after.session.autosave.file.with_name("other.json")  # as of another process
+    assert after.scene("recover", take=True)["picture"] == moved["picture"]
+    assert after.ask("behind")["url"] == url
+    assert not list((tmp_path / "cache").rglob(pen.session.autosave.file.stem + "*")), "what was taken is let go"
+    assert after.scene("new")["picture"] is None
+    assert not list((tmp_path / "cache").rglob("*.picture"))

@@ -168,9 +168,13 @@ def test_a_recommendation_comes_with_its_program(tmp_path: Path) -> None:
     pen.bar((0.0, 0.0), (0.3, 0.1))
     pen.ask("ground", pin=pen.at(0.0, 0.0))
     watched = Watched(pen)
-    pen.ask("recommend", position=1e-3, until=0.05, budget=20)
+    pen.ask("recommend", position=1e-3, until=0.05, budget=30, engines=["gauss-native"])
     watched.until("recommend_done")
-    answers = [x["answer"] for x in watched.events if x["event"] == "recommend" and "answer" in x]
-    held = [x for x in answers if x["status"] == "ok"]
-    assert held
+    found = [x for x in watched.events if x["event"] == "recommend"]
+    early = [x["answer"] for x in found if "answer" in x]
+    assert early, "all answers came at the end"
+    assert all(x["status"] == "ok" and x["setting"] and x["ratio"] is None for x in early)
+    (last,) = [x for x in found if "answers" in x]
+    held = [x for x in last["answers"] if x["status"] == "ok"]
+    assert {x["engine"] for x in early} == {x["engine"] for x in held}
     assert all(x["snippet"] and x["setting"] for x in held[:1])

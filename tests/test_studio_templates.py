@@ -10,8 +10,8 @@ import gauss_bench
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import Curve
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 

@@ -6,7 +6,7 @@ import pytest
 
 from gauss_bench.bench.cases import Case, cases, left_out
 from gauss_bench.cli import main
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.suites.read import SECTIONS, SuiteError, names, of_engines, read_suite, restricted
 from gauss_bench.suites.schema import FORMAT, LeftOut, OnLinkages
 

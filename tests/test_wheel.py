@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from gauss_bench.api.options import VERBS
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN
 from gauss_bench.engines.extras import EXTRAS
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.load import built_in
 from tests.bare import ROOT, Bare, bare
 
 EXTRA_OF = dict.fromkeys((*COMPILED, *DERIVED), "kernel") | {name: name for name in FOREIGN}
@@ -52,7 +52,7 @@ WORKING = {
     "import": ["import", str(URDF), "--out", "brought_in.toml", "--close", "coupler.coupler_end=rocker.rocker_end"],
     "recommend": ["recommend", "pendulum", "--engine", "gauss", "--position", "1e-3", "--until", "0.05", "--budget", "60"],
     "diagnose": ["diagnose", "pendulum", "--engine", "gauss", "--until", "0.02"],
-    "atlas": ["atlas", "--engine", "gauss", "--axis", "redundancy", "--budget", "5"],
+    "atlas": ["atlas", "--engine", "gauss", "--axis", "redundancy", "--budget", "2"],
     "selftest": ["selftest", "--only", "clocks"],
     "doctor": ["doctor"],
     "conformance": ["conformance", "gauss"],

@@ -8,7 +8,7 @@ from gauss_bench.bench.clock import Race
 from gauss_bench.bench.survived import watching
 from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import Run, Way, paced_run
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 
 ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
 LEAD = 0.03  # [s] of a run at equal steps that is timed

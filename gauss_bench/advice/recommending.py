@@ -15,31 +15,31 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import raced_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
-from gauss_bench.bench.apart import run_apart
 from gauss_bench.bench.clock import common, ratio, spread
-from gauss_bench.bench.offers import offer
 from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
 from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.runs.apart import run_apart
+from gauss_bench.runs.offers import offer
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # the largest error over what is required of it
 HALF = Requirement(SHARE, 0.5)
 KNOWN = 0.1  # of a requirement: how well the truth has to be known
-LANES = 2  # workers at a time
 TRUE = "gauss-native"  # whose compiled model tells the truth, and then runs for itself
 BEATS = 200  # samples of a run by steps of its own choice
 DENSE = 400  # samples of a run by equal steps at most
@@ -51,11 +51,15 @@ SPARE = 8.0  # times the evaluations of the engine's best so far
 CHOICES = 4  # of an engine that race
 NEAR = 4.0  # times the least work of an engine: more is not raced
 TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # of the budget, when each ends at the latest
+AFTER = 0.05  # of the budget, that a run of the search may take beyond
+ONE_TRY = 0.1  # of the budget, that the first run of an engine may take in any case
+TRIED = 0.85  # of the budget: until then an engine that had no turn may have one
 LAST = 1.25  # times the budget: snippets are written after the race
 LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
 CANNOT = "cannot reach"
 
 Told = Callable[[str], object]
+Better = Callable[[Answer], object]
 
 
 class _Over(Exception):
@@ -125,9 +129,16 @@ class Recommender:
     """
 
     def __init__(
-        self, run: Run, wanted: Mapping[str, float], spaces: Mapping[str, Sequence[Variant] | str], budget: float, told: Told
+        self,
+        run: Run,
+        wanted: Mapping[str, float],
+        spaces: Mapping[str, Sequence[Variant] | str],
+        budget: Budget,
+        told: Told,
+        better: Better = lambda answer: None,
     ):
-        self.run, self.wanted, self.budget, self.started = run, dict(wanted), budget, time.monotonic()
+        self.run, self.wanted, self.budget = run, dict(wanted), budget
+        self._better = better
         self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
         self.judge = Evaluator(run.mechanism)
         self.engines: dict[str, _Engine] = {}
@@ -152,11 +163,7 @@ class Recommender:
 
     def told(self, sentence: str) -> None:
         with self._say:
-            self._told(f"{time.monotonic() - self.started:5.1f} s  {sentence}")
-
-    def left(self, share: float) -> float:
-        """Seconds until a share of the budget is spent."""
-        return share * self.budget - (time.monotonic() - self.started)
+            self._told(f"{self.budget.passed():5.1f} s  {sentence}")
 
     # What is exact enough
 
@@ -190,9 +197,9 @@ class Recommender:
     def _truth(self) -> Truth:
         """What runs are judged by, found in the worker of the engine that is compiled for it anyway."""
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
-        own = self.engines.get(TRUE)
+        own, left = self.engines.get(TRUE), lambda: self.budget.left(TRUTH)
         if own is None or own.refused is not None:
-            return truth(self.run, wanted, self.left(TRUTH), self._stack.enter_context(Worker()), self.told)
+            return truth(self.run, wanted, left, self._stack.enter_context(Worker()), self.told)
         own.busy = True
 
         def at_rest() -> None:
@@ -200,7 +207,7 @@ class Recommender:
                 own.busy = False
                 self._state.notify_all()
 
-        return truth(self.run, wanted, self.left(TRUTH), own.worker, self.told, at_rest)
+        return truth(self.run, wanted, left, own.worker, self.told, at_rest)
 
     def _lane(self) -> None:
         try:
@@ -213,10 +220,14 @@ class Recommender:
             self._failures.put(error)
 
     def _next(self) -> _Engine | None:
-        """The engine whose turn it is: of those nobody works at, the one with the fewest variants tried; None at the end."""
+        """The engine whose turn it is: of those nobody works at, the one with the fewest variants tried; None at the end.
+
+        When the time for searching has ended, engines that had no turn yet have one: one run each, at the steps that should hold.
+        """
         with self._state:
-            while self.left(SEARCHED) > 0 and self._failures.empty():
-                open_ones = [x for x in self.engines.values() if x.left and x.refused is None]
+            while self._failures.empty():
+                due = self.budget.left(SEARCHED) > 0
+                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.trials)]
                 if not open_ones:
                     return None
                 free = [x for x in open_ones if not x.busy]
@@ -238,11 +249,11 @@ class Recommender:
             most = self._most(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         seen: dict[float, Trial] = {}
-        until = time.monotonic() + self._slice(engine)
+        until = self.budget.spent() + self._slice(engine)
 
         def evaluate(size: float) -> Trial:
             if size not in seen:
-                if time.monotonic() >= until:
+                if (seen or len(engine.trials) > 1) and self.budget.spent() >= until:
                     raise _Over
                 seen[size] = self._evaluated(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
@@ -261,7 +272,7 @@ class Recommender:
 
     def _slice(self, engine: _Engine) -> float:
         """Seconds that a variant may take: the first of an engine twice its share of what is left, so that all have a turn."""
-        left = self.left(SEARCHED)
+        left = self.budget.left(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
         return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
@@ -283,15 +294,24 @@ class Recommender:
         steps = BEATS if adaptive else round(self.run.until / way.size)
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sampled(self.run, steps, samples)
-        longest = LONGEST * self.budget * (1 if engine.ran else 2)
-        limit, engine.ran = max(min(longest, self.left(SEARCHED) + 0.05 * self.budget), 1.0), True
-        found = run_apart(request_of(self.run, way, adaptive, wanted), self.run.mechanism, limit, engine.worker, again=True)
+        limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
+        engine.ran = True
+        request = request_of(self.run, way, adaptive, wanted)
+        found = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
         if trial.status is not Status.OK:
             return trial
         shares = [trial.errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
         return Trial(trial.size, {**trial.errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
+
+    def _limit(self, engine: _Engine) -> float:
+        """Seconds that a run may take: the first of an engine, which loads and compiles what it needs, gets them in any case."""
+        if engine.ran:
+            return max(min(LONGEST * self.budget.seconds, self.budget.left(SEARCHED + AFTER)), 1.0)
+        waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
+        share = max(self.budget.left(SEARCHED + AFTER), LANES * self.budget.left(TRIED) / waiting)
+        return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
         after = next(iter(engine.passing().items()), None)
@@ -306,6 +326,8 @@ class Recommender:
             self.told(
                 f"{engine.name}: {'holds' if before is None else 'better'}: {said(after[0], engine)}: {self._errors(after[1])}"
             )
+            with self._say:
+                self._better(replace(self._held(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
         return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
@@ -318,15 +340,17 @@ class Recommender:
         lists = [self._choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
-        if not chosen or self.left(RACED) <= 0:
+        if not chosen or self.budget.left(RACED) <= 0:
             return {}
         self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
         rows = [[*way, steps] for way, steps in chosen.items()]
         place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
-        deadline = time.time() + self.left(RACED)
+        deadline = time.time() + self.budget.left(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
         try:
-            tables, lost = survived(raced_there, (*place_of, rows, deadline), names, max(1.0, self.left(1.0)))
+            tables, lost = survived(
+                raced_there, (*place_of, rows, deadline), names, *(max(1.0, x()) for x in (self.budget.left, self.budget.wall))
+            )
         except WorkerFailure as error:
             self.told(f"race: {error}")
             return {}
@@ -355,12 +379,14 @@ class Recommender:
         return found + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
     def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """What a function answers where the engine is, within what is left of the budget and half of it more.
+        """What a function answers where the engine is, within what is left of the budget and a quarter of it more.
 
         Raises:
             WorkerFailure: it does not.
         """
-        return self.engines[engine].worker.call(function, arguments, max(1.0, self.left(LAST)))
+        return self.engines[engine].worker.call(
+            function, arguments, max(1.0, self.budget.left(LAST)), longest=max(1.0, self.budget.wall(LAST))
+        )
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
         evaluations = sum(map(len, engine.trials.values()))

@@ -9,23 +9,22 @@ through both ends' positions, speeds and accelerations; what that leaves out is 
 
 import math
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
 
-from gauss_bench.bench.apart import Request, run_apart
-from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import UNITS
 from gauss_bench.bench.ways import Run
-from gauss_bench.bench.worker import Worker
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import Drift, drift, joint_force_errors, relative_acceleration_error, state_errors
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.store import certified_reference
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.one_run import Sampling
+from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -33,6 +32,7 @@ METHOD = "dop853_fixed"
 COARSEST = {"gauss-native": 1600, "gauss": 100}  # steps of the coarser run at first
 COMPILED = 0.5  # of the budget: where a kernel that compiles again on its way takes longer, numpy serves
 MOST = 400_000  # steps of a run
+POLL = 0.1  # [s] between looks at the clock
 SAMPLES = 3200  # of the truth at most
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
 SIXTH = 16.0  # what a polynomial through every second sample is off by, over what one through all is: 64, of which a quarter counts
@@ -86,25 +86,26 @@ def between(known: Reference, times: Array) -> tuple[Array, Array]:
 def truth(
     run: Run,
     wanted: Mapping[str, float],
-    budget: float,
+    left: Callable[[], float],
     worker: Worker,
     told: Callable[[str], object],
     at_rest: Callable[[], object] = lambda: None,
 ) -> Truth:
-    """A truth whose bars are within `wanted` (kind -> m, rad or N), or as near to that as `budget` seconds and rounding allow.
+    """A truth whose bars are within `wanted` (kind -> m, rad or N), or as near to that as the seconds and rounding allow.
 
     A kernel takes seconds to compile, and more where it changes its partition; meanwhile numpy takes steps too, in a worker of its
     own. Its first two runs, where they serve, are the truth; else the compiled ones are, and finer ones in numpy where those fail
     or take longer than COMPILED of the budget: which of them it is does not depend on who is faster, unless time ends.
 
     Args:
+        left: how many seconds it may still take.
         worker: of the compiled formulation, whose model it keeps.
         at_rest: called once nothing of this runs in `worker`, which may be after the answer.
 
     Raises:
         NoTruth: no run came to an end, its accelerations are not the linkage's, or it is not where its certificate says.
     """
-    deadline = time.monotonic() + budget
+    budget = left()
 
     def serves(found: "_Followed | None") -> bool:
         return found is not None and found.best is not None and all(found.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
@@ -112,18 +113,20 @@ def truth(
     with Worker() as aside:
         compiled = None
         if find_spec("llvmlite") and not run.mechanism.has_friction:
-            compiled = _Followed(run, wanted, deadline, worker, told, "gauss-native", at_rest)
+            compiled = _Followed(run, wanted, left, worker, told, "gauss-native", at_rest)
         else:
             at_rest()
-        plain = _Followed(run, wanted, deadline, aside, told, "gauss")
-        plain.looked.wait(budget)
+        plain = _Followed(run, wanted, left, aside, told, "gauss")
+        while not plain.looked.wait(POLL) and left() > 0:
+            pass
         if compiled is not None and not serves(plain):
-            compiled.ended.wait(COMPILED * budget)
-        while not (serves(plain) or serves(compiled)) and time.monotonic() < deadline:
+            while not compiled.ended.wait(POLL) and left() > (1 - COMPILED) * budget:
+                pass
+        while not (serves(plain) or serves(compiled)) and left() > 0:
             waiting = [x for x in (compiled, plain) if x is not None and not x.ended.is_set()]
             if not waiting:
                 break
-            waiting[0].ended.wait(0.1)
+            waiting[0].ended.wait(POLL)
         chosen = plain if plain.quick or not serves(compiled) else compiled
         plain.stop(aside)
     if compiled is not None:
@@ -149,7 +152,7 @@ class _Followed(threading.Thread):
         self,
         run: Run,
         wanted: Mapping[str, float],
-        deadline: float,
+        left: Callable[[], float],
         worker: Worker,
         told: Callable[[str], object],
         engine: str,
@@ -159,7 +162,7 @@ class _Followed(threading.Thread):
         self.best: Truth | None = None
         self.looked, self.ended = threading.Event(), threading.Event()
         self.quick, self.enough, self.reason = False, False, ""
-        self._run, self._wanted, self._deadline, self._worker = run, wanted, deadline, worker
+        self._run, self._wanted, self._left, self._worker = run, wanted, left, worker
         self._told, self._engine, self._at_rest = told, engine, at_rest
         self.start()
 
@@ -193,7 +196,7 @@ class _Followed(threading.Thread):
         while steps <= MOST:
             coarse = fine if fine is not None else self._taken(steps)
             finer = None if coarse is None else self._taken(2 * steps)
-            if self.enough or self._deadline <= time.monotonic():
+            if self.enough or self._left() <= 0:
                 break
             if coarse is not None and finer is not None and self._compared(judge, coarse, finer, steps):
                 break
@@ -214,7 +217,7 @@ class _Followed(threading.Thread):
 
     def _taken(self, steps: int) -> Trajectory | None:
         """So many steps, where there is time and they come to an end."""
-        left = self._deadline - time.monotonic()
+        left = self._left()
         if self.enough or left <= 0:
             return None
         found = _run(self._run, self._engine, steps, left, self._worker)

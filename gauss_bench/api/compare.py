@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from gauss_bench.bench.asked import checked_budget, duration, usable_steps
 from gauss_bench.bench.cases import crossed
 from gauss_bench.bench.context import CASE_LIMIT
-from gauss_bench.bench.offers import ChoiceError, offers
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.engines import names
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.asked import checked_budget, duration, usable_steps
+from gauss_bench.runs.offers import ChoiceError, offers
 
 
 def compare(

@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.api.results import Result
+from gauss_bench.api.results import OneRun, named
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.apart import Request, run_apart
-from gauss_bench.bench.asked import checked_budget, countable, duration
-from gauss_bench.bench.offers import ChoiceError, offer
-from gauss_bench.bench.one_run import Run, Sampling
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.store import certified_reference
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.asked import checked_budget, countable, duration
+from gauss_bench.runs.offers import ChoiceError, offer
+from gauss_bench.runs.one_run import Run, Sampling
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status
 
 BUDGET = 120.0  # [s] for everything
@@ -30,13 +30,12 @@ LEAST = 1.0  # [s] that a run is given, however late it is
 SUB_SAMPLES = 1 << 24  # bytes of a reference's answer
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis(Result):
-    """What is wrong with one engine on one linkage.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Diagnosis(OneRun):
+    """What is wrong with one engine on one linkage, with the fields of OneRun: what was asked for.
 
     Attributes:
-        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
-        step: [s] that was asked for; until: [s] how long.
+        until: [s] how long.
         cause: that dominates, in the words of `diagnosis.causes.Cause`; part: of the error that it belongs to, or None.
         verdict: a sentence.
         parts: [m, rad] how much of the error each part accounts for: model, constraint softness, integrator, drift, round-off and
@@ -47,13 +46,6 @@ class Diagnosis(Result):
         reference: how the truth was made.
     """
 
-    engine: str
-    mechanism: str
-    scenario: str
-    settings: str
-    integrator: str
-    stabilization: str
-    step: float
     until: float
     cause: Cause
     part: Part | None
@@ -162,13 +154,7 @@ def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:
 
 def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, found: Verdict, reference: str) -> Diagnosis:
     return Diagnosis(
-        engine=engine,
-        mechanism=mechanism.name,
-        scenario=mechanism.scenario,
-        settings=choice.settings,
-        integrator=choice.integrator,
-        stabilization=choice.stabilization,
-        step=choice.step,
+        **named(mechanism, engine, choice),
         until=until,
         cause=found.cause,
         part=found.cause.part,

@@ -17,12 +17,12 @@ import numpy as np
 
 from gauss_bench.api.results import Result
 from gauss_bench.api.simulate import simulate
-from gauss_bench.bench.offers import Offer, offers
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.worker import THREADS
 from gauss_bench.compiler import user_cache
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
-from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.linkage.load import built_in, load
+from gauss_bench.runs.offers import Offer, offers
+from gauss_bench.runs.worker import THREADS
 from gauss_bench.trajectory import Status
 
 TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # [s] the slowest engine generates and compiles C first

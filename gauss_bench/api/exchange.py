@@ -1,6 +1,5 @@
 """Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
@@ -9,22 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.advice.budget import Budget
 from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.asked import checked_budget, countable
-from gauss_bench.bench.offers import ChoiceError
-from gauss_bench.bench.one_run import sampling_at
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, Kind, exported
 from gauss_bench.exchange.imports import imported
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.asked import checked_budget, countable
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.one_run import sampling_at
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -33,6 +33,7 @@ WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read
 BUDGET = 60.0  # [s] to look for a step
 STEP = 1e-3  # [s] of a file where nothing is measured
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s] that are tried, from large to small
+ONE_TRY = 0.25  # of the budget, that the first run gets in any case
 LOOPS, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
 ROWS_PER_SECOND = 200  # compared
@@ -61,7 +62,7 @@ def export(
             measured.
         step: of the file's integration [s] where it is not tuned (0.001).
         replace: whether a file that is there already may be replaced.
-        budget: seconds to look for a step (60).
+        budget: seconds to look for a step (60), but for those in which others had the processor.
         told: is told how far things are.
 
     Raises:
@@ -181,18 +182,18 @@ def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: To
     """The largest of STEPS that holds LOOPS and MOTION by half, or else the one with the smallest error within the budget."""
     until = min(max(mechanism.duration, SHORTEST), LONGEST)
     times = np.linspace(0.0, until, int(until * ROWS_PER_SECOND) + 1)
-    started = time.monotonic()
+    own = Budget(budget, lanes=1)
     told(f"reference over {until:g} s")
     truth, bar = reference(linkage, mechanism, times, budget)
     evaluator, best = Evaluator(mechanism), None
     with Worker() as worker:
         for step in STEPS:
-            left = budget - (time.monotonic() - started)
+            left = own.left()
             if left <= 0 and best is not None:
                 break
             choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
             request = Request(linkage, mechanism.scenario, kind.engine, choice, sampling_at(step, times))
-            run = run_of(request, mechanism, max(left, 1.0), worker)
+            run = run_of(request, mechanism, max(left, 1.0 if best else ONE_TRY * budget), worker)
             if run.trajectory is None:
                 told(f"step {step:g} s: {run.status} {run.message}")
                 if run.status is Status.TIMEOUT:

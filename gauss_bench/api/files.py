@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.runs.offers import ChoiceError
 
 
 def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:

@@ -16,7 +16,7 @@ from gauss_bench.engines.minimal.structure import RPR, closed_from, opening
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 

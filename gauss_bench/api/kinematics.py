@@ -13,7 +13,6 @@ import pandas as pd
 from gauss_bench.api.results import Kinematics
 from gauss_bench.api.simulate import link_states, observed_names, point_states
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
@@ -21,17 +20,18 @@ from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import find_graph
-from gauss_bench.mechanism.closure import free_coordinates
+from gauss_bench.linkage.closure import free_coordinates
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.errors import Fault, LinkageError
+from gauss_bench.linkage.load import document_of, load_document, load_sketched, merge
+from gauss_bench.linkage.references import drivers_of
+from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value as value_of
-from gauss_bench.mechanism.cylinders import written_out
-from gauss_bench.mechanism.errors import Fault, LinkageError
-from gauss_bench.mechanism.load import document_of, load_document, load_sketched, merge
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.mechanism.references import drivers_of
-from gauss_bench.mechanism.schema import SECOND
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
+from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -115,7 +115,11 @@ def _placed_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dic
     """The table of a driver; of the crank where it names nothing, from where that stands where it names no start."""
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
-        table["link"] = document.get("crank")
+        if "crank" not in document:
+            raise ChoiceError(
+                "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
+            )
+        table["link"] = document["crank"]
     if table["law"] != "table" and not {"start", "start_deg"} & table.keys() and (start := place_of(own, table)) is not None:
         table["start"] = start
     return table
@@ -220,7 +224,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
 
 
 def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
-    scenarios = document.get("scenarios", {})
+    scenarios = x if isinstance(x := document.get("scenarios"), dict) else {}
     return (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
 
 

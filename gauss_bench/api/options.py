@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench import __version__
-from gauss_bench.mechanism.limits import harmless
+from gauss_bench.linkage.limits import harmless
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
 MOST_JOBS = 512  # workers: each takes a quarter of a GiB

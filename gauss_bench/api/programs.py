@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.snippets import holds, snippet
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
 LIMIT = 300.0  # [s] for all programs of an engine

@@ -7,21 +7,22 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gauss_bench.advice.answer import Answer, setting_said
-from gauss_bench.advice.recommending import BEATS, LANES, Recommender
+from gauss_bench.advice.budget import LANES, Budget
+from gauss_bench.advice.recommending import BEATS, Better, Recommender
 from gauss_bench.api.exchange import told_plainly
 from gauss_bench.api.results import Result
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.asked import checked_budget, duration
-from gauss_bench.bench.offers import ChoiceError, Offer, offers
 from gauss_bench.bench.search import UNITS
 from gauss_bench.bench.ways import Run, space
-from gauss_bench.bench.worker import WorkerFailure
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.snippets import holds, snippet
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.asked import checked_budget, duration
+from gauss_bench.runs.offers import ChoiceError, Offer, offers
+from gauss_bench.runs.worker import WorkerFailure
 
 BUDGET = 60.0  # [s]
 FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that answer early, of an engine that names no variants
@@ -70,6 +71,7 @@ def recommend(
     settings: str | None = None,
     budget: float | None = None,
     told: Told = nobody,
+    better: Better = lambda answer: None,
 ) -> Recommendation:
     """The cheapest setting of each engine whose error over the whole run is at most half of what is required.
 
@@ -84,8 +86,10 @@ def recommend(
         engines: names; all where not given.
         scenario: of the file; the first with a start where not given.
         settings: of the only engine that is asked, as in `simulate`: which step holds with them.
-        budget: wall-clock seconds that all of it may take (60).
+        budget: seconds that all of it may take (60), but for those in which others had the processor; however busy the machine,
+            it ends after 1.45 times as many by the clock on the wall.
         told: is told how far things are, a sentence at a time.
+        better: is given an answer of an engine as soon as there is one, and every one that needs less work; not raced yet.
 
     Raises:
         LinkageError: the file has faults.
@@ -94,7 +98,7 @@ def recommend(
         NoTruth: the motion is not known well enough to judge by.
     """
     wanted = required(position=position, angle=angle, force=force)
-    seconds = checked_budget(budget, BUDGET)
+    seconds = Budget(checked_budget(budget, BUDGET))
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=until)
     offered = offers(list(dict.fromkeys(engines)) if engines else ordered())
@@ -102,7 +106,7 @@ def recommend(
         raise ChoiceError("settings are those of one engine: name it with --engine")
     spaces = {x.name: variants(x, settings) for x in offered}
     run = Run(linkage, mechanism, end)
-    with Recommender(run, wanted, spaces, seconds, told) as recommender:
+    with Recommender(run, wanted, spaces, seconds, told, better) as recommender:
         found = recommender.search()
         answers = recommender.answers(recommender.race())
         with ThreadPoolExecutor(LANES) as lanes:

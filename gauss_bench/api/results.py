@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Objection
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -28,15 +29,37 @@ class Result:
         return self.as_dict()[key]
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation(Result):
-    """One run of one linkage in one engine, at the k times asked for.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OneRun(Result):
+    """What is told of one run of one linkage in one engine.
+
+    Attributes:
+        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
+        step: of the integration [s].
+    """
+
+    engine: str
+    mechanism: str
+    scenario: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+
+
+def named(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
+    """The fields of OneRun."""
+    what = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
+    return what | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Simulation(OneRun):
+    """A run at the k times asked for, with the fields of OneRun.
 
     Attributes:
         status: how it ended: "ok", "skip", "invalid" where it ended and the judge objects, else what went wrong.
         message: why, or a remark on the run.
-        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
-        step: integration step [s].
         t: (k,) [s]; where the run failed, those that it reached and the last that it reached; empty, as all that follows, where it
             reached none.
         links: per link x, y [m] of its centre of mass, theta [rad], vx, vy, omega, ax, ay, alpha, each (k,).
@@ -58,13 +81,6 @@ class Simulation(Result):
 
     status: Status
     message: str
-    engine: str
-    mechanism: str
-    scenario: str
-    settings: str
-    integrator: str
-    stabilization: str
-    step: float
     t: Array
     links: States
     points: States

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from gauss_bench.bench.offers import ChoiceError
 from gauss_bench.diagnosis.selftest import KINDS, SelfTest
 from gauss_bench.diagnosis.selftest import selftest as planted
+from gauss_bench.runs.offers import ChoiceError
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:

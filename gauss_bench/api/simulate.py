@@ -5,23 +5,23 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.results import Simulation
+from gauss_bench.api.results import Simulation, named
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.apart import Request, run_of
-from gauss_bench.bench.asked import affordable
-from gauss_bench.bench.offers import ChoiceError, offer
-from gauss_bench.bench.one_run import Run, sampling_through
-from gauss_bench.bench.scrutiny import as_truth, at_half_the_step, evidence_of
-from gauss_bench.bench.worker import kept
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism, Point
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.reference.store import certified_reference
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.asked import affordable
+from gauss_bench.runs.offers import ChoiceError, offer
+from gauss_bench.runs.one_run import Run, sampling_through
+from gauss_bench.runs.scrutiny import as_truth, at_half_the_step, evidence_of
+from gauss_bench.runs.worker import kept
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
@@ -164,15 +164,9 @@ def described(
     forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
     told = spread(mechanism, chosen)
     return Simulation(
+        **named(mechanism, engine, choice),
         status=status,
         message=message,
-        engine=engine,
-        mechanism=mechanism.name,
-        scenario=mechanism.scenario,
-        settings=choice.settings,
-        integrator=choice.integrator,
-        stabilization=choice.stabilization,
-        step=choice.step,
         t=chosen.t,
         links=link_states(mechanism.whole, told),
         points=point_states(mechanism.whole.observed_points, told),

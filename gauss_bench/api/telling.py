@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Callable
 
-from gauss_bench.mechanism.limits import harmless
+from gauss_bench.linkage.limits import harmless
 
 LONG = 2.0  # [s] after which what takes so long says what it is
 Told = Callable[[str], object]

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.generate import LENGTH, MASS, n_four_bar
+from gauss_bench.linkage.load import document_of, load_document
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.generate import LENGTH, MASS, n_four_bar
-from gauss_bench.mechanism.load import document_of, load_document
 from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.terms import Array
 

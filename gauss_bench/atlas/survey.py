@@ -18,15 +18,15 @@ import numpy as np
 
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family
 from gauss_bench.atlas.verdict import Found, Verdict, decided
-from gauss_bench.bench.apart import Request, outcome_of, performed_there
-from gauss_bench.bench.offers import ChoiceError, Offer, offers
-from gauss_bench.bench.one_run import Run, received, sampling, sampling_at
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.toml import toml
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import Request, outcome_of, performed_there
+from gauss_bench.runs.offers import ChoiceError, Offer, offers
+from gauss_bench.runs.one_run import Run, received, sampling, sampling_at
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
@@ -170,7 +170,7 @@ def compared(step: float, until: float) -> Array:
 def performed(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
     """A run in the worker, whatever engine it is of."""
     try:
-        answer = worker.call(performed_there, (request,), limit, request.largest(mechanism.n))
+        answer = worker.call(performed_there, (request, mechanism), limit, request.largest(mechanism.n))
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return received(outcome_of(answer), request.wanted, mechanism.n)

@@ -14,10 +14,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from gauss_bench.bench.one_run import Run, acceleration_error
 from gauss_bench.judge import examine, judge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.one_run import Run, acceleration_error
 from gauss_bench.trajectory import Reference, Status
 
 PASSES = 1e-3  # of the linkage's size, and [rad]: a tenth of a millimetre on ten centimetres

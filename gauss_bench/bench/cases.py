@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from gauss_bench.bench.asked import duration, usable_steps
-from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.asked import duration, usable_steps
+from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 

@@ -15,7 +15,6 @@ reasonable time (2013).
 import gc
 import math
 import random
-import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,6 +23,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Model
 from gauss_bench.engines.extras import not_installed
+from gauss_bench.runs.processor_time import timed as timed
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -65,13 +65,6 @@ class Block:
             self.ready()
             whole += timed(self.go)
         return whole / (self.count * self.again)
-
-
-def timed(go: Callable[[], object]) -> float:
-    """Seconds of the processor, in all threads of this process, that a call takes."""
-    start = time.process_time_ns()
-    go()
-    return (time.process_time_ns() - start) * 1e-9
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:

@@ -11,21 +11,20 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.bench.apart import Request, run_apart
-from gauss_bench.bench.measure import accelerations
-from gauss_bench.bench.offers import Offer, offers
-from gauss_bench.bench.one_run import Asked, Run, nothing, sampling_at
-from gauss_bench.bench.worker import Worker, kept
+from gauss_bench.bench.measure import accelerations, mechanism_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.offers import Offer, offers
+from gauss_bench.runs.one_run import Asked, Run, nothing, sampling_at
+from gauss_bench.runs.worker import Worker, kept
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -79,7 +78,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
         worker.stop()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Subject:
     """An engine under its own defaults, and the worker it runs in."""
 
@@ -87,8 +86,13 @@ class _Subject:
     worker: Worker
     folder: Path
 
+    @cached_property
+    def whole(self) -> dict[str, Run]:
+        """The same run of each linkage, at every step, that most checks look at."""
+        return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in LINKAGES}
+
     def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
-        mechanism = load(linkage, scenario)
+        mechanism = mechanism_of(linkage, scenario)
         choice = self.offer.choose(None, None, None, STEP)
         request = Request(linkage, scenario, self.offer.name, choice, sampling_at(STEP, times), ask, 0.0, answers)
         return run_apart(request, mechanism, LIMIT, self.worker)
@@ -99,16 +103,16 @@ EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)
 
 
 def _judged(
-    subject: _Subject, name: str, look: Callable[[Mechanism, Trajectory], str], times: Array = EVERY_STEP
+    subject: _Subject, name: str, look: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
-    """One check on each linkage; `look` says what is wrong with a trajectory, or nothing."""
+    """One check on each linkage; `look` says what is wrong with a trajectory, at every step or these times, or nothing."""
     for linkage, scenario in LINKAGES:
-        run = subject.run(linkage, scenario, np.asarray(times))
+        run = subject.whole[linkage] if times is None else subject.run(linkage, scenario, times)
         title = f"{name} ({linkage})"
         if run.trajectory is None:
             yield Check(title, None if run.status is Status.SKIP else False, run.message)
         else:
-            message = look(load(linkage, scenario), run.trajectory)
+            message = look(mechanism_of(linkage, scenario), run.trajectory)
             yield Check(title, not message, message)
 
 
@@ -176,7 +180,7 @@ def _motion(subject: _Subject) -> Iterator[Check]:
 def _same_again(subject: _Subject) -> Iterator[Check]:
     """The same run gives the same bits."""
     for linkage, scenario in LINKAGES[-1:]:
-        runs = [subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, nothing, run_before)]
+        runs = [subject.whole[linkage], *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, run_before))]
         first, second, third = (run.trajectory for run in runs)
         if first is None or second is None or third is None:
             told = next(run.message for run in runs if run.trajectory is None)
@@ -190,8 +194,8 @@ def _same_again(subject: _Subject) -> Iterator[Check]:
 def _undisturbed(subject: _Subject) -> Iterator[Check]:
     """Asking for an acceleration changes nothing."""
     linkage, scenario = LINKAGES[-1]
-    m = load(linkage, scenario)
-    plain, asked = subject.run(linkage, scenario, EVERY_STEP), subject.run(linkage, scenario, EVERY_STEP, asking(m), m.n)
+    m = mechanism_of(linkage, scenario)
+    plain, asked = subject.whole[linkage], subject.run(linkage, scenario, EVERY_STEP, asking(m), m.n)
     if plain.trajectory is None or asked.trajectory is None:
         yield Check("asking for an acceleration changes nothing", None if plain.status is Status.SKIP else False, asked.message)
         return
@@ -227,7 +231,7 @@ def _forces(subject: _Subject) -> Iterator[Check]:
     ]
     file = subject.folder / "kinds.toml"
     file.write_text("\n".join([text, *alone]), encoding="utf-8")
-    bare = _at_start(subject, str(file), "none")
+    bare, unloaded = _at_start(subject, str(file), "none"), _truth(str(file), "none")
     for name, force in kinds.items():
         title = f"a {force['type']} acts as defined ({name})"
         acting = _at_start(subject, str(file), name)
@@ -236,7 +240,7 @@ def _forces(subject: _Subject) -> Iterator[Check]:
             assert isinstance(lost, Run)
             yield Check(title, None if lost.status is Status.SKIP else False, lost.message)
             continue
-        true = _truth(str(file), name) - _truth(str(file), "none")
+        true = _truth(str(file), name) - unloaded
         message = effect(acting - bare, true)
         yield Check(title, not message, message)
 
@@ -255,7 +259,7 @@ def effect(found: Array, true: Array) -> str:
 
 def _at_start(subject: _Subject, file: str, scenario: str) -> Array | Run:
     """The engine's acceleration at the start (n,), or the run that did not come to it."""
-    m = load(file, scenario)
+    m = mechanism_of(file, scenario)
     run = subject.run(file, scenario, np.array([0.0, STEP]), asking(m), m.n)
     return run if run.status is Status.SKIP or run.answer is None else np.asarray(run.answer, dtype=float)[0]
 
@@ -266,7 +270,7 @@ def asking(m: Mechanism) -> Asked:
 
 
 def _truth(file: str, scenario: str) -> Array:
-    m = load(file, scenario)
+    m = mechanism_of(file, scenario)
     return get("gauss").build(m, Choice("default", "rk4")).acceleration(0.0, m.q0, m.v0)
 
 

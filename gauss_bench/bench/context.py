@@ -6,15 +6,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gauss_bench.bench.tasks import LIMIT, Tables, Task
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import Alteration, unaltered
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
-Alteration = Callable[[Mechanism], Mechanism]
-
-
-def unaltered(mechanism: Mechanism) -> Mechanism:
-    return mechanism
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ metric that has begun to flatter looks like that, and what is truly better is ac
 from the baseline by the rules below; a new baseline is accepted only with a dated reason.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gauss_bench.bench.cases import Case
 from gauss_bench.judge import OFF_ACCELERATION, OFF_DRIFT
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import offer
 from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of, write_text
 
 COLUMNS = [*KEY, "metric", "value", "accepted"]
@@ -186,6 +189,19 @@ def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]
     typed = [row_of(table, {str(k): x for k, x in row.items()} | {"format": BASELINE_FORMAT}) for row in ordered]
     write_text(path, csv_text(table.columns, typed))
     return changed, list(refused.values())
+
+
+def known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
+    """The cases that a baseline has figures of, and those that stand for an engine of it which cannot be used here."""
+    there = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
+    pairs = {(row[0], row[2]) for row in there}
+
+    def has(case: Case) -> bool:
+        mechanism = load(case.linkage, case.scenario or None)
+        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
+        return key in there or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
+
+    return [case for case in cases if has(case)]
 
 
 def restricted(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from gauss_bench.bench.provenance import package_versions
-from gauss_bench.mechanism.digest import source_digest
+from gauss_bench.linkage.digest import source_digest
 
 
 class Busy(RuntimeError):

@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import CASE_LIMIT, Alteration, unaltered
-from gauss_bench.bench.offers import offer
-from gauss_bench.bench.one_run import Run, sampling
-from gauss_bench.bench.scrutiny import LONGEST, at_half_the_step, decides, evidence_of
+from gauss_bench.bench.context import CASE_LIMIT
+from gauss_bench.bench.poses import poses
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
+from gauss_bench.runs.apart import Alteration, Request, run_of, unaltered
+from gauss_bench.runs.offers import offer
+from gauss_bench.runs.one_run import Run, sampling
+from gauss_bench.runs.scrutiny import LONGEST, at_half_the_step, decides, evidence_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
@@ -58,17 +59,22 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
         return str(error)
 
 
-def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float = CASE_LIMIT) -> dict[str, Any]:
-    """The row of a case and the curves of its report, {"row": ..., "series": [...]}; judged in this process, wherever it is run.
+def measure(
+    case: Case, store: str, alter: Alteration = unaltered, limit: float = CASE_LIMIT, posed: bool = False
+) -> dict[str, Any]:
+    """The row of a case and the curves of its report, {"row": ..., "series": [...], "poses": [...]}; judged in this process.
+
+    Poses are worked out where they are asked for (`posed`), there is a truth and the run has ended.
 
     `alter` is applied to the mechanism the engine is given, never to the one it is judged by: a planted fault. An engine that has a
     process of its own is stopped after `limit` seconds.
     """
     mechanism = mechanism_of(case.linkage, case.scenario)
+    none: dict[str, Any] = {"series": [], "poses": []}
     row: dict[str, Any] = {"status": str(Status.OK), "message": "", "control": case.engine in CONTROLS}
     offered = offer(case.engine)
     if not offered.usable:
-        return {"row": row | {"status": str(offered.status), "message": offered.reason}, "series": []}
+        return {"row": row | {"status": str(offered.status), "message": offered.reason}} | none
     states = states_of(case.linkage, case.scenario)
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
     request = Request(case.linkage, case.scenario, case.engine, case.choice, wanted, alter=alter)
@@ -78,7 +84,7 @@ def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float 
     if states is not None and run.answer is not None:
         row |= acceleration_errors(run.answer, states)
     if run.trajectory is None:
-        return {"row": row | {"status": str(run.status), "message": run.message}, "series": []}
+        return {"row": row | {"status": str(run.status), "message": run.message}} | none
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
     reference = None if isinstance(truth, str) else truth
     try:
@@ -89,7 +95,7 @@ def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float 
             mechanism, case.choice, run.trajectory, reference, finer, row.get("acceleration_error_median")
         )
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}, "series": []}
+        return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}} | none
     verdict = judge(evidence)
     unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
     note = "; ".join(filter(None, (run.message, unknown, untried, undecided, remark(evidence))))
@@ -98,7 +104,8 @@ def measure(case: Case, store: str, alter: Alteration = unaltered, limit: float 
     row |= {"note": note, "valid": verdict.valid, "flag": verdict.sentence}
     if not verdict.valid:
         row |= {"status": str(Status.INVALID), "message": verdict.sentence}
-    return {"row": row, "series": curves(run.trajectory, evidence)}
+    shown = poses(mechanism, run.trajectory, reference) if posed and reference is not None else []
+    return {"row": row, "series": curves(run.trajectory, evidence), "poses": shown}
 
 
 def repeated(request: Request, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:

@@ -37,7 +37,7 @@ def check_publishable(folder: Path) -> None:
     if told.get("dirty"):
         raise TableError(f"{folder / ENVIRONMENT}: the run was made from changed code: not to be published")
     if told.get("shortened"):
-        raise TableError(f"{folder / ENVIRONMENT}: kernels were searched for with {told['shortened']} alone: not to be published")
+        raise TableError(f"{folder / ENVIRONMENT}: kernels were made in haste, with {told['shortened']}: not to be published")
     if (folder / TIMES).exists() and not told.get("cpu"):
         raise TableError(f"{folder / ENVIRONMENT}: does not name the processor that times were taken on: not to be published")
 
@@ -45,6 +45,7 @@ def check_publishable(folder: Path) -> None:
 def environment() -> dict[str, Any]:
     """Where and with what a run was made."""
     from gauss_bench.compiler.elimination.program import SHORTER  # which loads the compiler
+    from gauss_bench.compiler.machine.native_code import QUICK
 
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -54,7 +55,7 @@ def environment() -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu(),
         "cores": os.cpu_count(),
-        "shortened": f"{SHORTER}={os.environ[SHORTER]}" if os.environ.get(SHORTER) else "",
+        "shortened": " ".join(f"{name}={os.environ[name]}" for name in (SHORTER, QUICK) if os.environ.get(name)),
         "threads": 1,
         "blas": _blas(),
         "versions": package_versions(),

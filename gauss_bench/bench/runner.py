@@ -17,16 +17,17 @@ import pandas as pd
 
 from gauss_bench.bench import measurements
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import CASE_LIMIT, Alteration, Context, unaltered
+from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
-from gauss_bench.bench.offers import offers
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Tables, finish, gathered
 from gauss_bench.judge import LIMITS
-from gauss_bench.mechanism.load import built_in, load
+from gauss_bench.linkage.load import built_in, load
+from gauss_bench.runs.apart import Alteration, unaltered
+from gauss_bench.runs.offers import offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text

@@ -4,6 +4,7 @@ The process of a race tells in a few bytes of shared memory who is at work, whic
 then run again without the one that stands there.
 """
 
+import math
 import mmap
 import os
 import tempfile
@@ -11,7 +12,7 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 from gauss_bench.bench.tasks import LIMIT, LOST, Tables, Task
-from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes of a name
 RACES = 3  # of a task at most: who brings two of them down is a bug to be found, not a result
@@ -24,12 +25,17 @@ def patient(task: Task, processes: int = 1) -> Task:
 
 
 def survived(
-    race: Callable[..., Tables], arguments: tuple[Any, ...], engines: Sequence[str], limit: float = LIMIT
+    race: Callable[..., Tables],
+    arguments: tuple[Any, ...],
+    engines: Sequence[str],
+    limit: float = LIMIT,
+    longest: float = math.inf,
 ) -> tuple[Tables, dict[str, WorkerFailure]]:
     """race(*arguments, engines, path) in a process of its own, and the engines that brought it down, which are left out of those.
 
     Args:
         path: of the memory in which the race tells who is at work: `watching`.
+        limit, longest: [s] of one race, as `Worker.call` takes them.
 
     Raises:
         WorkerFailure: the race fails of itself, or nobody was at work.
@@ -42,7 +48,7 @@ def survived(
             memory.flush()
             left = tuple(x for x in engines if x not in lost)
             try:
-                return worker.call(race, (*arguments, left, memory.name), limit), lost
+                return worker.call(race, (*arguments, left, memory.name), limit, longest=longest), lost
             except WorkerFailure as failure:
                 guilty = at_work(memory.name)
                 if failure.status not in LOST or guilty not in left:

@@ -10,10 +10,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from tqdm import tqdm
-
 from gauss_bench.bench.journal import Journal
-from gauss_bench.bench.worker import Worker, WorkerFailure
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import TABLES
 from gauss_bench.trajectory import Status
 
@@ -91,6 +89,8 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
 def told(count: int, label: str) -> Iterator[int]:
     """0 to count - 1; meanwhile a bar on stderr, or a line first and every PAUSE seconds where that is no terminal."""
     if sys.stderr.isatty():
+        from tqdm import tqdm  # nothing else has a use for it
+
         yield from tqdm(range(count), desc=label, file=sys.stderr)
         return
     said = time.monotonic()

@@ -10,13 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.clock import BLOCK, Block, Race, stepping
-from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import CASE_LIMIT
-from gauss_bench.bench.offers import Offer, offer
-from gauss_bench.bench.one_run import Run as OneRun
-from gauss_bench.bench.one_run import Sampling
 from gauss_bench.bench.search import Trial
 from gauss_bench.bench.survived import Watch
 from gauss_bench.engines import get
@@ -25,6 +20,11 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.offers import Offer, offer
+from gauss_bench.runs.one_run import Run as OneRun
+from gauss_bench.runs.one_run import Sampling
+from gauss_bench.runs.processor_time import timed as processor_time
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 

@@ -8,7 +8,7 @@ straight-line code or, for large linkages, as loops (chains).
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -22,9 +22,21 @@ from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.loops import looped_program
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import IMPLICIT, INTEGRATORS, Batch, Driver, Outcome, Stop, integrate, stopped
+from gauss_bench.compiler.stepping.driver import (
+    IMPLICIT,
+    INTEGRATORS,
+    Batch,
+    Driver,
+    Outcome,
+    Stop,
+    advance_over,
+    integrate_over,
+    stopped,
+)
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
+from gauss_bench.integrate.legs import Leg, legs
+from gauss_bench.mechanism.lines import lined, with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -76,8 +88,7 @@ def compile_kernel(
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
         open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
         lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold, and one in a looped
-        program,
-            where the lanes of a vector are links.
+            program, where the lanes of a vector are links.
         cache: whether what generation finds out, and object code, is kept in the user's cache folder.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         independent: coordinates of the first partition; chosen where None.
@@ -170,7 +181,8 @@ class Kernel:
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
         damping = options.baumgarte if options.stabilization == "baumgarte" else None
         self._rank = RankDecision(mechanism, damping)
-        self._driver = Driver(self._programs, self._rank, options.stabilization == "projection")
+        self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
+        self._kinks = tuple(sorted({t for _, factor in lined(mechanism) for t in factor.kinks}))
         self.switches = self.fallbacks = self.lost = 0
         self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
@@ -211,7 +223,7 @@ class Kernel:
         threads: int = 1,
         integrator: str = "rk4",
     ) -> tuple[Array, Array]:
-        """Step n times by dt.
+        """Step n times by dt; a step in which a force by time has a kink or jumps is taken in parts that end there.
 
         Args:
             q0, v0: (n_q,) or (batch, n_q).
@@ -233,18 +245,33 @@ class Kernel:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         if integrator == IMPLICIT and isinstance(self._programs, LoopedPrograms):
             raise KernelError("a looped program has no implicit steps; straight-line code has")
+        if self._kinks and n and not dt > 0:
+            raise ValueError("a force has kinks in time, and steps over them go forward")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
+        parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
-        if q.ndim == 1 and every is None and p.shape == self._values.shape:
-            state = self._one(q, v, p, t0, dt, n, integrator)
+        if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
+            numbers = (
+                p if not self._kinks and p.shape == self._values.shape else self._numbers(parameters, 1, _middle(t0, parts))[0]
+            )
+            state = self._one(q, v, numbers, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
-        batch = Batch(states, self._spread(p, len(states)), float(t0), float(dt), int(n), max(1, every or n))
-        outcome = self._counted(self._driver.advance(batch, integrator, threads))
+        given = self._numbers(parameters, len(states), _middle(t0, parts))
+        batch = Batch(states, given, float(t0), float(dt), int(n), max(1, every or n))
+        if len(parts) <= 1:
+            outcome = self._counted(self._driver.advance(batch, integrator, threads))
+        else:
+            by_time = partial(self._numbers, parameters, len(states))
+            outcome = self._counted(advance_over(self._driver, batch, by_time, self._kinks, integrator, threads))
         samples = outcome.samples[:, -1] if every is None else outcome.samples
         samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
+
+    def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
+        """The steps that a rollout takes: those in which a force has a kink or jumps in parts."""
+        return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
         self, q0: Array, v0: Array, times: Array, rtol: float, atol: float, parameters: Array | None = None
@@ -264,16 +291,21 @@ class Kernel:
             raise KernelError("a looped program has no adaptive steps; straight-line code has")
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError("times must be at least two, in order")
-        p = self._values if parameters is None else np.asarray(parameters, dtype=float)
+        numbers, at = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
-        samples, taken, tried = integrate(self._driver, self._programs, state, p, np.asarray(times, dtype=float), (rtol, atol))
+        samples, taken, tried = integrate_over(self._driver, self._programs, state, numbers, at, (rtol, atol), self._kinks)
         self._tallied()
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
         """Whether the first program does n steps of one state by itself: no other is generated."""
-        done = self._programs.runner(0, integrator).run_one(q0, v0, self._values, float(t0), float(dt), int(n))
-        return not isinstance(done, Outcome)
+        q, v, runner = q0, v0, self._programs.runner(0, integrator)
+        for leg in self.legs(t0, dt, n):
+            done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
+            if isinstance(done, Stop):
+                return False
+            q, v = done[: self._n], done[self._n :]
+        return True
 
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
@@ -292,11 +324,15 @@ class Kernel:
         tally = self._driver.tally
         self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
 
-    def _spread(self, p: Array, count: int) -> Array:
-        """One row of parameters for each state."""
-        if p.shape[-1] != len(self.parameters):
-            raise ValueError(f"{p.shape[-1]} parameters given, {len(self.parameters)} are open: {', '.join(self.parameters)}")
-        return np.ascontiguousarray(np.broadcast_to(p, (count, len(self.parameters))))
+    def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
+        """All open numbers (count, n_p) of states at times () or (count,): those given, or the file's, then those by time."""
+        size = len(self.parameters)
+        given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
+        if given.shape[-1] != size:
+            raise ValueError(f"{given.shape[-1]} parameters given, {size} are open: {', '.join(self.parameters)}")
+        numbers = np.array(np.broadcast_to(with_lines(self.mechanism, self._values, t), (count, len(self._values))))
+        numbers[:, :size] = given
+        return numbers
 
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
         """Accelerations (n_q,) or (batch, n_q) of one state or of many; where no partition serves, by rank decision.
@@ -304,7 +340,8 @@ class Kernel:
         They are the linkage's own, without Baumgarte's terms.
         """
         if np.ndim(q) == 1 and parameters is None:
-            quick = self._programs.acceleration(float(t), q, v)
+            p = self._numbers(None, 1, t)[0] if self._kinks else self._values
+            quick = self._programs.acceleration(float(t), q, v, p)
             if quick is not None:
                 return quick
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
@@ -344,8 +381,8 @@ class Kernel:
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
         single = np.ndim(q) == 1
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
-        p = self._spread(self._values if parameters is None else np.asarray(parameters, dtype=float), len(q))
-        return (np.broadcast_to(np.asarray(t, dtype=float), len(q)), q, v, p), single
+        at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
+        return (at, q, v, self._numbers(parameters, len(q), at)), single
 
     def _of_the_file(
         self, what: str, q: Array, v: Array, t: float | Array, parameters: Array | None
@@ -373,3 +410,8 @@ class Kernel:
             else:
                 values[row] = np.nan
         return np.asarray(values[0] if single else values)
+
+
+def _middle(t: float, parts: Sequence[Leg]) -> float:
+    """A time at which all open numbers are those of the only leg, or of the time itself."""
+    return parts[0].middle if parts else float(t)

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.bench.one_run import sampling_at
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.dimensions import misplaced
@@ -23,6 +22,7 @@ from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States, Status
 

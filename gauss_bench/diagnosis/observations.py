@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.bench.offers import ChoiceError
-from gauss_bench.bench.one_run import Run, Sampling, sampling_at
 from gauss_bench.engines.base import Choice
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.one_run import Run, Sampling, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States, Trajectory
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import judge, metrics
-from gauss_bench.bench import clock, gate, one_run
+from gauss_bench.bench import clock, gate
 from gauss_bench.diagnosis import checks
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, FOUR_BAR, Alteration
 from gauss_bench.diagnosis.faults import force_scaled, gravity_turned, same, scaled
@@ -21,6 +21,7 @@ from gauss_bench.integrate import fixed_step, stabilization
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.reference.certificate import Certificate
+from gauss_bench.runs import one_run
 
 Check = Callable[[], str | None]
 

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from gauss_bench.bench.one_run import Run, Sampling, one_run
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.checks import linkage, truth
 from gauss_bench.diagnosis.diagnosis import Verdict, diagnose_runs
@@ -16,6 +15,7 @@ from gauss_bench.diagnosis.faults import CLEAN, CRANK_SLIDER, DRIVEN, ENGINES, F
 from gauss_bench.diagnosis.observations import ladder
 from gauss_bench.diagnosis.planted import PLANTED, SEEN, SIZES, UNSEEN, Check, smallest
 from gauss_bench.engines.base import Choice
+from gauss_bench.runs.one_run import Run, Sampling, one_run
 from gauss_bench.trajectory import in_a_sentence
 
 STEP, UNTIL = 4e-3, 0.4  # [s] of engines that are diagnosed: enough for all faults, at the least cost

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic_core import PydanticUndefined
 
 from gauss_bench.api.options import VERBS
-from gauss_bench.mechanism import schema
+from gauss_bench.linkage import schema
 
 GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
 BEGINS = "## A complete example"

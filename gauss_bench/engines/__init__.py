@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import entry_points
 
 from gauss_bench.engines.base import Engine
 
@@ -36,6 +35,8 @@ def is_class(name: str) -> bool:
 
 def names() -> list[str]:
     """All engines: own formulations, compiled and derived ones, foreign engines, then what others add in gauss_bench.engines."""
+    from importlib.metadata import entry_points
+
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
 
 
@@ -63,6 +64,8 @@ def get(name: str) -> Engine:
         return _from(inside[name])()
     if is_class(name):
         return _from(name)()
+    from importlib.metadata import entry_points  # which most processes of an engine do without
+
     for point in entry_points(group="gauss_bench.engines"):
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]

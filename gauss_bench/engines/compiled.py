@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
 from gauss_bench.engines.own_options import Known
-from gauss_bench.engines.shared import finite, unsteady
+from gauss_bench.engines.shared import finite
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
@@ -50,7 +50,7 @@ class Compiled:
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if mechanism.has_friction:
             return "dry friction has no kernel: its loads are found by iteration"
-        return unsteady(mechanism, "a kernel")
+        return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
         self.version()
@@ -110,11 +110,9 @@ class CompiledModel:
                     for i in range(count):
                         (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
-            row, self.steps = row + intervals, self.steps + count * intervals
-        jacobian = (
-            self.kernel.directions if self.choice.integrator == IMPLICIT else 0
-        )  # by differences, in positions and velocities
-        self.evaluations = (EVALUATIONS[self.choice.integrator] + 2 * jacobian) * self.steps
+            row, self.steps = row + intervals, self.steps + sum(leg.n for leg in self.kernel.legs(t, h, count * intervals))
+        differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
+        self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
     def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps."""

@@ -13,8 +13,8 @@ from gauss_bench.exchange.planar import planar_document
 from gauss_bench.exchange.safe_xml import read_xml
 from gauss_bench.exchange.spatial import Spatial
 from gauss_bench.exchange.toml import toml
-from gauss_bench.mechanism.errors import AssemblyError, LinkageError
-from gauss_bench.mechanism.load import load_document
+from gauss_bench.linkage.errors import AssemblyError, LinkageError
+from gauss_bench.linkage.load import load_document
 
 FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # by the root element
 

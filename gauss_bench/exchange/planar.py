@@ -26,14 +26,14 @@ from gauss_bench.exchange.spatial import (
     Spot,
     Straight,
 )
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.closure import close_joints
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import close_joints
+from gauss_bench.linkage.schema import FORMAT
+from gauss_bench.linkage.sketch import sketch
+from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
-from gauss_bench.mechanism.schema import FORMAT
-from gauss_bench.mechanism.sketch import sketch
-from gauss_bench.mechanism.surest import HELD, candidates, null_space, surest
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # sine of an angle out of the plane, and offset across it in lengths of the mechanism: what rounding explains

@@ -54,7 +54,9 @@ def gauss(terms: Terms) -> Solution:
     roots = np.diagonal(L)
     if roots.max() ** 2 > UNEVEN * roots.min() ** 2:
         r = Y.shape[1]
-        multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows; one choice where rows are redundant
+        multipliers = np.zeros(0)  # LAPACK takes no system without unknowns
+        if r:
+            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows; one choice where rows are redundant
         a = a + least_constraint(Q - M @ a - J[order[:r]].T @ multipliers, gamma - J @ a)
     return Solution(a, None, Y.shape[1])
 

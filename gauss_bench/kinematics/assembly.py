@@ -16,7 +16,7 @@ import numpy as np
 from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.kinematics.freedom import Freedom, Place
 from gauss_bench.kinematics.topology import Loop, find_graph, held
-from gauss_bench.mechanism.closure import CLOSED
+from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism, Point, Revolute
 from gauss_bench.terms import Array

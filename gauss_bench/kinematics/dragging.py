@@ -42,11 +42,13 @@ class Locks:
         links: names of links that keep their angle.
         points: references "link.point" that stay where they are.
         slides: names of prismatic joints that do not slide.
+        joints: names of pin joints whose links do not turn against each other.
     """
 
     links: tuple[str, ...] = ()
     points: tuple[str, ...] = ()
     slides: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,7 @@ def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     """The linkage with what is locked held where it is at q (n,), and nothing driven.
 
     Raises:
-        ValueError: there is no link, point or slide of a name.
+        ValueError: there is no link, point, slide or joint of a name.
     """
     slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
     pins, still = [], []
@@ -80,6 +82,11 @@ def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         point = named(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
         pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
+    for name in locks.joints:
+        turning = [x for x in mechanism.joints if isinstance(x, Revolute) and x.joint == name]
+        if not turning:
+            raise ValueError(f"no pin joint {name!r} that could be locked")
+        pins += [_second_pin(mechanism, q, x) for x in turning]
     for name in locks.links:
         if name not in [x.name for x in mechanism.whole.links]:
             raise ValueError(f"no link {name!r} that could be locked")
@@ -91,6 +98,17 @@ def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         here = float(value(slides[name].motion, q))
         still.append(SlideDriver(f"lock of {name}", constant(here, 0.0), slides[name]))  # type: ignore[arg-type]
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
+
+
+def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
+    """A pin through the same two links, apart from the first: with both of them the links are one."""
+    at = position(q, joint.a) + np.array([mechanism.size, 0.0])
+    ends = []
+    for link in (joint.a.link, joint.b.link):
+        x, y, theta = (0.0, 0.0, 0.0) if link == GROUND else q[3 * link : 3 * link + 3]
+        c, s = np.cos(theta), np.sin(theta)
+        ends.append(Point(link, np.array([[c, s], [-s, c]]) @ (at - (x, y)), f"lock of {joint.joint}"))
+    return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])
 
 
 def named(mechanism: Mechanism, reference: str | Point) -> Point:

@@ -25,7 +25,7 @@ import numpy as np
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
-from gauss_bench.mechanism.closure import CLOSED, RANK_TOLERANCE
+from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
 from gauss_bench.terms import Array

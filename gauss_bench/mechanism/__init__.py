@@ -1,1 +1,1 @@
-"""What a linkage is: its data, its constraints and its forces, in absolute planar coordinates."""
+"""What a linkage is: links, joints and forces as frozen data, its constraints and its energy, in absolute planar coordinates."""

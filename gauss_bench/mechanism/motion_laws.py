@@ -34,11 +34,26 @@ class MotionLaw:
     def __call__(self, t: Any) -> Motion:
         return self.motion(t)
 
+    def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
+        """On its way to another process a law in floats is what it is made of."""
+        return made_of, (self.name, dict(self.numbers))
+
+
+def made_of(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
+    """The law of this name that is made of these floats."""
+    match name:
+        case "constant":
+            return constant(numbers["start"], numbers["speed"])
+        case "table":
+            return table(numbers["start"], numbers["times"], numbers["angles"])
+        case _:
+            return rise(name, numbers["start"], numbers["travel"], numbers["time"])
+
 
 def constant(start: Any, speed: Any) -> MotionLaw:
     """Constant speed [rad/s] from `start` [rad]."""
-    made_of = {"start": start, "speed": speed}
-    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), made_of)
+    numbers = {"start": start, "speed": speed}
+    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), numbers)
 
 
 def sine(s: Any, pi: Any = np.pi) -> Motion:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism.load import decimal_document, load, merge
+from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import Certificate
 from gauss_bench.reference.exact import closed_form

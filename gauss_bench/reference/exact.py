@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism import generate
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import decimal_document, load
+from gauss_bench.linkage import generate
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import decimal_document, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import Motion
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.closure import RANK_TOLERANCE, assemble, held_coordinates, joint_residual
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import RANK_TOLERANCE, assemble, held_coordinates, joint_residual
 from gauss_bench.mechanism.constraints import Constraints, Rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism

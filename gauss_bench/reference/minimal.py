@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gauss_bench.mechanism.closure import CLOSED
+from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism

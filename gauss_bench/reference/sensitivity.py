@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gauss_bench.mechanism.digest import source_digest
+from gauss_bench.linkage.digest import source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
@@ -20,7 +20,7 @@ FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor
 
 def reference_key(mechanism: Mechanism, t_end: float) -> str:
     """Name, scenario and digest of everything a built reference depends on."""
-    sources = source_digest("reference", "mechanism", "terms.py")
+    sources = source_digest("reference", "linkage", "mechanism", "terms.py")
     made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
     return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
 

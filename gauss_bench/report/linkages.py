@@ -5,8 +5,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.mechanism.errors import Fault, LinkageError
-from gauss_bench.mechanism.load import built_in, document_of
+from gauss_bench.linkage.errors import Fault, LinkageError
+from gauss_bench.linkage.load import built_in, document_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.pose import POSE_DEG, posed_document
 from gauss_bench.report.rows import Run

@@ -11,8 +11,10 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from gauss_bench.tables import write_text
 
@@ -21,12 +23,38 @@ LARGEST = 8 << 20  # bytes; what is larger is not ours
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A picture behind the grid: as an address that holds it, with its lower left corner [m], width and height [m]."""
+
+    url: str
+    at: tuple[float, float]
+    width: float
+    height: float
+
+    @cached_property
+    def id(self) -> str:
+        """By which a page knows whether it has it already."""
+        return hashlib.sha256(self.url.encode()).hexdigest()[:16]
+
+    def as_named(self) -> dict[str, Any]:
+        """Its place and size, and its name instead of itself."""
+        return {"id": self.id, "at": list(self.at), "width": self.width, "height": self.height}
+
+
+@dataclass(frozen=True)
 class Left:
-    """What a process left: the text, and ids of what was locked."""
+    """What a process left: the text, ids of what was locked, and the picture behind them."""
 
     file: Path
     text: str
     locks: tuple[str, ...]
+    picture: Picture | None = None
+
+    def forget(self) -> None:
+        """Let it go."""
+        with suppress(OSError):
+            self.file.unlink(missing_ok=True)
+            pictured(self.file).unlink(missing_ok=True)
 
 
 def folder() -> Path:
@@ -49,9 +77,20 @@ class Autosave:
             said = {"text": text, "locks": locks, "process": os.getpid(), "since": since(os.getpid())}
             write_text(self.file, json.dumps(said))
 
-    def forget(self) -> None:
+    def lay(self, picture: Picture | None) -> None:
+        """Keep a picture, in a file of its own: it is large, and changes seldom."""
         with suppress(OSError):
-            self.file.unlink()
+            if picture is None:
+                pictured(self.file).unlink(missing_ok=True)
+                return
+            self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_text(pictured(self.file), json.dumps(asdict(picture)))
+
+    def forget(self) -> None:
+        """Keep nothing of this document any more."""
+        with suppress(OSError):
+            self.file.unlink(missing_ok=True)
+            pictured(self.file).unlink(missing_ok=True)
 
     def left(self) -> Left | None:
         """What a process that is no more left of this document: the newest; whatever is spoilt is as if it were not there."""
@@ -66,8 +105,25 @@ class Autosave:
                     text, locks, process = said["text"], said["locks"], int(said["process"])
                     sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
-                        found.append((status.st_mtime, Left(path, text, tuple(locks))))
+                        found.append((status.st_mtime, Left(path, text, tuple(locks), _picture(pictured(path)))))
         return max(found, key=lambda x: x[0])[1] if found else None
+
+
+def pictured(file: Path) -> Path:
+    """Where the picture lies that belongs to the text of a file."""
+    return file.with_suffix(".picture")
+
+
+def _picture(path: Path) -> Picture | None:
+    """The picture of a file; None where there is none, or it is spoilt."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        if path.is_symlink() or path.stat().st_size > LARGEST:
+            return None
+        said = json.loads(path.read_text(encoding="utf-8"))
+        (x, y), width, height = said["at"], said["width"], said["height"]
+        if isinstance(said["url"], str) and said["url"].startswith("data:image/"):
+            return Picture(said["url"], (float(x), float(y)), float(width), float(height))
+    return None
 
 
 @contextmanager

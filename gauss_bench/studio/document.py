@@ -12,9 +12,9 @@ from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Table
 
-from gauss_bench.mechanism.limits import limit_faults
-from gauss_bench.mechanism.load import MAX_BYTES
-from gauss_bench.mechanism.schema import SECOND
+from gauss_bench.linkage.limits import limit_faults
+from gauss_bench.linkage.load import MAX_BYTES
+from gauss_bench.linkage.schema import SECOND
 from gauss_bench.studio.errors import Refused
 
 Document = dict[str, Any]

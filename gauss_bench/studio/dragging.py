@@ -8,11 +8,12 @@ import numpy as np
 
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.dragging import Drag, Locks
+from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Revolute
 from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.mechanism.references import drivers_of
-from gauss_bench.studio.drawing import Drawing, Message, owner, place
+from gauss_bench.studio.edits.drawing import Drawing, owner
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message, place
 from gauss_bench.studio.reading import Reading
 from gauss_bench.terms import Array
 
@@ -46,8 +47,10 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
     points = tuple(y for x in held for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground")
     links = tuple(x.removeprefix("links.") for x in sorted(locks) if x.startswith("links.") and ":" not in x)
     slides = tuple(x.removeprefix("slides.") for x in sorted(locks) if x.startswith("slides."))
+    known = {x.joint for x in mechanism.joints if isinstance(x, Revolute)}
+    joints = tuple(sorted({x.removeprefix("joints.") for x in locks if x.startswith("joints.")} & known))
     try:
-        drag = Drag(mechanism, reading.q, members[0], Locks(links, points, slides))
+        drag = Drag(mechanism, reading.q, members[0], Locks(links, points, slides, joints))
     except (ValueError, KeyError) as error:
         raise Refused(str(error), where) from error
     return Dragging(drag, reading)

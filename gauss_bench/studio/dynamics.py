@@ -4,14 +4,13 @@ import math
 from importlib.util import find_spec
 from typing import Any
 
-from gauss_bench.bench.offers import offers
 from gauss_bench.engines import all_names
+from gauss_bench.runs.offers import offers
 from gauss_bench.studio.document import written
 from gauss_bench.studio.dragging import assembled
-from gauss_bench.studio.drawing import Message
-from gauss_bench.studio.edits import number
+from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.scenarios import FREE, RELEASED, free_start
+from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.session import Session
 
 LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] of a release, of its run, and of a step
@@ -63,12 +62,7 @@ def release(session: Session, message: Message) -> dict[str, Any]:
     overlay = message.get("overlay") or []
     first = message.get("engine") or ("gauss-native" if kernel else "gauss")
     engines = [first, *(overlay if isinstance(overlay, list) else [overlay])]
-    names = all_names()
-    for engine in engines:
-        if engine not in names:
-            raise Refused(f"there is no engine {str(engine)[:60]!r}", field="engine")
-        if not (offered := offers([engine])[0]).usable:
-            raise Refused(f"{engine}: {offered.reason}", field="engine")
+    _usable(engines)
     step = number(message, "step", STEP)
     if not 1e-6 <= step <= 1.0 or until / step > 1e6:
         raise Refused("a step is between 1e-6 and 1 s, and a run has at most a million", field="step")
@@ -76,6 +70,20 @@ def release(session: Session, message: Message) -> dict[str, Any]:
     request = {"work": "release", "engines": engines, "scenario": scenario, "until": until, "step": step, "limit": LIMIT}
     request |= {"settings": settings} if isinstance(settings, str) else {}
     return {"job": session.jobs.start(text, _name(session), request, "release_done"), "until": until, "engines": engines}
+
+
+def _usable(engines: list[Any]) -> None:
+    """See that engines are there.
+
+    Raises:
+        Refused: one is not; in the words of who knows how to install it.
+    """
+    names = all_names()
+    for engine in engines:
+        if engine not in names:
+            raise Refused(f"there is no engine {str(engine)[:60]!r}", field="engine")
+        if not (offered := offers([engine])[0]).usable:
+            raise Refused(f"{engine}: {offered.reason}", field="engine")
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
@@ -90,8 +98,10 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:
         raise Refused(f"a budget is 1 to {MOST_BUDGET:g} seconds", field="budget")
+    engines = message.get("engines") or []
+    _usable(engines if isinstance(engines, list) else [engines])
     text, scenario, until = text_of(session, message, _until(message))
-    request = {"work": "recommend", "scenario": scenario, "until": until, "budget": budget} | wanted
+    request = {"work": "recommend", "scenario": scenario, "until": until, "budget": budget, "engines": engines} | wanted
     return {"job": session.jobs.start(text, _name(session), request, "recommend_done")}
 
 

@@ -9,13 +9,13 @@ from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.dragging import assembled
-from gauss_bench.studio.drawing import Message
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message
 from gauss_bench.studio.motion import moved
 from gauss_bench.studio.reading import Reading, of_links
 from gauss_bench.trajectory import History, Told, Trajectory

@@ -5,11 +5,11 @@ import zlib
 from pathlib import Path
 
 from gauss_bench.api.exchange import READING, answered, read_there
-from gauss_bench.bench.worker import Worker
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.mechanism.load import MAX_BYTES, built_in
-from gauss_bench.mechanism.load import read as read_file
+from gauss_bench.linkage.load import MAX_BYTES, built_in
+from gauss_bench.linkage.load import read as read_file
+from gauss_bench.runs.worker import Worker
 from gauss_bench.studio import templates
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused

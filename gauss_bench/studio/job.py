@@ -25,7 +25,7 @@ APART = 1e-3  # of a linkage's size: from there two engines are said to part
 def release(request: Mapping[str, Any], say: Say) -> None:
     """Run a file in one engine after the other, tell each motion with its verdict, and how far the others are from the first."""
     from gauss_bench.api.simulate import simulate
-    from gauss_bench.mechanism.welding import spread
+    from gauss_bench.mechanism.parts import spread
     from gauss_bench.studio.motion import posed
 
     first = None
@@ -84,15 +84,20 @@ def compared(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) 
 
 
 def recommend(request: Mapping[str, Any], say: Say) -> None:
-    """Look for the cheapest setting of every engine that holds an accuracy."""
+    """Look for the cheapest setting of every engine that holds an accuracy; each answer as it comes, at the end all, raced."""
     from dataclasses import asdict
 
+    from gauss_bench.advice.answer import Answer
     from gauss_bench.advice.truth import NoTruth
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.recommend import setting_of
 
     def told(sentence: str) -> None:
         say({"event": "progress", "text": sentence})
+
+    def as_shown(x: Answer) -> dict[str, Any]:
+        setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
+        return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
     try:
         found = recommended(
@@ -101,19 +106,17 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
             request.get("angle"),
             request.get("force"),
             request.get("until"),
+            request.get("engines") or None,
             scenario=request["scenario"],
             budget=request["budget"],
             told=told,
+            better=lambda x: say({"event": "recommend", "answer": as_shown(x)}),
         )
     except NoTruth as error:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
-    for x in found.answers:
-        reached = next(iter(x.errors.values()), None)
-        setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
-        answer = asdict(x) | {"setting": setting, "error": reached}
-        say({"event": "recommend", "answer": answer})
-    say({"event": "recommend", "advice": found.advice, "truth": found.truth, "remarks": found.remarks, "complete": found.complete})
+    more = {"advice": found.advice, "truth": found.truth, "remarks": found.remarks, "complete": found.complete}
+    say({"event": "recommend", "answers": [as_shown(x) for x in found.answers]} | more)
 
 
 WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release, "recommend": recommend}

@@ -16,13 +16,14 @@ from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.document import Document, written
-from gauss_bench.studio.drawing import Drawing, Message
+from gauss_bench.studio.edits.drawing import Drawing
+from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import Reading, of_links, poses
-from gauss_bench.studio.scenarios import DRIVEN, drive
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory

@@ -16,17 +16,17 @@ import numpy as np
 
 from gauss_bench.kinematics.assembly import put_together, rank_about
 from gauss_bench.kinematics.topology import find_graph, held, loose_links
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.closure import close_joints
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import close_joints
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
+from gauss_bench.linkage.load import document_faults, load_document
+from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.cylinders import written_out
-from gauss_bench.mechanism.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
-from gauss_bench.mechanism.load import document_faults, load_document
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
-from gauss_bench.mechanism.references import items, sequence, table
-from gauss_bench.mechanism.sketch import sketch
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.studio.document import Document
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
@@ -118,8 +118,8 @@ def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
     return found
 
 
-def read(document: Document) -> Reading:
-    """What can be read of a document, whatever is wrong with it."""
+def read(document: Document, starts: bool = True) -> Reading:
+    """What can be read of a document, whatever is wrong with it; whether its scenarios start is most of the work."""
     faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
     problems = [Problem("error", str(f), place(document, f.path)) for f in faults]
     rest = _still(copy.deepcopy(document))
@@ -147,7 +147,7 @@ def read(document: Document) -> Reading:
     problems += [*_lone(document), *_loose(mechanism)]
     if closed and found.rank == mechanism.n:
         problems.append(Problem("hint", "nothing can move: the links hold each other fast, with no degree of freedom"))
-    if not any(x.level == "error" for x in problems):
+    if starts and not any(x.level == "error" for x in problems):
         problems += _scenarios(document)
     order = ("error", "warning", "hint")
     return replace(found, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))

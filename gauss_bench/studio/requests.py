@@ -1,63 +1,27 @@
 """What the page may ask for: one function for every verb of the protocol, which README.md describes."""
 
 import contextlib
-import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from gauss_bench import __version__
-from gauss_bench.bench.offers import SAFE, ChoiceError, offers
 from gauss_bench.engines import all_names
 from gauss_bench.engines.extras import MissingExtra
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import built_in
-from gauss_bench.studio import dragging, dynamics, editing, exports, files, motion, templates
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import built_in
+from gauss_bench.runs.offers import SAFE, ChoiceError, offers
+from gauss_bench.studio import dragging, dynamics, exports, files, motion, templates
 from gauss_bench.studio.document import EMPTY, written
-from gauss_bench.studio.drawing import NAME
+from gauss_bench.studio.edits import steps
+from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.security import DEEPEST
+from gauss_bench.studio.messages import Message, sound, told
+from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
-Message = Mapping[str, Any]
 Reply = dict[str, Any]
-
-
-def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """A value of a message.
-
-    Raises:
-        Refused: it is of another kind, or missing where nothing else is given.
-    """
-    value = message.get(key, otherwise)
-    if value is None and otherwise is None:
-        raise Refused(f"{key} is missing", field=key)
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        raise Refused(f"{key} is not what it should be", field=key)
-    return value
-
-
-def sound(message: Message) -> None:
-    """Check that every number of a message is one to compute with, every text one to write, and none of it endlessly deep.
-
-    Raises:
-        Refused: it is not so.
-    """
-    level: list[Any] = [message]
-    for _ in range(DEEPEST):
-        for x in level:
-            if isinstance(x, (int, float)) and not abs(x) <= sys.float_info.max:
-                raise Refused("a number of the message is larger than any that can be computed with")
-            if isinstance(x, str) and not x.isascii() and any("\ud800" <= c <= "\udfff" for c in x):
-                raise Refused("a text of the message has half a character, which no file can hold")
-        inner = [x for x in level if isinstance(x, (dict, list))]
-        level = [y for x in inner for y in ((*x.keys(), *x.values()) if isinstance(x, dict) else x)]
-        if not level:
-            return
-    raise Refused(f"the message is nested deeper than {DEEPEST} levels")
 
 
 def engines_here() -> list[dict[str, Any]]:
@@ -148,7 +112,8 @@ def recover(session: Session, message: Message) -> Reply:
     if left is not None:
         if message.get("take", True):
             session.put(left.text, frozenset(left.locks))
-        left.file.unlink(missing_ok=True)
+            session.lay(left.picture)
+        left.forget()
     return shown(session)
 
 
@@ -163,18 +128,25 @@ def share(session: Session, message: Message) -> Reply:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    made = editing.edit(session, message)
+    if message.get("do") == "move" and message.get("trial"):
+        return {"trial": session.scene() | scene(steps.tried(session, message), session.locks)}
+    made = steps.edit(session, message)
     return {"made": made} | shown(session)
 
 
 def lock(session: Session, message: Message) -> Reply:
-    editing.lock(session, message)
+    steps.lock(session, message)
     return shown(session)
 
 
 def picture(session: Session, message: Message) -> Reply:
-    editing.picture(session, message)
+    steps.picture(session, message)
     return shown(session)
+
+
+def behind(session: Session, message: Message) -> Reply:
+    """The picture itself, which scenes only name."""
+    return {"picture": session.picture.id, "url": session.picture.url} if session.picture else {"picture": None, "url": None}
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
@@ -191,7 +163,7 @@ def drag(session: Session, message: Message) -> Reply:
 def drag_end(session: Session, message: Message) -> Reply:
     held, session.drag = session.drag, None
     if held is not None and message.get("keep", True):
-        editing.posed(session, held.drag.q)
+        steps.posed(session, held.drag.q)
     return shown(session)
 
 
@@ -208,7 +180,7 @@ def branch(session: Session, message: Message) -> Reply:
         session.branches = session.reading, dragging.found_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
         raise Refused("there is no such branch", field="index")
-    editing.posed(session, session.branches[1][index])
+    steps.posed(session, session.branches[1][index])
     return shown(session)
 
 
@@ -259,6 +231,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "share": share,
     "lock": lock,
     "picture": picture,
+    "behind": behind,
     "drag_begin": drag_begin,
     "drag": drag,
     "drag_end": drag_end,
@@ -269,7 +242,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "release": dynamics.release,
     "recommend": dynamics.recommend,
     "stop": stop,
-    **dict.fromkeys(editing.EDITS, make_edit),
+    **dict.fromkeys(steps.EDITS, make_edit),
 }
 
 

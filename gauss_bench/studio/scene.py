@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
-from gauss_bench.mechanism.references import items, sequence, table
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.reading import Reading, lone_pins, loops_of, pins_of
 
@@ -23,7 +23,7 @@ UNITS = {
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
-    """The drawing; `locks` are ids of pins and slides, `links.NAME`, and `links.NAME:a-b` of lengths."""
+    """The drawing; `locks` are ids of pins and slides, `links.NAME`, `links.NAME:a-b` of lengths, `joints.NAME` of angles."""
     document, locked = reading.document, {*locks}
     ground = _ground(reading)
     return {
@@ -124,6 +124,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
             "joint": id if id in joints or len(members) > 1 else None,
             "ground": any(x.startswith("ground.") for x in members),
             "locked": f"pins.{id}" in locked,
+            "stiff": f"joints.{id}" in locked,
         }
         for id, members in grouped.items()
         if members
@@ -131,7 +132,15 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     return [
         *found,
         *(
-            {"id": name, "at": [float(y) for y in x], "members": [], "joint": None, "ground": False, "locked": False}
+            {
+                "id": name,
+                "at": [float(y) for y in x],
+                "members": [],
+                "joint": None,
+                "ground": False,
+                "locked": False,
+                "stiff": False,
+            }
             for name, x in lone_pins(reading.document).items()
         ),
     ]

@@ -27,8 +27,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gauss_bench.api.results import plain
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.mechanism.load import find
-from gauss_bench.mechanism.load import read as read_file
+from gauss_bench.linkage.load import find
+from gauss_bench.linkage.load import read as read_file
 from gauss_bench.studio import files, templates
 from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.errors import Refused

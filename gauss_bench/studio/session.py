@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.studio.autosave import Autosave
+from gauss_bench.studio.autosave import Autosave, Picture
 from gauss_bench.studio.document import EMPTY, Document, parsed
 from gauss_bench.studio.dragging import Dragging
 from gauss_bench.studio.jobs import Jobs
@@ -25,7 +25,7 @@ class Session:
         path: the file that it was opened from or saved to, or None.
         saved: the text that is on disk; of a new drawing the empty one.
         locks: ids of pins, slides, links and lengths that a drag leaves alone.
-        picture: what the page shows behind the grid, as it gave it.
+        picture: what is shown behind the grid, or None.
         revision: how often anything changed.
     """
 
@@ -34,7 +34,6 @@ class Session:
         self.lock = threading.RLock()
         self.revision = 0
         self.path: Path | None = None
-        self.picture: dict[str, Any] | None = None
         self.motions, self.looking = 0, threading.Lock()
         self.autosave = Autosave(self._named())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
@@ -49,6 +48,7 @@ class Session:
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
         self.locks: frozenset[str] = frozenset()
+        self.picture: Picture | None = None
         self._read: tuple[str, Reading] | None = None
         self.drag: Dragging | None = None
         self.branches: tuple[Reading, list[Array]] | None = None
@@ -71,6 +71,7 @@ class Session:
         self.autosave.forget()
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._named())
+        self.autosave.lay(self.picture)
         self._changed()
 
     @property
@@ -115,10 +116,16 @@ class Session:
             self.text, self.locks = self.undone.pop()
             self._changed()
 
+    def lay(self, picture: Picture | None) -> None:
+        """Another picture behind the grid, or none; no step of the history."""
+        self.picture = picture
+        self.autosave.lay(picture)
+        self._changed()
+
     def _changed(self) -> None:
         self.revision += 1
         self.drag = None
-        if self.unsaved:
+        if self.unsaved or self.picture:
             self.autosave.keep(self.text, tuple(sorted(self.locks)))
         else:
             self.autosave.forget()
@@ -132,7 +139,7 @@ class Session:
             "unsaved": self.unsaved,
             "can_undo": bool(self.done),
             "can_redo": bool(self.undone),
-            "picture": self.picture,
+            "picture": None if self.picture is None else self.picture.as_named(),
         }
         return state | found
 

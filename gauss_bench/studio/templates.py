@@ -5,8 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import built_in
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import posed
 from gauss_bench.studio.errors import Refused

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.apart import TEXT, outcome_of, plain_run
-from gauss_bench.bench.offers import isolated
-from gauss_bench.bench.one_run import one_run, received, sampling_at
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
 from gauss_bench.engines.extras import require
-from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import TEXT, outcome_of, plain_run
+from gauss_bench.runs.offers import isolated
+from gauss_bench.runs.one_run import one_run, received, sampling_at
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, family_of, told
 from gauss_bench.sweep.figures import Motions, figures, units
@@ -124,9 +124,9 @@ def kernel(asked: Asked, engine: str) -> Kernel:
             raise SweepError(f"--engine {engine}: {error}") from error
 
 
-def rows_of(asked: Asked, engine: str, first: int, values: Array) -> list[dict[str, Any]]:
-    """One row for every sample (k, d), the first of which has a number."""
-    found = _native(asked, engine, values) if in_batches(engine) else [_single(asked, engine, x) for x in values]
+def rows_of(asked: Asked, engine: str, first: int, values: Array, parts: int = 1) -> list[dict[str, Any]]:
+    """One row for every sample (k, d), the first of which has a number; every step is cut into so many parts."""
+    found = _native(asked, engine, values, parts) if in_batches(engine) else [_single(asked, engine, x, parts) for x in values]
     return [{"sample": first + k, "engine": engine, **row} for k, row in enumerate(found)]
 
 
@@ -134,9 +134,10 @@ def _failed(status: str, message: str) -> dict[str, Any]:
     return {"status": status, "message": message}
 
 
-def _native(asked: Asked, engine: str, values: Array) -> list[dict[str, Any]]:
+def _native(asked: Asked, engine: str, values: Array, parts: int) -> list[dict[str, Any]]:
     code, some, choice = kernel(asked, engine), family(asked), asked.choices[engine]
     h, count, every, t = times(choice.step, asked.until)
+    h, count, every = h / parts, count * parts, every * parts
     starts = some.starts(values)
     rows = [_failed(NOT_ASSEMBLED, starts.reasons.get(k, "")) for k in range(len(values))]
     there = np.flatnonzero(np.isfinite(starts.q).all(axis=1))
@@ -180,7 +181,7 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
     return found.reshape(batch, k, -1).swapaxes(0, 1)
 
 
-def _single(asked: Asked, engine: str, values: Sequence[float]) -> dict[str, Any]:
+def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> dict[str, Any]:
     some, choice = family(asked), asked.choices[engine]
     document = some.document_of(values)
     try:
@@ -188,6 +189,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float]) -> dict[str, Any
     except LinkageError as error:
         return _failed(NOT_ASSEMBLED, told(error))
     h, _, _, t = times(choice.step, asked.until)
+    h = h / parts
     wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
     if isolated(engine):
         largest = 8 * len(t) * (1 + 3 * mechanism.n) + TEXT

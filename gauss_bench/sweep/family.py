@@ -17,13 +17,13 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
-from gauss_bench.mechanism.build import Resolver, build_link, resolve_points
-from gauss_bench.mechanism.closure import CLOSED, STEP, held_items
+from gauss_bench.linkage.build import Resolver, build_link, resolve_points
+from gauss_bench.linkage.closure import CLOSED, STEP, held_items
+from gauss_bench.linkage.errors import BuildError, LinkageError
+from gauss_bench.linkage.load import load_document
+from gauss_bench.linkage.schema import LinkageTable
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.errors import BuildError, LinkageError
-from gauss_bench.mechanism.load import load_document
 from gauss_bench.mechanism.model import GROUND, Along, Coordinate, Force, Joint, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.mechanism.schema import LinkageTable
 from gauss_bench.sweep.paths import Document, changed, number_at
 from gauss_bench.terms import Array
 

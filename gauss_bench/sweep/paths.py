@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import resolve_points
+from gauss_bench.linkage.build import resolve_points
 from gauss_bench.sweep.errors import SweepError
 
 Document = dict[str, Any]

@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.asked import checked_budget, duration
 from gauss_bench.bench.journal import fingerprint
-from gauss_bench.bench.offers import isolated, offer
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import chosen_scenario, document_of, load, of_one_scenario
+from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
+from gauss_bench.runs.asked import checked_budget, duration
+from gauss_bench.runs.offers import isolated, offer
 from gauss_bench.sweep.batch import Asked, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.folder import Folder, checked
+from gauss_bench.sweep.halving import halved
 from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
 from gauss_bench.sweep.summary import summary
@@ -107,11 +108,13 @@ def sweep(
     with Folder(out, stamp, columns) as folder:
         _run(folder, asked, some, engines, where, tell)
         rows = folder.read()
+    tell("some samples again at half the step")
+    halves = {engine: halved(asked, engine, rows[rows["engine"] == engine], some.values) for engine in engines}
     told = {"linkage": nominal.name, "scenario": asked.scenario, "samples": len(some.values), "until": asked.until}
     told |= {
         "paths": list(some.paths),
         "sampling": "sobol" if some.base else "random",
-        "engines": summary(rows, some, list(figures)),
+        "engines": {x: told | {"half_the_step": halves[x]} for x, told in summary(rows, some, list(figures)).items()},
     }
     _finish(out, told, rows, some, list(figures))
     return told

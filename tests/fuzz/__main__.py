@@ -4,6 +4,7 @@ Exits 1 where one of them ended as none may: with a fault, too late, or wrong an
 """
 
 import argparse
+import importlib
 import os
 import random
 import sys
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.load import built_in
 from tests.fuzz import files, lists
 from tests.fuzz.driven import LATE, Ending, endings, run_one
 from tests.fuzz.motions import over_motions
@@ -74,7 +75,8 @@ def over_properties(seed: int, count: int) -> bool:
 
 
 def warm(folder: Path) -> None:
-    """Import what verbs import, once, before any process is forked."""
+    """Import what verbs import, once, before any process is forked: an import that is broken off leaves half a module."""
+    importlib.import_module("sympy")
     said = [["show", "four_bar", "--svg", str(folder / "w.svg")], ["kinematics", "four_bar", "--intervals", "8"], ["list"]]
     for arguments in (
         *said,

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.mechanism.load import built_in
+from gauss_bench.linkage.load import built_in
 from tests.random_linkages import random_linkage
 
 DATA = Path(__file__).parents[1] / "data"

@@ -10,8 +10,8 @@ import numpy as np
 
 from gauss_bench import judge
 from gauss_bench.api.simulate import simulate
-from gauss_bench.mechanism.errors import LinkageError
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import load
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import NoMotion, true_end
 from tests.random_linkages import random_linkage

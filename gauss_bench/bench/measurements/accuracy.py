@@ -1,18 +1,20 @@
 """Accuracy: cases run and judged against a reference, with the references they are judged by."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.cases import Case, as_asked, cases
-from gauss_bench.bench.context import Alteration, Context
+from gauss_bench.bench.context import Context
 from gauss_bench.bench.measure import measure, mechanism_of, reference_of
-from gauss_bench.bench.offers import isolated
+from gauss_bench.bench.poses import kept, played, true_poses
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import CHECKPOINTS, observed_order
+from gauss_bench.runs.apart import Alteration
+from gauss_bench.runs.offers import isolated
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
@@ -22,16 +24,17 @@ JUDGING = 20.0  # [s] for what comes before and after a run that has its own lim
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """The references first, which the cases then share."""
-    return tasks(as_asked(cases(suite), context.until, context.steps), context)
+    chosen = as_asked(cases(suite), context.until, context.steps)
+    return tasks(chosen, context, played(chosen))
 
 
-def tasks(chosen: Sequence[Case], context: Context) -> list[Task]:
-    """The tasks of cases, whatever suite they are of."""
+def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
+    """The tasks of cases, whatever suite they are of; poses are kept of those in `posed`."""
     wanted = dict.fromkeys((c.linkage, c.scenario, c.t_end) for c in chosen)
     found = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
-        arguments = (case, context.store, context.alter, context.limit)
+        arguments = (case, context.store, context.alter, context.limit, case in posed)
         task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
         found.append(task._replace(limit=task.limit + JUDGING) if isolated(case.engine) else task)
     return found
@@ -56,20 +59,23 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     for t in CHECKPOINTS:
         at = np.flatnonzero(np.abs(truth.t - t) < 1e-9)
         row[f"measured_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
-    return {"references": [row]}
+    place = {k: row[k] for k in ("mechanism", "scenario", "t_end")}
+    return {"references": [row], "motions": [place | x for x in true_poses(mechanism, truth)]}
 
 
-def accuracy(case: Case, store: str, alter: Alteration, limit: float) -> Tables:
+def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
     """The row of a case and the curves of its report."""
     mechanism = mechanism_of(case.linkage, case.scenario)
     key = {k: x for k, x in asdict(case).items() if k in KEY} | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    found = measure(case, store, alter, limit)
-    return {"results": [key | found["row"]], "series": [key | point for point in found["series"]]}
+    found = measure(case, store, alter, limit, posed)
+    curves = {table: [key | point for point in found[table]] for table in ("series", "poses")}
+    return {"results": [key | found["row"]], **curves}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Sort the rows by their key and fill in the observed orders."""
+    """Sort the rows by their key, fill in the observed orders, and keep the poses that are played."""
     tables["results"] = with_orders(sorted(tables.get("results", []), key=in_order))
+    tables["poses"] = kept(tables["results"], tables.get("poses", []))
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:

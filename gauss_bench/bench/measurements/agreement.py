@@ -20,7 +20,7 @@ from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.minimal import MinimalCoordinate

@@ -16,7 +16,7 @@ from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.reference.build import random_states
 from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from gauss_bench.bench.asked import duration
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gathered
 from gauss_bench.engines.extras import not_installed
+from gauss_bench.linkage.generate import SINGLE
+from gauss_bench.linkage.load import built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.mechanism.generate import SINGLE
-from gauss_bench.mechanism.load import built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import (
     Certificate,
@@ -28,6 +27,7 @@ from gauss_bench.reference.certificate import (
 )
 from gauss_bench.reference.certify import DIGITS, Uncertified, certify
 from gauss_bench.reference.verification import verify
+from gauss_bench.runs.asked import duration
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 

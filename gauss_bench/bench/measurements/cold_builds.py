@@ -8,15 +8,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gauss_bench.bench.clock import Key
-from gauss_bench.bench.clock import timed as processor_time
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import COLD, first_step
-from gauss_bench.bench.offers import offer
 from gauss_bench.bench.tasks import LIMIT, Tables, Task
-from gauss_bench.bench.worker import Worker, WorkerFailure
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.offers import offer
+from gauss_bench.runs.processor_time import timed as processor_time
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import Suite
 from gauss_bench.trajectory import RunFailure
 

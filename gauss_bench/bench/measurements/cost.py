@@ -16,13 +16,13 @@ from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common, lasting, ratio, stepping
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
-from gauss_bench.bench.offers import offer
 from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import offer
 from gauss_bench.suites.schema import Cost, Suite
 from gauss_bench.trajectory import RunFailure, Status
 

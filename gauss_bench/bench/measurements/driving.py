@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.apart import Request, run_of
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.one_run import sampling
 from gauss_bench.bench.tasks import LIMIT, Tables, Task
 from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.one_run import sampling
 from gauss_bench.suites.schema import Method, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory

@@ -15,7 +15,7 @@ from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_t
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Suite

@@ -26,7 +26,7 @@ from gauss_bench.engines.exudyn import library_calls as exudyn
 from gauss_bench.engines.mujoco import library_calls as mujoco
 from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.engines.shared import LibraryCall
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.suites.schema import Suite

@@ -24,7 +24,7 @@ from gauss_bench.compiler.machine.graph import constant_values, leaves, period
 from gauss_bench.compiler.stepping import rollout as loops
 from gauss_bench.compiler.stepping.rollout import WrittenOut
 from gauss_bench.compiler.stepping.steps import REACHES
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
 
 FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, "sqrt": 1, "fma": 2}

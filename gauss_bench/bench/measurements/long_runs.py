@@ -11,14 +11,14 @@ from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
-from gauss_bench.bench.one_run import one_run, sampling_at
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS as ENGINES
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.one_run import one_run, sampling_at
 from gauss_bench.suites.schema import LongRuns, Suite
 from gauss_bench.trajectory import Status
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Tables, Task
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.papers.audit import audit
 from gauss_bench.papers.published import SQUEEZER, published
 from gauss_bench.papers.reproduction import SPAN, paper_motion, reproduction

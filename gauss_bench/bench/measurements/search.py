@@ -19,7 +19,6 @@ import numpy as np
 
 from gauss_bench.bench.clock import Measured, Missing, Race, Races, Row, at_least, row
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.offers import Offer, offer
 from gauss_bench.bench.search import (
     UNITS,
     Requirement,
@@ -36,12 +35,13 @@ from gauss_bench.bench.search import (
 from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.bench.ways import BEATS, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
-from gauss_bench.bench.worker import WorkerFailure
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.variants import Variant
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.load import load
 from gauss_bench.reference.store import stored_reference
+from gauss_bench.runs.offers import Offer, offer
+from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status

@@ -16,7 +16,7 @@ from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Suite, Turns

@@ -299,9 +299,9 @@ class LoopedPrograms:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
         return self.evaluators[k].accelerations(t, np.concatenate([q, v], axis=1), p)
 
-    def acceleration(self, t: float, q: Floats, v: Floats) -> Floats | None:
+    def acceleration(self, t: float, q: Floats, v: Floats, p: Floats) -> Floats | None:
         """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
-        return self.evaluators[0].one(t, q, v, self.values)
+        return self.evaluators[0].one(t, q, v, p)
 
     def multipliers(self, k: int, t: Floats, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Flags]:
         """None: these programs compute accelerations and corrections alone."""

@@ -12,13 +12,20 @@ Lagrange: the n + m equations
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Newton's correction of a residual r is under Gauss the shortest in metres and radians, as in the interpreted formulations: that of
-the dependent coordinates alone, Jd x = -r, less its part along the free motions,
+Newton's correction of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss it is
+that of the dependent coordinates alone, Jd x = -r, less its part along the free motions,
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange it is the KKT system with (0, -r) on the right, the shortest in the mass metric, for which the factors are there. Its
-free motions are what unit forces along the independent coordinates cause: (e_k, 0) on the right.
+Under Lagrange it is the KKT system with unit masses and (0, -r) on the right. With the masses, whose factors are there, it would
+move a light link the more, and a step corrected so has another error than one corrected under Gauss.
+
+The nearest velocities that the rows J v + phi_t = 0 allow need no residual under Gauss: with y the speeds of the independent
+coordinates, vp = (-Jd^-1 phi_t; 0) and what v is off, w = v - vp - N y,
+
+    v' = vp + N (y + (N^T N)^-1 N^T w)
+
+Free motions under Lagrange are what unit forces along the independent coordinates cause: (e_k, 0) on the right.
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
 """
 
@@ -31,9 +38,10 @@ from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, 
 from gauss_bench.compiler.elimination.partition import USABLE, Study, conditions
 from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
-from gauss_bench.compiler.equations.links import Links, State, open_parameters
+from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored, product_of, sum_of
+from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
 
@@ -63,7 +71,16 @@ class Algebra(Protocol):
         ...
 
     def correction(self, residual: Right) -> Right:
-        """The change of the coordinates that takes a residual by row away."""
+        """The shortest change of the coordinates that takes a residual by row away."""
+        ...
+
+    def velocity(self, v: Sequence[Node]) -> Right:
+        """The nearest velocities that the rows allow."""
+        ...
+
+    @property
+    def correcting(self) -> list[tuple[Node, float]]:
+        """Guards of corrections and velocities beside the others."""
         ...
 
     def multipliers(self, gamma: Right) -> Right:
@@ -137,6 +154,30 @@ class Gauss:
                 change.setdefault(j, []).append(x * h[k])
         sums = {j: graph.total(x) for j, x in sorted(change.items())}
         return {j: x for j, x in sums.items() if not x.zero}
+
+    def velocity(self, v: Sequence[Node]) -> Right:
+        graph, zero = self.terms.graph, self.terms.graph.constant(0.0)
+        driven = self.factors.solve({r: -row.phi_t for r, row in enumerate(self.terms.rows) if not row.phi_t.zero})
+        speeds = [v[u] / N[u] for u, N in zip(self.independent, self.N, strict=True)]
+
+        def moving(speeds: Sequence[Node | None], j: int) -> list[Node]:
+            """Summands of what is driven and of free motions of coordinate j."""
+            along = [N[j] * y for N, y in zip(self.N, speeds, strict=True) if j in N and y is not None]
+            return [driven[j], *along] if j in driven else along
+
+        off = {j: graph.total([v[j], *(-x for x in moving(speeds, j))]) for j in range(len(v)) if j not in self.independent}
+        products = [graph.total([N[j] * x for j, x in off.items() if j in N]) for N in self.N]
+        more = self._lengths.solve({k: x for k, x in enumerate(products) if not x.zero})
+        nearest = {
+            u: graph.total([v[u], N[u] * more.get(k, zero)]) for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))
+        }
+        speeds = [y + more[k] if k in more else y for k, y in enumerate(speeds)]
+        nearest |= {j: graph.total(moving(speeds, j)) for j in off}
+        return {j: x for j, x in sorted(nearest.items()) if not x.zero}
+
+    @property
+    def correcting(self) -> list[tuple[Node, float]]:
+        return []
 
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms
@@ -212,11 +253,14 @@ class Lagrange:
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
-        A: Matrix = {(i, i): x for i, x in enumerate(terms.mass)}
-        for (r, c), e in terms.jacobian.items():
+        self.factors = self._factors(terms.mass)
+
+    def _factors(self, mass: Sequence[Node]) -> Factors:
+        A: Matrix = {(i, i): x for i, x in enumerate(mass)}
+        for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
-        size = self.n + len(terms.rows)
-        self.factors = lu(terms.graph, A, range(size), range(size), search)
+        size = self.n + len(self.terms.rows)
+        return lu(self.terms.graph, A, range(size), range(size), self.search)
 
     def _solved(self, gamma: Right) -> Right:
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
@@ -224,9 +268,24 @@ class Lagrange:
     def acceleration(self, gamma: Right) -> Right:
         return {k: x for k, x in self._solved(gamma).items() if k < self.n}
 
+    @cached_property
+    def _units(self) -> Factors:
+        """As `factors`, with unit masses."""
+        return self._factors([self.terms.graph.constant(1.0)] * self.n)
+
     def correction(self, residual: Right) -> Right:
-        change = self.factors.solve({self.n + r: -x for r, x in residual.items()})
+        change = self._units.solve({self.n + r: -x for r, x in residual.items()})
         return {k: x for k, x in change.items() if k < self.n}
+
+    def velocity(self, v: Sequence[Node]) -> Right:
+        graph, rows = self.terms.graph, enumerate(self.terms.rows)
+        rates = {r: graph.total([*(e * v[c] for c, e in row.entries.items()), row.phi_t]) for r, row in rows}
+        change = self.correction({r: x for r, x in rates.items() if not x.zero})
+        return {j: x + change[j] if j in change else x for j, x in enumerate(v)}
+
+    @property
+    def correcting(self) -> list[tuple[Node, float]]:
+        return _guards(self._units)
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
@@ -322,10 +381,10 @@ class Workspace:
         kept = [moved[k] for k in self.kept]
         return {k: row.phi for k, row in enumerate(kept) if row.phi is not None and not row.phi.zero}
 
-    def rates(self) -> dict[int, Node]:
-        """phi' by kept row."""
-        rates = {k: rate_of(self.links, row) for k, row in enumerate(self.terms.rows)}
-        return {k: x for k, x in rates.items() if not x.zero}
+    @property
+    def velocities(self) -> list[Node]:
+        """v."""
+        return [self.links.rate(k) for k in range(len(self.terms.mass))]
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
         """gamma - 2 alpha phi' - beta^2 phi by kept row."""
@@ -357,8 +416,9 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     Raises:
         KernelError: the plan's partition is singular at every sample, or a name the mechanism does not have.
     """
-    parameters = open_parameters(study.mechanism, open_names)
     mechanism, kept = study.mechanism, study.kept(plan.drop)
+    asked, lines = open_parameters(mechanism, open_names), line_names(mechanism)
+    parameters = Parameters((*asked.names, *lines), asked.all | dict(zip(lines, line_values(mechanism, 0.0).tolist(), strict=True)))
     usable = study.soundness(plan.drop) > USABLE
     if plan.formulation == "gauss":
         usable &= conditions(study, plan.independent) > USABLE

@@ -31,7 +31,8 @@ from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_off_constraints, error_on_constraints
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.mechanism.digest import content_digest, source_digest
+from gauss_bench.linkage.digest import content_digest, source_digest
+from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -174,14 +175,16 @@ class Program:
         formulation: "gauss" or "lagrange".
         n, m: coordinates, and constraint rows that are kept.
         independent: coordinates of the partition; under lagrange those of the directions alone.
-        parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p.
+        parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p; then those
+            of `mechanism/lines.py`, which change with time.
         values: (n_p,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
-        position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q,
-            the shortest one under gauss, and the shortest in the mass metric under lagrange.
-        velocity_correction: (t, q, v, p) -> dv (n,).
+        position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q, the
+            shortest; a guard of it beside that of the acceleration.
+        nearest_velocity: (t, q, v, p) -> v (n,), that the constraints allow; likewise.
+        correcting_thresholds: of these guards.
         directions: (t, q, v, p) -> (n,) of each independent coordinate, the free motion along it; a guard of them alone.
         direction_thresholds: likewise.
         multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
@@ -201,7 +204,8 @@ class Program:
     thresholds: Array
     acceleration: Function
     position_correction: Function
-    velocity_correction: Function
+    nearest_velocity: Function
+    correcting_thresholds: Array
     directions: Function
     direction_thresholds: Array
     multipliers: Function
@@ -283,12 +287,13 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
-    dv = vector(graph, algebra.correction(work.rates()), n)
+    correcting = algebra.correcting
+    nearest = vector(graph, algebra.velocity(work.velocities), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = {work.kept[k]: x for k, x in algebra.multipliers(work.terms.gamma).items()}
     directions, apart = algebra.directions
     phi, phi_dot, energy = work.exact()
-    shared = uses([*a, *(x for x, _ in guards), *dq, *dv, *stabilized])
+    shared = uses([*a, *(x for x, _ in guards), *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
     moved: Inputs = (("t", 1), ("q", n), ("t_new", 1), ("q_new", n), ("p", size))
@@ -304,8 +309,9 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
         dropped=known.dropped(work.plan.drop),
         thresholds=work.caution * np.array([x for _, x in guards]),
         acceleration=function(at, [a, pivots], shared),
-        position_correction=function(moved, [dq], shared),
-        velocity_correction=function(at, [dv], shared),
+        position_correction=function(moved, [dq, [x for x, _ in correcting]], shared),
+        nearest_velocity=function(at, [nearest, [x for x, _ in correcting]], shared),
+        correcting_thresholds=work.caution * np.array([x for _, x in correcting]),
         directions=function(at, [*(vector(graph, N, n) for N in directions), [x for x, _ in apart]], shared),
         direction_thresholds=work.caution * np.array([x for _, x in apart]),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
@@ -323,7 +329,7 @@ def check(program: Program, mechanism: Mechanism) -> None:
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
-        a, guard = program.acceleration(t, q, v, program.values)
+        a, guard = program.acceleration(t, q, v, with_lines(mechanism, program.values, t[:, 0]))
         return a, np.asarray((np.abs(guard) >= program.thresholds).all(axis=1))
 
     def evaluate(t: float, q: Array, v: Array) -> Array:

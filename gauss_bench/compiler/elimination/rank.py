@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
-from gauss_bench.integrate.fixed_step import STEPS
+from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, held_back
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -71,12 +71,13 @@ class RankDecision:
         return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-        """One step, projected onto the constraints."""
+        """One step, projected onto the constraints; no force jumps within it, but one may at its end."""
 
         def acceleration(t: float, q: Array, v: Array) -> Array:
             return self.acceleration(t, q, v, damped=True)
 
-        return self.project(t + h, *STEPS[integrator](acceleration, t, q, v, h))
+        last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
+        return self.project(t + h, *STEPS[integrator](held_back(acceleration, last), t, q, v, h))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """The nearest consistent state."""

@@ -32,6 +32,7 @@ from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
 from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.terms import Array
 
@@ -354,7 +355,7 @@ def check(program: RoundsProgram, mechanism: Mechanism) -> None:
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
-        a, held = program.acceleration.function(t, q, v, np.broadcast_to(program.values, (len(q), len(program.values))))
+        a, held = program.acceleration.function(t, q, v, with_lines(mechanism, program.values, t[:, 0]))
         return a, held[:, 0] == program.acceleration.guards
 
     error, count = error_on_constraints(mechanism, accelerate)
@@ -404,13 +405,14 @@ class _Functions:
         return self._function(*eliminated(self.work, self.J, gamma, self.rows), ("t", "q", "v", "p"))
 
     def correction(self, residual: Right, inputs: tuple[str, ...]) -> RoundsFunction:
-        """The change of the coordinates that takes a residual by row away."""
+        """The shortest change of the coordinates that takes a residual by row away."""
         terms, n, plan = self.work.terms, len(self.work.terms.mass), self.work.plan
         b = {r: -x for r, x in residual.items()}
         if plan.formulation == "gauss":
             return self._function(*_gauss(self.work, self.J, b, self.rows, loaded=False), inputs)
         size, right = n + self.rows, {n + r: x for r, x in b.items()}
-        solution = solve(terms.graph, _bordered(terms.mass, self.J), [right], range(size), range(size))
+        units = [terms.graph.constant(1.0)] * n
+        solution = solve(terms.graph, _bordered(units, self.J), [right], range(size), range(size))
         return self._function([solution], {k: x for k, x in solution.x[0].items() if k < n}, inputs)
 
     def _function(self, solutions: list[Solution], result: Right, inputs: tuple[str, ...]) -> RoundsFunction:

@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
 from gauss_bench.mechanism.coordinates import SlipState, columns, state
 from gauss_bench.mechanism.model import Coordinate, KnifeEdge, Prismatic, Revolute
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -99,14 +99,6 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
 
 def _picked(switches: list[Node], values: Array) -> Node:
     return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
-
-
-def minimum(a: Node, b: Node) -> Node:
-    return a.graph.opaque("FMIN", (a, b), np.minimum(a.at, b.at))
-
-
-def maximum(a: Node, b: Node) -> Node:
-    return a.graph.opaque("FMAX", (a, b), np.maximum(a.at, b.at))
 
 
 def at_most(a: Node, b: Node) -> Node:

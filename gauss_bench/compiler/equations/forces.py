@@ -1,21 +1,33 @@
 """Applied forces and potential energy as expressions: laws on scalar coordinates and forces at points, as in `mechanism/forces.py`.
 
 Where two points coincide a spring with a rest length is not finite (the linkage's own evaluation takes no direction there).
+
+A force that varies is a factor (`mechanism/factors.py`) times the steady force that it is of. Of time that is a sine, or a line
+whose level and slope are open numbers (`mechanism/lines.py`). The hyperbolic tangent of a direction is tanh(x) = u / (u + 2) with
+u = exp(2 x) - 1, which is had from a short series at 2 x / 2^D and D doublings, exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1), within
+|x| <= FLAT, where the tangent is 1 but for rounding.
 """
 
-from collections.abc import Iterable
-from typing import assert_never
+from collections.abc import Iterable, Sequence
+from math import factorial
+from typing import Any, assert_never
 
 from gauss_bench.compiler.equations.links import Links
-from gauss_bench.compiler.expressions.node import Node, Vector
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector, maximum, minimum
 from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.model import GROUND, Law, Load, PointForce
+from gauss_bench.mechanism.factors import STEADY, Factor
+from gauss_bench.mechanism.model import GROUND, Law, Load, PointForce, Torque
+
+FLAT = 20.0
+DOUBLINGS, TERMS = 8, 11  # 2 FLAT / 2^8 is 0.16, of which the twelfth power over 12! is below a thousandth of rounding
+SMALLEST = 1e-300  # [N, N m] of a force: one without a size has no direction either
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
     """Q by coordinate; what is missing is zero."""
     terms: dict[int, list[Node]] = {}
-    for entries in (*_weights(links), *(_entries(links, load) for load in links.loads())):
+    steady, varying = (_entries(links, load) for load in links.loads()), (_varied(links, *force) for force in links.varying())
+    for entries in (*_weights(links), *steady, *varying):
         for k, x in entries.items():
             terms.setdefault(k, []).append(x)
     sums = {k: links.graph.total(x) for k, x in terms.items()}
@@ -39,6 +51,49 @@ def _entries(links: Links, load: Load) -> dict[int, Node]:
             return links.entries([(load.point.link, axis) for axis in range(3)], (force.x, force.y, arm.cross(force)))
         case _:
             assert_never(load)
+
+
+def _varied(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
+    """The generalised force of one that varies: its speed is its power over its size."""
+    (load,) = force.lowered()
+    entries, graph = _entries(links, load), links.graph
+    value: Any = force.value
+    square = value.dot(value) if isinstance(value, Vector) else value * value
+    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
+    line = tuple(links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
+    along = graph.total(x * links.rate(k) for k, x in entries.items()) / size if factor.share != 1.0 else links.zero
+    share = _factor(factor, links.time, (line[0], line[1]), along)
+    return {k: x * share for k, x in entries.items()}
+
+
+def _factor(factor: Factor, time: Node, line: tuple[Node, Node], along: Node) -> Node:
+    """A factor at a time, given level and slope of its line there, and the speed along the force."""
+    graph = time.graph
+    if factor.wave:
+        of_time = graph.sin(time * factor.wave.turning + factor.wave.phase)
+    elif factor.lines == (STEADY,):
+        of_time = graph.constant(1.0)
+    else:
+        of_time = graph.add(line[0], line[1] * time)
+    if factor.share == 1.0:
+        return of_time
+    return of_time * (tanh(graph, along * (1 / factor.speed)) * ((1 - factor.share) / 2) + (1 + factor.share) / 2)
+
+
+def tanh(graph: ExpressionGraph, x: Node) -> Node:
+    """The hyperbolic tangent, to rounding of 1."""
+    y = minimum(maximum(x, graph.constant(-FLAT)), graph.constant(FLAT)) * (2.0 / 2**DOUBLINGS)
+    u = _series(graph, y, [1 / factorial(k) for k in range(1, TERMS + 1)]) * y
+    for _ in range(DOUBLINGS):
+        u = u * (u + 2.0)
+    return graph.mul(u, graph.inverse(u + 2.0))
+
+
+def _series(graph: ExpressionGraph, y: Node, coefficients: Sequence[float]) -> Node:
+    total = graph.constant(coefficients[-1])
+    for x in reversed(coefficients[:-1]):
+        total = total * y + x
+    return total
 
 
 def _world(links: Links, force: PointForce) -> Vector:

@@ -24,7 +24,8 @@ from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.mechanism.coordinates import Column, End
-from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, Prismatic, loads
+from gauss_bench.mechanism.factors import Factor
+from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Prismatic, Torque, factor_of, loads
 from gauss_bench.terms import Array
 
 
@@ -35,7 +36,7 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
         KernelError: a force of a kind that does not say what it comes to.
     """
     try:
-        loads(mechanism.forces)
+        loads(f for f in mechanism.forces if not factor_of(f))
     except TypeError as error:
         raise KernelError(str(error)) from None
     out = {f"gravity.{axis}": float(x) for axis, x in zip("xy", mechanism.gravity, strict=True)}
@@ -227,8 +228,13 @@ class Links:
         return {k: x for k, x in placed.items() if not x.zero}
 
     def loads(self) -> tuple[Load, ...]:
-        """What the forces come to, their numbers being nodes."""
-        return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces])
+        """What the steady forces come to, their numbers being nodes."""
+        return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
+
+    def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
+        """The forces that vary, as steady ones whose numbers are nodes, and what they are multiplied by."""
+        forces = [(f, f.factor) for f in self.mechanism.forces if isinstance(f, (Torque, PointForce)) and f.factor]
+        return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in forces]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
         name = f"forces.{force.name}"

@@ -47,6 +47,8 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
     t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
     v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
+    if mechanism.varying and not mechanism.drivers:  # whose forces may be nothing at the start
+        t = rng.uniform(0.0, mechanism.duration, len(q))
     return States(t, q, v)
 
 

@@ -332,6 +332,14 @@ class ExpressionGraph:
         return done
 
 
+def minimum(a: Node, b: Node) -> Node:
+    return a.graph.opaque("FMIN", (a, b), np.minimum(a.at, b.at))
+
+
+def maximum(a: Node, b: Node) -> Node:
+    return a.graph.opaque("FMAX", (a, b), np.maximum(a.at, b.at))
+
+
 def factored(x: Node) -> tuple[float, Node]:
     """x as a number times a node without a constant factor."""
     sign = 1.0

@@ -13,7 +13,7 @@ class Code:
 
     Attributes:
         acceleration: with Baumgarte's terms where they are wanted.
-        position, velocity: corrections.
+        position: correction. velocity: the nearest.
         angles: coordinates whose sines and cosines are needed.
     """
 
@@ -34,7 +34,7 @@ def read_code(program: Program, stabilization: str) -> Code:
     acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
-    position, velocity = program.position_correction, program.velocity_correction
+    position, velocity = program.position_correction, program.nearest_velocity
     angles = acceleration.angles(1)
     if stabilization == "projection":
         angles |= position.angles(1) | position.angles(3) | velocity.angles(1)

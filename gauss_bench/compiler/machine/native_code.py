@@ -7,12 +7,13 @@ may touch rounding.
 
 import ctypes
 import hashlib
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import count, pairwise
 from typing import Any
@@ -30,6 +31,8 @@ Flags = NDArray[np.bool_]
 
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
+QUICK = "GAUSS_BENCH_QUICK_CODE"  # in the environment: code that is soon there and computes the same bits more slowly
+KEPT = 64  # functions that stay loaded for who asks again: of what one took, the linker gives back only a part
 _numbers = count()  # of modules
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
@@ -86,8 +89,9 @@ def best_lanes() -> int:
 def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
     """The function of a module given as text."""
     start, text, operations = time.perf_counter(), listing.text, listing.operations
-    machine = _target_machine(3 if operations <= LARGE else 1)
-    key = _key(text, operations)
+    level = 0 if os.environ.get(QUICK) else 3 if operations <= LARGE else 1
+    machine = _target_machine(level)
+    key = _key(text, level)
     code = user_cache.load(f"{key}.o") if cached else None
     cached_already = code is not None
     if code is None:
@@ -96,14 +100,14 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         code = bytes(machine.emit_object(module))
         if cached:
             user_cache.store(f"{key}.o", code)
-    call, packed, owner = _loaded(code, listing)
+    call, packed, owner = (_kept if cached else _loaded)(code, listing.name, listing.packed, listing.signature)
     return NativeCode(call, packed, listing.signature, time.perf_counter() - start, cached_already, owner)
 
 
-def _key(text: str, operations: int) -> str:
+def _key(text: str, level: int) -> str:
     import llvmlite
 
-    parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(operations > LARGE), text)
+    parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(level), text)
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
@@ -119,15 +123,19 @@ def _linker() -> Any:
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
-def _loaded(code: bytes, listing: Listing) -> tuple[Any, Any, Any]:
-    unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(listing.name)
-    if listing.packed:
-        unit.export_symbol(listing.packed)
+def _loaded(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any, Any]:
+    """The function of object code, the one that takes its arguments packed, and what keeps both in memory."""
+    unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(name)
+    if packed:
+        unit.export_symbol(packed)
     unit.add_current_process()  # where a processor has no fused multiply-add, that of the library
-    owner = unit.link(_linker(), f"{listing.name}{next(_numbers)}")
-    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in listing.signature))
-    packed = ctypes.CFUNCTYPE(None)(owner[listing.packed]) if listing.packed else None  # its argument needs no conversion
-    return prototype(owner[listing.name]), packed, owner
+    owner = unit.link(_linker(), f"{name}{next(_numbers)}")
+    prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in signature))
+    compact = ctypes.CFUNCTYPE(None)(owner[packed]) if packed else None  # its argument needs no conversion
+    return prototype(owner[name]), compact, owner
+
+
+_kept = lru_cache(KEPT)(_loaded)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:

@@ -1,12 +1,17 @@
 """What happens when a guard stops a trajectory: another partition, and last a rank decision at each step."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
+
+Numbers = Callable[[float], Array]  # time [s] -> all open numbers (k, n_p) there
 
 STRIDE = 1e-4  # of all times: a step past a singular position
 IMPLICIT = "gauss_legendre"
@@ -156,15 +161,19 @@ class Tally:
 
 
 class Driver:
-    """Steps batches to their end by whatever serves; `projected` where samples are to lie on the constraints."""
+    """Steps batches to their end by whatever serves.
 
-    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool):
-        self.programs, self.by_rank, self.projected = programs, by_rank, projected
+    `projected` where samples are to lie on the constraints. Of the open numbers the first are a user's, as many as `given`; the
+    others go with time, and the rank decision knows them.
+    """
+
+    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
+        self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
         """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
-        return not len(p) or bool((p == self.programs.values).all())
+        return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
     @property
     def drifting(self) -> bool:
@@ -334,6 +343,56 @@ class Continuation:
         self.driver.tally.lost += self.stored < self.batch.slots
         self.outcome.samples[self.row, self.stored :] = np.nan
         self.stored = self.batch.slots
+
+
+def advance_over(driver: Driver, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
+    """All trajectories of a batch to their end, as `Driver.advance`; its open numbers are given by time."""
+    samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
+    states, tally = batch.states.copy(), Tally()
+    for leg in legs(batch.t0, batch.h, batch.n, batch.every, kinks):
+        going = np.flatnonzero(np.isfinite(states).all(axis=1))
+        if not len(going):
+            break
+        part = Batch(states[going], numbers(leg.middle)[going], leg.t, leg.h, leg.n, leg.every)
+        outcome = driver.advance(part, integrator, threads)
+        tally = _sum(tally, driver.tally)
+        states[going] = outcome.samples[:, -1]
+        begin, end = leg.slots
+        samples[going, begin:end] = outcome.samples[:, : end - begin]
+    driver.tally = tally
+    complete = np.asarray(np.isfinite(states).all(axis=1))
+    return Outcome(states, samples, np.where(complete, batch.n, 0), complete)
+
+
+def integrate_over(
+    driver: Driver,
+    programs: Adaptable,
+    state: Array,
+    numbers: Numbers,
+    times: Array,
+    tolerances: tuple[float, float],
+    kinks: Sequence[float],
+) -> tuple[Array, int, int]:
+    """One trajectory by steps of its own choice, as `integrate`, started anew at each kink; its open numbers are given by time."""
+    begin, end = float(times[0]), float(times[-1])
+    samples, taken, tried, tally = np.full((len(times), len(state)), np.nan), 0, 0, Tally()
+    samples[0] = state
+    for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):
+        inside = np.flatnonzero((times > a) & (times <= b))
+        part = np.array([a, *times[inside], *([] if len(inside) and times[inside[-1]] == b else [b])])
+        found, count, all_of_them = integrate(driver, programs, state, numbers((a + b) / 2)[0], part, tolerances)
+        tally, taken, tried = _sum(tally, driver.tally), taken + count, tried + all_of_them
+        samples[inside], state = found[1 : 1 + len(inside)], found[-1]
+        if a == begin:
+            samples[0] = found[0]
+        if not np.isfinite(state).all():
+            break
+    driver.tally = tally
+    return samples, taken, tried
+
+
+def _sum(a: Tally, b: Tally) -> Tally:
+    return Tally(a.switches + b.switches, a.fallbacks + b.fallbacks, a.lost + b.lost)
 
 
 def stopped(stop: Stop) -> Outcome:

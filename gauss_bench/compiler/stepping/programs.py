@@ -238,10 +238,10 @@ class StraightLinePrograms:
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array | None:
+    def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
         """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
         if self.target.backend == "llvm":
-            return self.native.one(t, q, v, self.values)
+            return self.native.one(t, q, v, p)
         return None
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:

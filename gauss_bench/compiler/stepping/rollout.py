@@ -316,14 +316,11 @@ def settling(code: Code, plain: bool = False) -> Routine:
     """The routine `settle(y, p, t, out)`, which takes a state back onto the rows that a program keeps.
 
     Positions by as many chord-Newton corrections as a step of the exact reach has, then the velocity; code with projection. `out`
-    has one row more than y, which is 1 where the guards hold and the last correction left nothing but rounding. Rows that were
-    dropped for a while are off by far more than one step's error, so that every correction is the shortest: one that is so in the
-    mass metric, as Lagrange's, moves a light crank the more.
+    has one row more than y, which is 1 where the guards hold and the last correction left nothing but rounding.
     """
     b = Builder(code, EXACT, library=plain)
-    motions = b.directions(b.t, b.q, b.v) if code.program.formulation == "lagrange" else []
-    q, _ = b.corrected_position(b.t, b.q, [], b.q, motions)
-    v = b.corrected_velocity(q, motions)
+    q, _ = b.corrected_position(b.t, b.q, [], b.q)
+    v = b.corrected_velocity(q)
     return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain)
 
 

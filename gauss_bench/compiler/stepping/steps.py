@@ -48,7 +48,6 @@ from gauss_bench.terms import Array
 FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
 TINY = 1e-300
 CONVERGED = 2.0**-28  # the largest change of velocities by the last pass of an implicit step: a pass leaves less than a tenth
-NONE: list[list[int]] = []
 LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
 
 
@@ -208,10 +207,12 @@ class Builder:
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
-    def limit(self, values: list[int], bound: float) -> None:
-        """Demand that the norm of some values stays below a bound."""
+    def limit(self, values: list[int], bound: float, factor: int | None = None) -> None:
+        """Demand that the norm of some values, times a factor, stays below a bound."""
         if isfinite(bound):
-            self.score.append(self.g.mul(self.g.const(bound**-2), self.g.squares(values)))
+            g = self.g
+            weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
+            self.score.append(g.mul(weight, g.squares(values)))
 
     def turn(self, pairs: list[Pair], d: list[int], reach: float, to: list[int]) -> list[Pair]:
         """Rotate sines and cosines of the angles by d[i], and let the positions `to` have them."""
@@ -239,18 +240,6 @@ class Builder:
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
-
-    def shortest(self, d: list[int], motions: list[list[int]]) -> list[int]:
-        """What takes the same residual away as d, without a part along free motions."""
-        g = self.g
-
-        def product(x: list[int], y: list[int]) -> int:
-            return g.total([g.mul(a, b) for a, b in zip(x, y, strict=True)])
-
-        parts = self.eliminated([[product(N, other) for other in motions] for N in motions])([product(N, d) for N in motions])
-        for N, part in zip(motions, parts, strict=True):
-            d = self.along(d, g.sub(g.const(0.0), part), N)
-        return d
 
     def held(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Accelerations that the rows allow, whose independent ones are z; a are any such."""
@@ -325,18 +314,16 @@ class Builder:
             least = g.make("select", g.make("lt", ratio, least), ratio, least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def corrected_velocity(self, q: list[int] | None = None, motions: list[list[int]] = NONE) -> list[int]:
-        """Velocities on the constraints at the positions q, or at the beginning of the step; no change goes along `motions`."""
+    def corrected_velocity(self, q: list[int] | None = None) -> list[int]:
+        """Velocities on the constraints at the positions q, or at the beginning of the step."""
         if not self.code.projected:
             return self.v
-        (dv,) = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
-        dv = self.shortest(dv, motions)
-        return [self.g.add(x, d) for x, d in zip(self.v, dv, strict=True)]
+        nearest, guard = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        self._watch(guard, self.code.program.correcting_thresholds)
+        return nearest
 
-    def corrected_position(
-        self, t: int, q: list[int], pairs: list[Pair], at: list[int], motions: list[list[int]] = NONE
-    ) -> tuple[list[int], list[Pair]]:
-        """Positions on the constraints, with their sines; the Jacobian is that `at`, and no change goes along `motions`."""
+    def corrected_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
+        """Positions on the constraints, with their sines; the Jacobian is that `at`."""
         if not self.code.projected:
             return q, pairs
         if at is q:
@@ -344,8 +331,9 @@ class Builder:
                 inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1], self.code.program.thresholds
             )
         for k in range(self.reach.corrections):
-            (dq,) = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
-            dq = self.shortest(dq, motions)
+            dq, guard = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
+            if k == 0:
+                self._watch(guard, self.code.program.correcting_thresholds)
             q = [self.g.add(x, d) for x, d in zip(q, dq, strict=True)]
             last = k == self.reach.corrections - 1
             reach = min(self.reach.correction, LAST_CORRECTION if last else inf)
@@ -396,7 +384,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     outer = [g.add(x, y) for x, y in zip(a1, a4, strict=True)]
     v_new = b.along(v, sixth, [g.add(x, g.mul(g.const(2.0), y)) for x, y in zip(outer, inner, strict=True)])
     b.limit([g.mul(h, x) for x in b.of_angles(v)], reach.step)
-    b.limit([g.mul(b.times_h(0.5, 2), x) for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend)
+    b.limit([x for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend, b.times_h(0.5, 2))
     pairs = b.turn(pairs_B, bend, reach.bend, q_new)
     q_new, pairs = b.corrected_position(end, q_new, pairs, q4 if reach.rotates else q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
@@ -545,7 +533,7 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
     a = b.acceleration(b.t, x, u)
     if code.projected:
         e.acceleration(e.t, q, v)  # for its guards
-    out_pivots, out_v = list(e.pivots), e.corrected_velocity()
+    out_v, out_pivots = e.corrected_velocity(), list(e.pivots)
     X, U = b.vector("X"), b.vector("U")
     zero = [g.const(0.0)] * b.n
     stages = (

@@ -14,7 +14,6 @@ from typing import Any, assert_never
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from gauss_bench.mechanism.model import (
     GROUND,
@@ -229,6 +228,8 @@ def prescribed(law: MotionLaw, t: Symbol) -> Symbol:
 
 def splined(times: Any, values: Any, t: Symbol) -> Symbol:
     """Cubic spline at rest at both ends and outside."""
+    from scipy.interpolate import CubicSpline  # its import takes longer than most runs
+
     spline = CubicSpline(times, values, bc_type="clamped")
     inner = spline.x[1:-1]
     first, *others = (ca.pw_const(t, inner, ca.DM(c)) if len(inner) else ca.SX(c[0]) for c in (*spline.c, spline.x[:-1]))

@@ -37,7 +37,7 @@ class Functions:
 
 
 def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions:
-    """The functions of a linkage, as `gauss_bench.mechanism.load.load` gives it.
+    """The functions of a linkage, as `gauss_bench.linkage.load.load` gives it.
 
     Args:
         mechanism: a linkage in one scenario.

@@ -124,6 +124,9 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
             "constraint Jacobian": (sign[:, None] * own.J, expected.J, size(expected.J)),
             "constraint residual": (np.abs(own.phi), np.abs(expected.phi), size(expected.phi)),
         }
+        for t in mechanism.kinks:
+            own_then, then = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
+            pairs[f"applied forces at t = {t:.6g} s"] = own_then, then, size(then)
         require_agreement(pairs, AGREEMENT)
 
 

@@ -17,6 +17,7 @@ where the law's rate varies the acceleration at a given state is that system's t
 import contextlib
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkstemp
 from typing import IO, Any
@@ -26,9 +27,9 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite, finite_acceleration, refused, unsteady
+from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.integrate.fixed_step import step_counts, stretches
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array
@@ -70,7 +71,7 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := unsteady(mechanism, "Exudyn") or refused(mechanism, "Exudyn"):
+        if reason := refused(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
@@ -137,6 +138,17 @@ class Log:
             return next((line.strip() for line in lines if "warning" in line.lower()), None)
 
 
+@dataclass(frozen=True)
+class Leg:
+    """Steps that Exudyn takes in one go: from, to [s], how many; until when what varies goes on; the sample at its end, if any."""
+
+    begin: float
+    end: float
+    steps: int
+    last: float
+    row: int | None
+
+
 class ExudynModel:
     """A mechanism in Exudyn under one integrator and one set of options."""
 
@@ -156,7 +168,8 @@ class ExudynModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
-            uneven = any(law(t)[2] != 0 for law in self.readout.laws)
+            self.system.last = np.inf
+            uneven = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = uneven or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._kkt(t, q, v) if kkt else self.built_in(q, v)
         except (np.linalg.LinAlgError, self.exu.SolverError) as error:
@@ -172,10 +185,12 @@ class ExudynModel:
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
-        if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0]:
-            self.legs = [(0, len(times) - 1)]
+        parts = list(stretches(times, self.choice.step, self.mechanism.kinks))
+        if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
+            self.legs = [Leg(float(times[0]), float(times[-1]), int(self.last_steps[-1]), np.inf, len(times) - 1)]
         else:
-            self.legs = [(k, k + 1) for k in range(len(counts))]
+            ends = [*(part.begin for part in parts[1:]), float(times[-1])]
+            self.legs = [Leg(x.begin, end, x.steps, x.last, x.row) for x, end in zip(parts, ends, strict=False)]
         self.q, self.v, self.a = np.full((3, len(times), self.mechanism.n), np.nan)
         self.failure: RunFailure | None = None
         self.log.open()
@@ -186,14 +201,15 @@ class ExudynModel:
         """Back to the start, with the accelerations Exudyn begins with as the first sample; those of a driven linkage are given."""
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
-        alpha.computeInitialAccelerations, alpha.resetAccelerations = not self.mechanism.drivers, False
+        given = bool(self.mechanism.drivers or self.mechanism.varying)
+        alpha.computeInitialAccelerations, alpha.resetAccelerations = not given, False
         data.SetTime(float(self.times[0]), initial)
         data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
         data.SetAECoordinates(np.zeros(rows(self.mechanism)), initial)
         self.q[0], self.v[0] = 0.0, self.mechanism.v0
         try:
             self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
-            if self.mechanism.drivers:
+            if given:
                 self.a[0] = self._kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
         except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
@@ -226,11 +242,11 @@ class ExudynModel:
     def run(self) -> None:
         settings, mbs = self.simulation, self.system.mbs
         clock, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
-        for first, last in self.legs:
+        for leg in self.legs:
             if self.failure:
                 return
-            clock.startTime, clock.endTime = float(self.times[first]), float(self.times[last])
-            clock.numberOfSteps = int(self.last_steps[last] - self.last_steps[first])
+            clock.startTime, clock.endTime, clock.numberOfSteps = leg.begin, leg.end, leg.steps
+            self.system.last = leg.last
             try:
                 done = mbs.SolveDynamic(settings, updateInitialValues=len(self.legs) > 1)
             except self.exu.ExudynError as error:
@@ -244,15 +260,32 @@ class ExudynModel:
                 self._fail(Status.ERROR, f"Exudyn took {steps} steps where {clock.numberOfSteps} were asked for")
             if self.failure:
                 return
-            self._keep(last)
+            if leg.row is not None:
+                self._keep(leg.row)
             alpha.computeInitialAccelerations = False  # a further leg goes on with the accelerations it is given
+            if leg.last != np.inf:
+                self._restart(leg)
+
+    def _restart(self, leg: "Leg") -> None:
+        """Let what follows a kink begin with its own accelerations."""
+        data = self.system.mbs.systemData
+        q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
+        try:
+            a = self.acceleration(leg.end, q, v)
+        except RunFailure as failure:
+            self.failure = failure
+            return
+        data.SetODE2Coordinates_tt(a, self.exu.ConfigurationType.Initial)
+        if leg.row is not None:
+            self.a[leg.row] = a
 
     def read(self) -> Trajectory:
         warning = self.log.close()
         self.system.mbs.SetPostStepUserFunction(0)  # it holds this object
         q = self.mechanism.q0 + self.q
-        note = "the motion law is evaluated in Python in every Newton iteration" if self.mechanism.drivers else ""
-        found = Trajectory(self.times, q, self.v, self.a, int(self.last_steps[-1]), note=note)
+        laws = self.mechanism.drivers or self.mechanism.varying
+        note = "the motion law is evaluated in Python in every Newton iteration" if laws else ""
+        found = Trajectory(self.times, q, self.v, self.a, sum(leg.steps for leg in self.legs), note=note)
         if self.failure:
             self.failure.reached = found
             raise self.failure

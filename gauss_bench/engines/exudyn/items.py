@@ -12,6 +12,9 @@ the marker is moved there and the law is exact; anywhere else the mechanism is s
 
 A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0; a prescribed
 slide or length is a CoordinateVectorConstraint, whose equation x(q) - law(t) = 0 and Jacobian are user functions.
+
+What varies with time is a user function too: of a force a load's, of a torque a connector's between two angles, which is given
+their relative speed besides, so that it may have a share against its direction. Exudyn differentiates it by differences.
 """
 
 from typing import Any, assert_never
@@ -37,6 +40,8 @@ from gauss_bench.mechanism.model import (
     PointForce,
     Prismatic,
     SlideDriver,
+    Torque,
+    factor_of,
     loads,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -47,7 +52,13 @@ COINCIDENT = 1e-12  # [m]
 
 
 def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
-    """Why a force has no exact counterpart among Exudyn's compiled items, or None."""
+    """Why a force has no exact counterpart among Exudyn's items, or None."""
+    if factor := factor_of(force):
+        if isinstance(force, PointForce) and factor.share != 1.0:
+            return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
+        if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
+            return f"force {force.name} varies, fixed in another link than that of its point, which no load of Exudyn's is"
+        return None
     for load in loads([force]):
         match load:
             case Law(Along(origin, point, angle)) if origin.link != GROUND:
@@ -86,8 +97,11 @@ class System:
             self._joint(joint)
         for driver in mechanism.drivers:
             self._driver(driver)
-        for load in loads(mechanism.forces):
+        for load in loads(f for f in mechanism.forces if not factor_of(f)):
             self._load(load)
+        self.last = np.inf  # [s] until which what varies goes on as it is: what jumps at the end of a leg jumps after it
+        for force in mechanism.varying:
+            self._varying(force)
         self.mbs.Assemble()
 
     def _link(self, i: int) -> None:
@@ -179,6 +193,30 @@ class System:
                 self._law(load)
             case _:
                 assert_never(load)
+
+    def _varying(self, force: Force) -> None:
+        factor = factor_of(force)
+        assert factor is not None
+        match force:
+            case Torque(_, link, reaction, value):
+
+                def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
+                    return -value * float(factor(min(t, self.last), np.sign(value) * turning))
+
+                markers = [self._angle(reaction), self._angle(link)]
+                self.mbs.AddObject(
+                    self.items.ObjectConnectorCoordinateSpringDamper(markerNumbers=markers, springForceUserFunction=torque)
+                )
+            case PointForce(_, point) if point.link != GROUND:
+
+                def pushed(mbs: Any, t: float, load: Any) -> list[float]:
+                    return [float(x) for x in factor.of_time(min(t, self.last)) * np.array(load)]
+
+                marker, vector, fixed = self._frame(point.link, point.local), spatial(force.value), force.frame != GROUND
+                load = self.items.LoadForceVector(
+                    markerNumber=marker, loadVector=vector, bodyFixed=fixed, loadVectorUserFunction=pushed
+                )
+                self.mbs.AddLoad(load)
 
     def _law(self, law: Law) -> None:
         match law.coordinate:

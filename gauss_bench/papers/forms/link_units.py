@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, Element, Way
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.papers.crank_slider import TINY, Number
 from gauss_bench.papers.forms.problems import relative, worst
 from gauss_bench.reference.minimal import MinimalCoordinate

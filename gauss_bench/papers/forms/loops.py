@@ -18,8 +18,8 @@ from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.link_units import MOVING
 from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.load import built_in, load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
 from gauss_bench.mechanism.motion_laws import rise
 from gauss_bench.papers.forms.problems import relative, worst

@@ -16,7 +16,7 @@ from gauss_bench.kinematics.basins import basins
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
-from gauss_bench.mechanism.load import load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.forms.problems import worst
 from gauss_bench.reference.minimal import MinimalCoordinate

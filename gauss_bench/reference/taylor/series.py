@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import build_mechanism
-from gauss_bench.mechanism.load import load_document
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic

@@ -11,8 +11,8 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.load import built_in
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.report.drawings.forces import Mark, held_by, marks
 from gauss_bench.report.drawings.lettering import box_of, distance, lettering, obstacles

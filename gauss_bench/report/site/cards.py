@@ -160,50 +160,32 @@ def paper(run: Run) -> Card | None:
 def trust(run: Run) -> Card | None:
     """Why trust this?"""
     rows = [r for r in run.table("certificates") if r["status"] == "ok" and known(r.get("digits"))]
+    bars_of = [r for r in run.table("references") if known(r.get("error_bar_q"))]
+    drawn = None
     if rows:
         least = min(rows, key=lambda r: number(r, "digits"))
+        figure, unit = f"{number(least, 'digits'):g}", "digits at least"
         sentence = (
             "Errors are measured against motions that two independent pipelines agree on: "
-            f"{count(len(rows), 'scenario')} to at least "
-            f"{number(least, 'digits'):g} digits, the fewest on {least['mechanism']}."
+            f"{count(len(rows), 'scenario')} to at least {figure} digits, the fewest on {least['mechanism']}."
         )
-        best = sorted(rows, key=lambda r: number(r, "digits"))
-        each = {k: min(number(r, "digits") for r in v) for k, v in grouped(best, lambda r: str(r["mechanism"])).items()}
-        shown = [{"name": k, "y": v} for k, v in each.items()]
+        kinds = grouped(sorted(rows, key=lambda r: -number(r, "digits")), lambda r: f"{number(r, 'digits'):g} digits")
+        shown = [{"name": k, "y": len(v)} for k, v in kinds.items()]
         drawn = small(
             "trust",
             "Certified digits",
-            "Of positions and velocities, the fewest of each linkage's scenarios.",
-            bars(shown, "digits"),
+            "Of positions and velocities: how many scenarios have how many.",
+            bars(shown, "scenarios"),
             shown,
-            {"name": "linkage", "y": "digits"},
+            {"name": "digits", "y": "scenarios"},
         )
-        return Card(
-            "Why trust this?",
-            sentence,
-            f"{number(least, 'digits'):g}",
-            "digits at least",
-            drawn,
-            "method.html",
-            "Method, limits first",
-        )
-    bars_of = [r for r in run.table("references") if known(r.get("error_bar_q"))]
-    if not bars_of:
+    elif bars_of:
+        worst = max(bars_of, key=lambda r: number(r, "error_bar_q"))
+        figure, unit = error(number(worst, "error_bar_q")), "the widest bar"
+        sentence = f"Errors are measured against references whose own bars are at most {figure} (m, rad), on {worst['mechanism']}."
+    else:
         return None
-    worst = max(bars_of, key=lambda r: number(r, "error_bar_q"))
-    sentence = (
-        "Errors are measured against references whose own bars are at most "
-        f"{error(number(worst, 'error_bar_q'))} (m, rad), on {worst['mechanism']}."
-    )
-    return Card(
-        "Why trust this?",
-        sentence,
-        error(number(worst, "error_bar_q")),
-        "the widest bar",
-        None,
-        "method.html",
-        "Method, limits first",
-    )
+    return Card("Why trust this?", sentence, figure, unit, drawn, "method.html", "Method, limits first")
 
 
 CARDS: tuple[Callable[[Run], Card | None], ...] = (loops, gauss_or_lagrange, paper, trust)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.report.content import Chart, Table, count
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import posed_in
@@ -16,13 +16,19 @@ from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
 from gauss_bench.report.sections.linkage.trajectories import best, whole
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, labelled, over_time, points
 from gauss_bench.report.site.first import millimetres
-from gauss_bench.report.site.motion import side_by_side, turning
+from gauss_bench.report.site.motion import turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
+from gauss_bench.report.site.playback import side_by_side
 from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 PLAYED = 50  # points of a line in a figure
 TOP = 10
+SIDE_BY_SIDE = (
+    "Every link is drawn where the run had it, as stored; at `1 times` that is all. A larger factor magnifies what the run differs "
+    "from the true motion by: being early or late along the motion of the linkage, and links that stand off closed loops straight "
+    "apart. So joints are drawn open only where the run opened them. Of each engine its default and its most accurate setting."
+)
 
 
 def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]) -> Page:
@@ -46,17 +52,10 @@ def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]
         first = best(f"Most accurate case of each engine and setting, {scenario}", rows)
         body += [heading("Cases", "cases"), table(Table(first.title, first.head, first.rows, first.numeric, note=first.note))]
         body.append(Markup("<p>{}</p>").format(link(rows_file(name), f"All {len(rows)} cases of {name}")))
-    if moved and (pair := side_by_side(run, name, scenario, moved[0].split('<div class="pair">')[1].split("</div>")[0])):
-        body += [
-            heading("Two engines side by side", "side-by-side"),
-            paragraph(
-                "Each run's stored error of the crank's angle, added to the true angle and magnified; the rest of the linkage "
-                "follows from its loops. Errors are stored without their sign and drawn ahead of the truth."
-            ),
-            pair[0],
-        ]
+    if pair := side_by_side(run, name, scenario):
+        body += [heading("Two engines side by side", "side-by-side"), paragraph(SIDE_BY_SIDE), pair[0]]
         data["pair"] = pair[1]
-    scripts = ("player.js",) if moved else ()
+    scripts = ("player.js",) if moved or pair else ()
     return Page(
         f"linkage-{file_name(name)}", name.replace("_", " "), told(run, name, scenario), joined(body), data, "Linkages", scripts
     )

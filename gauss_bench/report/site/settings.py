@@ -66,9 +66,9 @@ class Setting:
 
     @property
     def words(self) -> str:
-        """Variant, integrator and stabilisation, without what says nothing."""
-        said = [self.settings, self.integrator, "" if self.stabilization in ("none", "") else self.stabilization]
-        return " · ".join(dict.fromkeys(x for x in said if x))
+        """Variant, integrator and stabilisation, without what says nothing or stands in the variant's name."""
+        rest = (x for x in (self.integrator, self.stabilization) if x not in ("", "none", *self.settings.split("/")))
+        return " · ".join(filter(None, (self.settings, *rest)))
 
 
 def method_of(row: Row) -> tuple[str, str, str, str, str, str]:

@@ -1,6 +1,6 @@
 """What the linkage looks like."""
 
-from gauss_bench.mechanism.errors import LinkageError
+from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.report.content import Section, Text, count
 from gauss_bench.report.linkages import posed_in
 from gauss_bench.report.rows import Run

@@ -9,9 +9,19 @@
     const on = new Set([...box.querySelectorAll("input:checked")].map((x) => x.dataset.engine));
     return chart.rows.filter((row) => on.has(row.engine));
   };
+  // A narrow figure: fewer names beside each other, and more room for those at the ends of lines.
+  const NARROW = 480;
+  const narrow = (spec) => {
+    spec.config = { ...spec.config, legend: { ...spec.config.legend, columns: 2 } };
+    spec.layer = spec.layer?.map((layer) => {
+      const x = layer.encoding?.x, [first, last] = x?.scale?.domain ?? [];
+      return first === 0 && layer.encoding.y ? { ...layer, encoding: { ...layer.encoding, x: { ...x, scale: { ...x.scale, domain: [0, 1.25 * last] } } } } : layer;
+    });
+  };
   const draw = async (place) => {
     const name = place.dataset.chart, chart = site.data.charts[name];
     const spec = { ...chart.spec, config: CONFIG, data: { name: "rows", values: kept(chart, name) } };
+    if (place.clientWidth < NARROW) narrow(spec);
     const made = await vegaEmbed(place, spec, { renderer: "svg", actions: false, mode: "vega-lite" });
     place.querySelector("svg").setAttribute("aria-hidden", "true"); // the figure around it has the description, and a table
     views[name] = made.view;

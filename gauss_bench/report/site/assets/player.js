@@ -2,19 +2,29 @@
 // Turns a linkage by its crank, and plays two runs of it side by side.
 (() => {
   const { turn, pair } = site.data, still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  const STATES = turn.poses[0].length - 1, radians = Math.PI / 180;
+  const radians = Math.PI / 180;
 
-  // Places every part of a drawing at a state, which may lie between two of them.
-  const place = (stage, state) => {
-    const s = ((state % STATES) + STATES) % STATES, i = Math.floor(s), share = s - i;
-    const at = turn.poses.map((poses) => poses[i].map((x, k) => x + share * (poses[i + 1][k] - x)));
+  // Between two values of a list, numbers or lists of numbers; beyond its end, its last one.
+  const between = (values, x) => {
+    const i = Math.max(Math.min(Math.floor(x), values.length - 2), 0), a = values[i], b = values[Math.min(i + 1, values.length - 1)];
+    const share = Math.min(x - i, 1);
+    return typeof a === "number" ? a + share * (b - a) : a.map((v, k) => v + share * (b[k] - v));
+  };
+
+  // [x, y, angle] of every link when the crank stands at an angle.
+  const turned = (crank) => {
+    const states = turn.poses[0].length - 1, s = ((crank - turn.first) * turn.sense) / (2 * Math.PI) * states;
+    return turn.poses.map((poses) => between(poses, ((s % states) + states) % states));
+  };
+
+  const place = (stage, poses) => {
     for (const part of stage.querySelectorAll("[data-link]")) {
-      const [x, y, angle] = at[part.dataset.link];
+      const [x, y, angle] = poses[part.dataset.link];
       if (part.dataset.x === undefined) {
         part.setAttribute("transform", `translate(${x.toFixed(2)} ${y.toFixed(2)}) rotate(${angle.toFixed(2)})`);
       } else {
-        const c = Math.cos(angle * radians), s2 = Math.sin(angle * radians), u = +part.dataset.x, v = +part.dataset.y;
-        part.setAttribute("transform", `translate(${(x + c * u - s2 * v).toFixed(2)} ${(y + s2 * u + c * v).toFixed(2)})`);
+        const c = Math.cos(angle * radians), s = Math.sin(angle * radians), u = +part.dataset.x, v = +part.dataset.y;
+        part.setAttribute("transform", `translate(${(x + c * u - s * v).toFixed(2)} ${(y + s * u + c * v).toFixed(2)})`);
       }
     }
   };
@@ -45,24 +55,31 @@
   };
 
   const one = document.getElementById("turn");
-  playing(one, still ? 30 : 120, (angle) => {
+  if (one && turn) playing(one, still ? 30 : 120, (angle) => {
     one.querySelector("output").textContent = `${Math.round(angle)}°`;
-    place(one, ((angle * radians - turn.first) * turn.sense) / (2 * Math.PI) * STATES);
+    place(one, turned(angle * radians));
   });
 
   const two = document.getElementById("pair");
   if (!two || !pair) return;
   const choice = (name) => two.querySelector(`[data-run=${name}]`), factor = two.querySelector("[data-factor]");
-  const between = (values, x) => {
-    const i = Math.min(Math.floor(x), values.length - 2);
-    return values[i] + (x - i) * (values[i + 1] - values[i]);
+
+  // Where a run has its links at frame x, its difference from the true motion f times as large: see site/playback.py.
+  const posed = (run, x, f) => {
+    const added = (poses, more, times) => poses.map((pose, i) => between(more[i], x).map((v, k) => pose[k] + times * v));
+    if (!pair.crank) return added(pair.poses.map((poses) => between(poses, x)), run.moved, f);
+    const poses = turned(between(pair.crank, x) + f * between(run.ahead, x));
+    const there = run.rest ? added(poses, run.rest, 1) : poses;
+    return run.gap ? added(there, run.gap, f) : there;
   };
+  const millimetres = (x) => x >= 1e-3 && x < 1e4 ? `${Number(x.toPrecision(2))} mm` : `${x.toExponential(1)} mm`;
   const again = playing(two, pair.times.length / Math.max(pair.times.at(-1), 4), (x) => {
-    const truth = between(pair.truth, x);
     for (const side of ["a", "b"]) {
-      const run = pair.runs[choice(side).value], error = between(run.error, x), stage = two.querySelector(`[data-side=${side}]`);
-      place(stage, ((truth + factor.value * error - turn.first) * turn.sense) / (2 * Math.PI) * STATES);
-      stage.querySelector("p").textContent = `${run.name}: crank off by ${error.toExponential(1)} rad, drawn ${Number(factor.value).toLocaleString("en")} times as much`;
+      const run = pair.runs[choice(side).value], last = run.off.length - 1, at = Math.min(x, last);
+      const stage = two.querySelector(`[data-side=${side}]`);
+      place(stage, posed(run, at, Number(factor.value)));
+      const ended = last < x ? `, ended at ${pair.times[last].toFixed(2)} s` : "";
+      stage.querySelector("p").textContent = `${run.name}: a link is ${millimetres(between(run.off, at))} off the true motion, one ${millimetres(between(run.open, at))} off closed loops${ended}`;
     }
     two.querySelector("output").textContent = `${between(pair.times, x).toFixed(2)} s`;
   });

@@ -9,11 +9,11 @@ import type { Target } from "./hit";
 import type { Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
-  centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
-  shown, show, showCentres, still, take,
+  behind, centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
+  shown, show, showCentres, still, take, trial,
 } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
-import { pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
+import { onGrid, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
 export const names = signal(false);
 const cursor = signal<XY | null>(null); // the keyboard's cross, in the world
@@ -78,6 +78,36 @@ function endDrag(keep: boolean): void {
   if (drag.on) void pull(drag);
 }
 
+// A pin that is put elsewhere: the links are shown as they would be, again the newest place only.
+let trying: XY | null = null;
+let tested = false;
+
+async function tryOut(): Promise<void> {
+  if (tested) return;
+  tested = true;
+  for (let now = reshaped.value; now && trying; now = reshaped.value) {
+    const at = trying;
+    trying = null;
+    try {
+      const reply = await ask("move", { pin: now.pin, at, trial: true });
+      if (reshaped.value?.pin === now.pin) trial.value = reply.trial as Scene;
+      frames.value = { ...frames.value, solved: frames.value.solved + 1 };
+      if (said.value) said.value = null;
+    } catch (error) {
+      say((error as Error).message, "error");
+    }
+  }
+  tested = false;
+}
+
+/** Ends it: at the place where the pin is, or as nothing had been. */
+function endReshape(keep: boolean): void {
+  const now = reshaped.value;
+  reshaped.value = trying = null;
+  if (now && keep) void edit("move", now).then((reply) => reply || (trial.value = null));
+  else trial.value = null;
+}
+
 const fingers = new Map<number, XY>();
 let pressed: { at: XY; hit: Target; mode: "none" | "pan" | "drag" | "reshape" | "draw"; far: boolean; pin: string | null } | null = null;
 let spread = 0;
@@ -128,7 +158,7 @@ export function Canvas(): JSX.Element {
     if (fingers.size === 2) {
       endDrag(false);
       pressed = null;
-      reshaped.value = null;
+      endReshape(false);
       const [a, b] = [...fingers.values()] as [XY, XY];
       spread = apart(a, b);
       return;
@@ -175,7 +205,10 @@ export function Canvas(): JSX.Element {
       if (drag.on) void pull(drag);
     } else if (pressed.mode === "reshape" && pressed.pin !== null) {
       const snap = look(e);
-      reshaped.value = { pin: pressed.pin, at: snap.pin === pressed.pin ? toWorld(at) : snap.at };
+      if (!reshaped.value) frames.value = { solved: 0, ms: 0, jump: 0 };
+      trying = snap.pin === pressed.pin ? (e.altKey || !lined.value ? toWorld(at) : onGrid(toWorld(at))) : snap.at;
+      reshaped.value = { pin: pressed.pin, at: trying };
+      if (snap.pin === null || snap.pin === pressed.pin) void tryOut();
     } else if (pressed.mode === "draw") hover.value = look(e);
   };
 
@@ -214,11 +247,10 @@ export function Canvas(): JSX.Element {
     pressed = null;
     if (mode === "drag") endDrag(true);
     else if (mode === "reshape" && far && pin !== null) {
-      const to = reshaped.value;
-      reshaped.value = null;
       const join = look(e);
-      if (join.pin !== null && join.pin !== pin && tool.value === "reshape") void edit("join", { pin, to: join.pin });
-      else if (to) void edit("move", { pin, at: to.at });
+      const joins = join.pin !== null && join.pin !== pin && tool.value === "reshape";
+      endReshape(!joins);
+      if (joins) void edit("join", { pin, to: join.pin });
     } else if (mode === "draw" && far && apart(here(e), at) > 10 && picks.value.length) pick(look(e));
     else if (!far && tool.value === "select" && e.button === 0) {
       const had = selection.value;
@@ -231,7 +263,7 @@ export function Canvas(): JSX.Element {
   const lost = (e: PointerEvent): void => {
     fingers.delete(e.pointerId);
     endDrag(false);
-    reshaped.value = null;
+    endReshape(false);
     pressed = null;
   };
 
@@ -265,7 +297,10 @@ export function Canvas(): JSX.Element {
       void remove();
     } else if (e.key === "Escape") {
       if (drag) endDrag(false);
-      else {
+      else if (reshaped.value) {
+        pressed = null;
+        endReshape(false);
+      } else {
         cursor.value = null;
         cancel();
       }
@@ -318,10 +353,10 @@ export function Canvas(): JSX.Element {
 
 function Behind(): JSX.Element | null {
   const picture = scene.value?.picture;
-  if (!picture) return null;
+  if (!picture || !behind.value) return null;
   const [x, y] = toScreen([picture.at[0], picture.at[1] + picture.height]);
   const { scale } = view.value;
-  return <image class="behind" href={picture.url} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
+  return <image class="behind" href={behind.value.url} x={x} y={y} width={picture.width * scale} height={picture.height * scale} preserveAspectRatio="none" />;
 }
 
 function Grid(): JSX.Element {

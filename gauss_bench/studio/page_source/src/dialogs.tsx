@@ -3,6 +3,7 @@
 import { signal } from "@preact/signals";
 import type { ComponentChildren, JSX } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
+import { canFilm, film } from "./film";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
@@ -213,6 +214,7 @@ const KINDS: [string, string, string][] = [
   ["svg", "Drawing", "SVG"],
   ["csv", "Motion", "table, CSV"],
   ["gif", "Animation", "GIF"],
+  ["webm", "Film", "as it is on show, WebM"],
   ["mujoco", "MuJoCo", "model"],
   ["pinocchio", "Pinocchio", "script"],
   ["exudyn", "Exudyn", "script"],
@@ -227,12 +229,15 @@ function Export(): JSX.Element {
   const take = async (kind: string): Promise<void> => {
     setBusy(kind);
     setFault("");
+    if (kind === "webm") {
+      const found = await film().catch((error: unknown) => setFault(String((error as Error).message ?? error)));
+      setBusy("");
+      if (found) download(`${scene.value?.name || "linkage"}.webm`, found, "video/webm");
+      return;
+    }
     const reply = await attempt("export", { kind });
     setBusy("");
-    if (!reply) {
-      
-      return setFault(said.value?.text ?? "");
-    }
+    if (!reply) return setFault(said.value?.text ?? "");
     const name = String(reply.name ?? `linkage.${kind}`);
     if (typeof reply.base64 === "string") download(name, Uint8Array.from(atob(reply.base64), (c) => c.charCodeAt(0)), "application/octet-stream");
     else download(name, String(reply.text ?? ""), "text/plain");
@@ -257,11 +262,11 @@ function Export(): JSX.Element {
       <h3>Download</h3>
       {fault && <p class="refusal" role="alert">{fault}</p>}
       <ul class="kinds">
-        {KINDS.map(([kind, name, note]) => (
+        {KINDS.filter(([kind]) => kind !== "webm" || canFilm).map(([kind, name, note]) => (
           <li key={kind}>
             <button type="button" disabled={busy !== ""} onClick={() => void take(kind)}>
               <b>{name}</b>
-              <small>{busy === kind ? "writing …" : note}</small>
+              <small>{busy !== kind ? note : kind === "webm" ? "plays once, and is recorded …" : "writing …"}</small>
             </button>
           </li>
         ))}
@@ -390,7 +395,7 @@ export function PictureBar(): JSX.Element | null {
     const [a, b] = pair;
     const f = known / Math.hypot(b[0] - a[0], b[1] - a[1]);
     const at = [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])];
-    await edit("picture", { picture: { ...picture, at, width: picture.width * f, height: picture.height * f } });
+    await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // the picture itself is there
     setPair(null);
     setMetres("");
     choose("select");

@@ -3,7 +3,7 @@ import type { JSX } from "preact";
 import { direction, hull, middle } from "./geometry";
 import type { Placed } from "./geometry";
 import type { Force, Link, Pin, Slide, XY } from "./protocol";
-import { chosen, scene } from "./state";
+import { chosen, drawn, scene } from "./state";
 import { toScreen, view } from "./view";
 
 const pen = (points: XY[], closed = false): string =>
@@ -11,7 +11,7 @@ const pen = (points: XY[], closed = false): string =>
 const screen = (points: XY[]): XY[] => points.map(toScreen);
 const degrees = (angle: number): number => (-angle * 180) / Math.PI;
 const troubled = (kind: string, id: string): string => {
-  const named = scene.value?.problems.filter((p) => p.where.includes(`${kind}.${id}`)) ?? [];
+  const named = drawn.value?.problems.filter((p) => p.where.includes(`${kind}.${id}`)) ?? [];
   return named.some((p) => p.level === "error") ? " wrong" : named.some((p) => p.level === "warning") ? " doubtful" : "";
 };
 

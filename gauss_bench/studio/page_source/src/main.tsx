@@ -5,7 +5,7 @@ import { Canvas, shortcuts } from "./canvas";
 import { Dialogs, PictureBar } from "./dialogs";
 import { Properties, show } from "./properties";
 import { hear } from "./runs";
-import { dialog, hello, placed, said, scene, start, touring } from "./state";
+import { dialog, drawn, hello, placed, said, scene, start, touring } from "./state";
 import { Timeline } from "./timeline";
 import { choose, picks, tool } from "./tools";
 import { Moving, Prompt, Tools, Top, ViewSwitches, paint } from "./top";
@@ -34,7 +34,7 @@ function whereabouts(problem: Problem): XY | null {
 
 /** The first problem, spelled out beside what it is about. */
 function InPlace(): JSX.Element | null {
-  const list = scene.value?.problems ?? [];
+  const list = drawn.value?.problems ?? [];
   const problem = list.find((p) => p.level === "error") ?? list.find((p) => p.level === "warning");
   if (!problem || !placed.value || picks.value.length || touring.value >= 0) return null;
   const at = whereabouts(problem);

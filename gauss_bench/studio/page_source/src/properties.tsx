@@ -67,19 +67,47 @@ function LinkPanel({ link }: { link: Link }): JSX.Element {
   );
 }
 
+/** The angle between the first two links that a pin joins, each seen from the pin; the ground lies level. */
+function angleIn(pin: Pin, at: XY): { names: string[]; degrees: number } | null {
+  const ways = pin.members.flatMap((ref) => {
+    const name = ref.split(".")[0]!;
+    const link = placed.value!.link(name);
+    if (!link) return name === "ground" ? [{ name, way: 0 }] : [];
+    const far = placed.value!.points(link).map(([, p]) => p).sort((p, q) => apart(q, at) - apart(p, at))[0]!;
+    return [{ name, way: apart(far, at) > 1e-6 ? direction(at, far) : placed.value!.pose(name)[2] }];
+  });
+  const [a, b] = ways;
+  if (!a || !b) return null;
+  const turn = degrees(b.way - a.way) % 360;
+  return { names: [a.name, b.name], degrees: turn > 180 ? turn - 360 : turn < -180 ? turn + 360 : turn };
+}
+
 function PinPanel({ pin }: { pin: Pin }): JSX.Element {
   const at = placed.value!.pin(pin);
   const put = (to: XY): unknown => edit("move", { pin: pin.id, at: to });
   const point = pin.members.find((ref) => !ref.startsWith("ground."));
   const loose = pin.members.length < 2;
+  const turns = angleIn(pin, at);
   return (
     <>
       <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? pin.id} send={(to) => edit("rename", { id: `pins.${pin.id}`, to })} />
       <NumberField label="x" unit="m" value={at[0]} send={(x) => put([x!, at[1]])}>
         <Lock of="place" on={pin.locked} set={(on) => edit("lock", { pin: pin.id, on })} />
       </NumberField>
-      <NumberField label="y" unit="m" value={at[1]} send={(y) => put([at[0], y!])} />
+      <NumberField label="y" unit="m" value={at[1]} send={(y) => put([at[0], y!])}>
+        <span class="lock" aria-hidden="true" />
+      </NumberField>
       <Check label="Fixed to the ground" on={pin.ground} set={(on) => edit("ground", { pin: pin.id, on })} />
+      {turns && (
+        <p class="field" title={`Between ${turns.names.join(" and ")}, seen from the pin`}>
+          <span>Angle</span>
+          <span class="entry">
+            <output>{turns.degrees.toFixed(2)}</output>
+            <small>°</small>
+            <Lock of="angle between the links" on={pin.stiff} set={(on) => edit("lock", { joint: pin.id, on })} />
+          </span>
+        </p>
+      )}
       {point && <Check label="Observed: path, velocity, acceleration" on={pin.members.some((ref) => scene.value!.observe.includes(ref))} set={(on) => edit("observe", { point: pin.members.find((ref) => scene.value!.observe.includes(ref)) ?? point, on })} />}
       <p class="note">{loose ? "Nothing is joined here yet. Draw a bar to it, or put another pin on it with Reshape." : `Joins ${pin.members.map((ref) => ref.split(".")[0]).join(", ")}.`}</p>
     </>
@@ -239,7 +267,7 @@ export function Properties(): JSX.Element {
           </>
         )}
         <button type="button" class="icon sheet-close" aria-label="Close properties" onClick={() => (sheet.value = "")}>
-          <Sign of="close" />
+          <Sign of="down" />
         </button>
       </header>
       <Problems />

@@ -23,6 +23,7 @@ export interface Pin {
   joint: string | null;
   ground: boolean;
   locked: boolean;
+  stiff: boolean; // its links keep their angle in a drag
 }
 export interface Slide {
   id: string;
@@ -57,7 +58,7 @@ export interface Scenario {
   table: Table;
 }
 export interface Picture {
-  url: string;
+  id: string; // the picture itself is asked for once
   at: XY;
   width: number;
   height: number;
@@ -94,7 +95,7 @@ export interface Motion {
   poses: Record<string, Pose[]>;
   points: Record<string, { p: XY[]; v: XY[] | null; a: XY[] | null }>;
   input: (Series & { unit?: string }) | null;
-  singular: { kind: string; coordinate: string; value: number | null; poses: Poses | null }[];
+  singular: { kind: string; coordinate: string; value: number | null; input: number | null; poses: Poses | null }[];
   transmission: Series[];
   torque: { unit: string; values: (number | null)[] } | null;
   pins: { joint: string; force: ([number | null, number | null] | null)[] }[];

@@ -27,6 +27,8 @@ interface Answer {
   setting: string;
   ratio: number | null;
   error: number | null;
+  status: string;
+  message: string | null;
   snippet: string | null;
 }
 
@@ -52,8 +54,10 @@ export function hear(event: Event): void {
     progress.value = "";
     if (event.error) say(String(event.error), "error");
   } else if (event.event === "recommend" && event.job === advice.value.job) {
-    const more = event.answer ? [event.answer as Answer] : [];
-    advice.value = { ...advice.value, answers: [...advice.value.answers, ...more], note: typeof event.advice === "string" ? event.advice : advice.value.note };
+    const more = event.answer as Answer | undefined; // better than what its engine had; at the end all of them, by their cost
+    const others = advice.value.answers.filter((a) => a.engine !== more?.engine);
+    const answers = (event.answers as Answer[] | undefined) ?? (more ? [...others, more] : others);
+    advice.value = { ...advice.value, answers, note: typeof event.advice === "string" ? event.advice : advice.value.note };
   } else if (event.event === "recommend_done" && event.job === advice.value.job) {
     advice.value = { ...advice.value, done: true, note: event.error ? String(event.error) : advice.value.note };
     progress.value = "";
@@ -112,13 +116,13 @@ export function Release(): JSX.Element {
         </label>
         <label class="field">
           <span>Engine</span>
-          <select value={engine} onChange={(e) => setEngine(e.currentTarget.value)}>
+          <select aria-label="Engine" value={engine} onChange={(e) => setEngine(e.currentTarget.value)}>
             <Engines of={engines.length ? engines : [{ name: "gauss-native", here: true }]} />
           </select>
         </label>
         <label class="field">
           <span>Laid over it</span>
-          <select value={overlay} onChange={(e) => setOverlay(e.currentTarget.value)}>
+          <select aria-label="Laid over it" value={overlay} onChange={(e) => setOverlay(e.currentTarget.value)}>
             <option value="">nothing</option>
             <Engines of={engines} />
           </select>
@@ -187,26 +191,45 @@ function Apart({ curve }: { curve: NonNullable<Compare["curve"]> }): JSX.Element
   );
 }
 
+const number = (text: string): number => Number(text.replace(",", "."));
+
 export function Recommend(): JSX.Element {
   const [position, setPosition] = useState("1e-5");
+  const [budget, setBudget] = useState("30");
+  const [only, setOnly] = useState("");
   const [copied, setCopied] = useState("");
   const now = advice.value;
   const go = async (): Promise<void> => {
     advice.value = { job: null, answers: [], done: false, note: "" };
-    const reply = await attempt("recommend", { position: Number(position) });
+    const reply = await attempt("recommend", { position: number(position), budget: number(budget), engines: only ? [only] : [] });
     if (reply) advice.value = { ...advice.value, job: Number(reply.job) };
     else advice.value = { ...advice.value, done: true };
   };
   return (
     <Sheet title="Which engine, with which setting">
-      <p class="note">Every engine that is installed is run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
-      <div class="row">
+      <p class="note">Engines are run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
+      <div class="triple">
         <label class="field">
           <span>Position to within, m</span>
           <span class="entry">
             <input type="text" inputMode="decimal" value={position} onInput={(e) => setPosition(e.currentTarget.value)} />
           </span>
         </label>
+        <label class="field">
+          <span>In at most, s</span>
+          <span class="entry">
+            <input type="text" inputMode="decimal" value={budget} onInput={(e) => setBudget(e.currentTarget.value)} />
+          </span>
+        </label>
+        <label class="field">
+          <span>Of</span>
+          <select aria-label="Of which engines" value={only} onChange={(e) => setOnly(e.currentTarget.value)}>
+            <option value="">all engines</option>
+            <Engines of={(hello.value?.engines ?? []).filter((e) => e.here)} />
+          </select>
+        </label>
+      </div>
+      <div class="row">
         <button type="button" class="strong" disabled={!now.done} onClick={() => void go()}>
           Recommend
         </button>
@@ -219,11 +242,12 @@ export function Recommend(): JSX.Element {
       {!now.done && <p class="note" role="status">Measuring … {progress.value || now.note}</p>}
       {now.done && now.note && <p class="note">{now.note}</p>}
       <ol class="answers" aria-live="polite">
-        {now.answers.map((a) => (
-          <li key={`${a.engine} ${a.setting}`}>
+        {now.answers.filter((a) => a.status === "ok").map((a) => (
+          <li key={a.engine}>
             <b>{a.engine}</b> <span>{a.setting}</span>
             <small>
-              {a.ratio !== null && a.ratio !== undefined ? `${figure(a.ratio, 3)} times the cheapest, ` : ""}error {figure(a.error, 2)} m
+              {a.ratio !== null && a.ratio !== undefined ? `${a.ratio <= 1 ? "the fastest" : `${figure(a.ratio, 3)} times as long as the fastest`}, ` : now.done ? "" : "holds; not timed yet, "}
+              error {figure(a.error, 2)} m
             </small>
             {a.snippet && (
               <>
@@ -242,6 +266,18 @@ export function Recommend(): JSX.Element {
           </li>
         ))}
       </ol>
+      {now.done && now.answers.some((a) => a.status !== "ok") && (
+        <details class="fallen">
+          <summary>Engines that do not hold it, and why</summary>
+          <ul>
+            {now.answers.filter((a) => a.status !== "ok").map((a) => (
+              <li key={a.engine}>
+                <b>{a.engine}</b> <small>{a.message || a.status}</small>
+              </li>
+            ))}
+          </ul>
+        </details>
+      )}
     </Sheet>
   );
 }

@@ -17,6 +17,9 @@ export const touring = signal(-1);
 
 // Over the scene
 export const dragged = signal<Poses | null>(null);
+export const trial = signal<Scene | null>(null); // the drawing as it would be, while a pin is put elsewhere
+export const drawn = computed(() => trial.value ?? scene.value);
+export const behind = signal<{ id: string; url: string } | null>(null); // the picture of the scene
 export const motion = signal<Motion | null>(null);
 export const moving = signal(false); // the motion is shown rather than the sketch
 export const playing = signal(false);
@@ -74,7 +77,7 @@ export const shown = computed<Poses>(() => {
   if (moving.value && motion.value) return interpolate(motion.value.times, motion.value.poses, clock.value);
   return {};
 });
-export const placed = computed(() => (scene.value ? new Placed(scene.value, shown.value) : null));
+export const placed = computed(() => (drawn.value ? new Placed(drawn.value, shown.value) : null));
 export const ghosted = computed(() =>
   scene.value && ghost.value && moving.value ? new Placed(scene.value, interpolate(ghost.value.times, ghost.value.poses, clock.value)) : null,
 );
@@ -103,7 +106,7 @@ export function take(next: Scene): void {
   batch(() => {
     const other = scene.value && scene.value.revision !== next.revision;
     scene.value = next;
-    dragged.value = null;
+    dragged.value = trial.value = null;
     if (other || !motion.value) {
       moving.value = playing.value = false;
       ghost.value = null;
@@ -116,8 +119,17 @@ export function take(next: Scene): void {
     selection.value = selection.value.filter(there);
   });
   if (!before) show();
+  void look(next.picture?.id ?? null);
   keep();
   refresh();
+}
+
+/** Asks for the picture that a scene names, unless it is here. */
+async function look(id: string | null): Promise<void> {
+  if (id === (behind.value?.id ?? null)) return;
+  behind.value = null;
+  const reply = id && (await attempt("behind"));
+  if (reply && reply.picture === scene.value?.picture?.id) behind.value = { id, url: String(reply.url) };
 }
 
 /** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */

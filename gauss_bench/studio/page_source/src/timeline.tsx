@@ -211,10 +211,15 @@ function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind
   );
 }
 
-/** Where the driven coordinate is, angles in degrees. */
-function inputText(input: NonNullable<Motion["input"]>, i: number): string {
-  const value = input.values[i] ?? null;
-  return input.unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${figure(value)} ${input.unit ?? ""}`;
+/** A coordinate with its unit, angles in degrees. */
+const amount = (value: number | null, unit = ""): string => (unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${figure(value)} ${unit}`);
+
+/** When the motion passes a place of its input: the time of the sample that is nearest to it. */
+function passed(now: Motion, at: number | null): number {
+  const turn = now.input?.unit === "rad" ? 2 * Math.PI : 0;
+  const away = (v: number | null): number => (v === null || at === null ? Infinity : Math.abs(v - at - (turn && turn * Math.round((v - at) / turn))));
+  const all = (now.input?.values ?? []).map(away);
+  return now.times[all.indexOf(Math.min(...all))] ?? 0;
 }
 
 export function Timeline(): JSX.Element {
@@ -242,7 +247,7 @@ export function Timeline(): JSX.Element {
           onInput={(e) => scrub(Number(e.currentTarget.value))}
         />
         <output>
-          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${inputText(input, i)}` : ""}
+          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${amount(input.values[i] ?? null, input.unit)}` : ""}
         </output>
         <label class="pace">
           <span class="hidden">Pace</span>
@@ -304,9 +309,10 @@ export function Timeline(): JSX.Element {
               </button>
             ))}
             {now!.singular.map((spot, n) => (
-              <span key={n} class="flag" title={`${spot.coordinate} = ${figure(spot.value)}`}>
-                {spot.kind} at {figure(spot.value)}
-              </span>
+              <button type="button" key={n} class="flag" title={`Show the ${spot.kind} of ${spot.coordinate}`} onClick={() => scrub(passed(now!, spot.input))}>
+                {spot.kind} of {spot.coordinate}
+                {spot.input !== null && now!.input ? `, ${now!.input.name} at ${amount(spot.input, now!.input.unit)}` : ""}
+              </button>
             ))}
           </div>
           <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>

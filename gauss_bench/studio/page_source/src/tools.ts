@@ -115,7 +115,7 @@ async function observe(picks: Target[]): Promise<unknown> {
 
 export const TOOLS: Tool[] = [
   { id: "select", name: "Select", key: "v", help: "Select things, and drag a joint to move the linkage. Drag empty space to move the view.", asks: [] },
-  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: the links change their lengths, not their motion.", asks: [] },
+  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: its links get other lengths, shown as you drag. On another joint it is joined.", asks: [] },
   {
     id: "ground",
     name: "Ground pivot",

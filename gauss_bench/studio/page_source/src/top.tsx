@@ -4,7 +4,7 @@ import type { JSX } from "preact";
 import { names } from "./canvas";
 import { Sign } from "./icons";
 import { connected } from "./socket";
-import { dialog, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
+import { dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
 import { TOOLS, choose, current, finish, picks, tool } from "./tools";
 import { zoom } from "./view";
 
@@ -36,7 +36,7 @@ const Button = ({ sign, name, hint, go, off, wide }: { sign: string; name: strin
 );
 
 export function Top(): JSX.Element {
-  const now = scene.value;
+  const now = drawn.value;
   const status = now?.status;
   const wrong = now?.problems.filter((p) => p.level === "error").length ?? 0;
   const count = (n: number, word: string): string => `${n} ${word}${n === 1 ? "" : "s"}`;

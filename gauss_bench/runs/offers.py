@@ -9,14 +9,13 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
-from gauss_bench.bench.worker import Worker, WorkerFailure, kept
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get, is_class
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.own_options import Known, OptionError, is_own
 from gauss_bench.engines.variants import CHOSEN, Variant
+from gauss_bench.runs.worker import Worker, WorkerFailure, kept
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
@@ -165,6 +164,8 @@ def _described(name: str) -> dict[str, Any]:
 
 def _told(name: str, answer: object) -> Offer:
     """The offer that a worker's answer is, taken for names and sentences alone."""
+    from pydantic import TypeAdapter, ValidationError  # which an engine's process, where offers are made, does not need
+
     try:
         found = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:

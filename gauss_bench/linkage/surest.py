@@ -5,7 +5,7 @@ For whoever writes a start into a file from a position: importers of models, and
 
 import numpy as np
 
-from gauss_bench.mechanism.closure import RANK_TOLERANCE
+from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array

@@ -1,30 +1,16 @@
 """Drawing: pins, bars, larger links, slides; joining, grounding, moving them, and their lengths and angles as numbers."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.closure import CLOSED, gauss_newton, joint_residual
-from gauss_bench.mechanism.references import items, sequence, table
-from gauss_bench.studio.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, place, rounded
+from gauss_bench.linkage.closure import CLOSED, gauss_newton, joint_residual
+from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, rounded
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message, number, place
 from gauss_bench.terms import Array
-
-Message = Mapping[str, Any]
-
-
-def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """A number of a message.
-
-    Raises:
-        Refused: it is none.
-    """
-    x = message.get(key, otherwise)
-    if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
-        raise Refused(f"{key} is a number", field=key)
-    return float(x)
 
 
 def add_pin(d: Drawing, message: Message) -> None:
@@ -218,17 +204,8 @@ def ground(d: Drawing, message: Message) -> None:
             del d.group("joints")[joint_name]
 
 
-def move(d: Drawing, message: Message, locks: frozenset[str]) -> None:
-    pin, at = d.pin(message.get("pin")), place(message.get("at"))
-    if f"pins.{pin.id}" in locks:
-        raise Refused(f"pin {pin.id} is locked", (f"pins.{pin.id}",))
-    for reference in pin.members:
-        link, _, name = reference.partition(".")
-        for lock in locks:
-            if lock.startswith(f"links.{link}:") and name in lock.partition(":")[2].split("-"):
-                said = f"the length {lock.partition(':')[2]} of {link} is locked: free it, or drag the linkage instead"
-                raise Refused(said, (f"links.{link}",))
-    _shift(d, pin, at)
+def move(d: Drawing, message: Message) -> None:
+    _shift(d, d.pin(message.get("pin")), place(message.get("at")))
 
 
 def _shift(d: Drawing, pin: Pin, at: tuple[float, float]) -> None:
@@ -309,6 +286,7 @@ GEOMETRY = {
     "add_slide": add_slide,
     "join": join,
     "ground": ground,
+    "move": move,
     "set_length": set_length,
     "set_angle": set_angle,
     "observe": observe,

@@ -1,26 +1,32 @@
 """A run in a process of its own: what the engine's process is asked, and what of its answer is taken here.
 
 Everything but the suite's own formulations runs apart. What comes back are samples and sentences, and whether they are any good is
-found out on this side of the pipe, by code that the engine's process cannot reach.
+found out on this side of the pipe, by code that the engine's process cannot reach. That process imports this file before anything
+else, so it and what it imports leave out what reads linkages and keeps journals: a mechanism is sent as it is.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.context import Alteration, unaltered
-from gauss_bench.bench.offers import isolated
-from gauss_bench.bench.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, received
-from gauss_bench.bench.worker import Worker, WorkerFailure, kept
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.mechanism.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import isolated
+from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, received
+from gauss_bench.runs.worker import Worker, WorkerFailure, kept
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
 TEXT = 1 << 20  # bytes that sentences and names may take beside the samples
 LEVELS = ("q", "v", "a")
+Alteration = Callable[[Mechanism], Mechanism]
+
+
+def unaltered(mechanism: Mechanism) -> Mechanism:
+    return mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +34,7 @@ class Request:
     """A run of an engine by name, as `one_run` takes it.
 
     Attributes:
-        linkage, scenario: of the mechanism, which the engine's process reads for itself.
+        linkage, scenario: of the mechanism, by which the engine's process knows one that it has had before.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` is a function that can be found by its name.
         answers: numbers that the answer to `ask` has at most.
         alter: a fault that is planted in what the engine is given.
@@ -64,34 +70,39 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     return run_apart(request, mechanism, limit, worker or kept(request.engine))
 
 
-def run_apart(request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False) -> Run:
+def run_apart(
+    request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
+) -> Run:
     """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped.
+
+    So is one that takes more than `longest` seconds by the clock on the wall.
 
     `again` says that the worker may keep the model for the next request: then no build time is told.
     """
     try:
-        answer = worker.call(performed_again if again else performed_there, (request,), limit, request.largest(mechanism.n))
+        answer = worker.call(
+            performed_again if again else performed_there, (request, mechanism), limit, request.largest(mechanism.n), longest
+        )
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return received(outcome_of(answer), request.wanted, mechanism.n)
 
 
-def performed_there(request: Request) -> dict[str, Any]:
+def performed_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """The run as plain data, in the process of the engine; what is no sample is left out here already."""
-    return _told(request, get(request.engine), request.alter(load(request.linkage, request.scenario or None)))
+    return _told(request, get(request.engine), request.alter(mechanism))
 
 
-def performed_again(request: Request) -> dict[str, Any]:
+def performed_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """As `performed_there`, with the model of the last such request where the two differ in step, tolerance and samples alone."""
     engine = get(request.engine)
     if not getattr(engine, "resizable", False):
-        return performed_there(request)
+        return performed_there(request, mechanism)
     choice = request.choice
     key = (request.linkage, request.scenario, request.engine, choice.settings, choice.integrator, choice.stabilization)
     if _again.key != key:
-        _again.key, _again.mechanism, _again.model = key, load(request.linkage, request.scenario or None), None
-    assert _again.mechanism is not None
-    told = _told(request, _Keeping(engine), _again.mechanism)
+        _again.key, _again.model = key, None
+    told = _told(request, _Keeping(engine), mechanism)
     if told["status"] != Status.OK:
         _again.model = None
     return told
@@ -101,7 +112,6 @@ class _Again:
     """The model that this process keeps."""
 
     key: tuple[str, ...] = ()
-    mechanism: Mechanism | None = None
     model: Any = None
 
 

@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.factors import Factor
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.schema import SECOND, LinkageTable, Table
 
 PACKAGE = Path(__file__).parents[1]
 WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # of a mechanism: nothing is computed from these
@@ -24,6 +22,8 @@ WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
     """SHA-256 of everything in a document, its scenario's override already merged, that the motion of the scenario follows from."""
+    from gauss_bench.linkage.schema import SECOND, LinkageTable  # the grammar, which no other digest needs, is dear to import
+
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
@@ -42,7 +42,7 @@ def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
 
 def _physics(item: Any) -> Any:
     """What is given of a table's physics, at every depth; numbers as one decimal text, however they are written."""
-    if isinstance(item, Table):
+    if hasattr(item, "model_fields_set"):  # a table of the grammar
         given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
         return {key: _physics(value) for key, value in given.items() if key in item.physics}
     if isinstance(item, dict):
@@ -92,8 +92,6 @@ def _content(x: Any) -> Iterator[bytes]:
             yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
         case MotionLaw():  # its function is made from these
             yield from _content((x.name, x.numbers))
-        case Factor():
-            yield from _content((x.made_of, x.share, x.speed))
         case Mapping():
             yield from _content([*x.items()])
         case tuple() | list():

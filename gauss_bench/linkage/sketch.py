@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.cylinders import written_out
-from gauss_bench.mechanism.errors import NotPlaced
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.errors import NotPlaced
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.numbers import turned
 from gauss_bench.terms import Array

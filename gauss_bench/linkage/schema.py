@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
 
-from gauss_bench.mechanism.errors import Fault
+from gauss_bench.linkage.errors import Fault
 
 FORMAT = "planar-linkage/1"
 SECOND = "planar-linkage/2"

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.digest import physics_digest
+from gauss_bench.linkage.errors import BuildError
+from gauss_bench.linkage.references import drivers_of
+from gauss_bench.linkage.schema import SECOND
+from gauss_bench.linkage.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.mechanism import motion_laws
-from gauss_bench.mechanism.cylinders import written_out
-from gauss_bench.mechanism.digest import physics_digest
-from gauss_bench.mechanism.errors import BuildError
 from gauss_bench.mechanism.model import (
     FORCES,
     GROUND,
@@ -36,9 +39,6 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, direction, exact, length, pair, radians
-from gauss_bench.mechanism.references import drivers_of
-from gauss_bench.mechanism.schema import SECOND
-from gauss_bench.mechanism.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.terms import Array
 
 

@@ -12,6 +12,7 @@ a task has started ends with its worker, in whatever session it hides, and none 
 import atexit
 import contextlib
 import fcntl
+import math
 import os
 import pickle
 import select
@@ -26,7 +27,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from gauss_bench.bench.answers import NoAnswer, packed, unpacked
+from gauss_bench.runs.answers import NoAnswer, packed, unpacked
 from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
@@ -72,7 +73,7 @@ class Worker:
     def start(self) -> subprocess.Popen[bytes]:
         if self.process is None or self.process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
-            command = [sys.executable, "-m", "gauss_bench.bench.worker"]
+            command = [sys.executable, "-m", "gauss_bench.runs.worker"]
             self.process = subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,
@@ -85,20 +86,29 @@ class Worker:
 
     def stop(self) -> None:
         """End the process and all that it has started."""
-        if self.process is not None:
+        process, self.process = self.process, None  # at once: what is broken off here may come here again
+        if process is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.kill()
-            self.process.wait()
+                os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            process.wait()
             _end_all(self.mark)
-            for pipe in (self.process.stdin, self.process.stdout):
+            for pipe in (process.stdin, process.stdout):
                 if pipe:
                     with contextlib.suppress(BrokenPipeError):
                         pipe.close()
-            self.process = None
 
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float, largest: int = LARGEST) -> Any:
+    def call(
+        self,
+        function: Callable[..., Any],
+        arguments: tuple[Any, ...],
+        limit: float,
+        largest: int = LARGEST,
+        longest: float = math.inf,
+    ) -> Any:
         """function(*arguments), run in the worker: plain data of `largest` bytes at most, tuples as lists.
+
+        After `longest` seconds by the clock on the wall it is stopped too, whatever it waited for.
 
         Raises:
             WorkerFailure: the worker crashed, exceeded `limit` seconds (in which it ran or slept, not those in which it waited for
@@ -112,7 +122,7 @@ class Worker:
         self.log.truncate()  # what is quoted below is of this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
-            answer = _receive_within(process, token, limit, largest)
+            answer = _receive_within(process, token, _Clock(process.pid, limit, longest), largest)
         except TimeoutError as error:
             said = self._last_words()
             self.stop()
@@ -171,9 +181,8 @@ def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
     pipe.flush()
 
 
-def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: float, largest: int) -> Any:
+def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
     assert process.stdout is not None
-    clock = _Clock(process.pid, limit)
     descriptor = process.stdout.fileno()
     buffer = bytearray()
     needed, headed = HEADER.size, False
@@ -207,8 +216,8 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, limit: flo
 class _Clock:
     """How much of its limit [s] a task has left: what its process waited for a processor is given back, where the system tells."""
 
-    def __init__(self, pid: int, limit: float):
-        self.path, self.limit = f"/proc/{pid}/schedstat", limit
+    def __init__(self, pid: int, limit: float, longest: float = math.inf):
+        self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
         self.start, self.waited = time.monotonic(), self._waited()
 
     def _waited(self) -> float:
@@ -222,7 +231,7 @@ class _Clock:
     def left(self) -> float:
         gone = time.monotonic() - self.start
         given = max(0.0, self._waited() - self.waited)
-        return min(self.limit - (gone - min(given, gone)), BACKSTOP * self.limit - gone)
+        return min(self.limit - (gone - min(given, gone)), self.longest - gone)
 
 
 def _end_all(mark: str) -> None:

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.references import items, sequence, table
-from gauss_bench.mechanism.schema import FORCES, FORMAT, SECOND
+from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
 from gauss_bench.studio.document import GROUPS, Document
-from gauss_bench.studio.drawing import KG_PER_M, NAME, Drawing, owner, pair, rounded
+from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, rounded
+from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
-from gauss_bench.studio.scenarios import RELEASED
-
-Message = Mapping[str, Any]
 
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
 USUAL: dict[str, dict[str, Any]] = {  # numbers of a force that is drawn without any
@@ -298,6 +297,11 @@ def lock_of(d: Drawing, message: Message) -> str:
     """The id of what is to be locked."""
     if "pin" in message:
         return f"pins.{d.pin(message.get('pin')).id}"
+    if "joint" in message:
+        joint = d.joint_of(d.pin(message["joint"]))
+        if joint is None:
+            raise Refused("nothing turns here: an angle is between links that a pin joins", field="joint")
+        return f"joints.{joint}"
     if "slide" in message:
         return f"slides.{message['slide']}"
     length = message.get("length", message if "a" in message else None)

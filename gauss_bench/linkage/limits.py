@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-from gauss_bench.mechanism.errors import Fault
+from gauss_bench.linkage.errors import Fault
 
 DEEPEST = 20  # tables and lists in each other: the grammar needs 6
 LONGEST_KEY = 200  # characters of a key

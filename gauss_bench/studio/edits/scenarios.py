@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.references import drivers_of, items, sequence, table
+from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.cylinders import written_out
 from gauss_bench.mechanism.model import GROUND, Angle, Distance, Prismatic
-from gauss_bench.mechanism.references import drivers_of, items, sequence, table
-from gauss_bench.mechanism.surest import HELD, candidates, null_space, surest
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.drawing import PLACED, Drawing, pair, rounded
-from gauss_bench.studio.edits import number
+from gauss_bench.studio.edits.drawing import PLACED, Drawing, pair, rounded
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.reading import Reading, new_faults
-
-Message = Mapping[str, Any]
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 FREE = 2.0  # [s] of a drawing let go

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.mechanism.errors import BuildError
-from gauss_bench.mechanism.model import Link, Mechanism, Part, Point, Weld
+from gauss_bench.linkage.errors import BuildError
+from gauss_bench.mechanism.model import Link, Part, Point, Weld
 from gauss_bench.mechanism.numbers import Number, angle_of, length, pair, turned
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
 
 Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
@@ -138,21 +137,3 @@ def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
         place = Point(names.index(link.name), at - link.com, f"{link.name}.{point or ''}")
         found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
     return tuple(found)
-
-
-def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
-    """States (k, n) of the bodies as those of the links of the file, each by its own centre of mass."""
-    if not mechanism.parts:
-        return motion
-    levels: tuple[list[Array], ...] = ([], [], [])
-    for part in mechanism.parts:
-        columns = slice(3 * part.body, 3 * part.body + 3)
-        q, v, a = (x[..., columns] for x in (motion.q, motion.v, motion.a))
-        c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
-        x, y = c * part.at[0] - s * part.at[1], s * part.at[0] + c * part.at[1]
-        w, alpha = v[..., 2], a[..., 2]
-        levels[0].append(q + np.stack([x, y, np.full_like(x, part.turn)], axis=-1))
-        levels[1].append(v + np.stack([-w * y, w * x, 0 * x], axis=-1))
-        levels[2].append(a + np.stack([-alpha * y - w * w * x, alpha * x - w * w * y, 0 * x], axis=-1))
-    q, v, a = (np.concatenate(level, axis=-1) for level in levels)
-    return Trajectory(motion.t, q, v, a, motion.steps)

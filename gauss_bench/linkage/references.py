@@ -8,8 +8,8 @@ from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.mechanism.cylinders import BARREL, ROD, written_out
-from gauss_bench.mechanism.errors import Fault
+from gauss_bench.linkage.cylinders import BARREL, ROD, written_out
+from gauss_bench.linkage.errors import Fault
 
 Document = dict[str, Any]
 RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
@@ -404,10 +404,10 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
-    crank = names.document.get("crank")
+    crank = x if isinstance(x := names.document.get("crank"), str) else ""
     angles = {*table(start, "angles"), *table(start, "angles_deg")}
     by_crank = {"crank", "crank_deg"} & start.keys()
-    if ({"speed"} | by_crank) & start.keys() and crank is None:
+    if ({"speed"} | by_crank) & start.keys() and "crank" not in names.document:
         names.fault(path, "needs a crank, and the file names none")
     if by_crank and crank in angles:
         names.fault(f"{path}.angles.{crank}", "the crank is held twice")

@@ -8,15 +8,16 @@ many digits the linkage leaves them.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench import metrics
-from gauss_bench.bench.apart import Request
-from gauss_bench.bench.one_run import JUDGED, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import OFF_MOTION, Evidence, examine
+from gauss_bench.judge import OFF_MOTION, Evidence, Subject, examine, judge
 from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import Request
+from gauss_bench.runs.one_run import JUDGED, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory
 
@@ -57,6 +58,8 @@ def evidence_of(
     """
     off = acceleration_error(mechanism, found) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), found, truth, off)
+    if truth is not None or (finer is not None and finer.trajectory is not None):  # else nothing would decide
+        evidence = replace(evidence, seen=seen(mechanism, found, evidence))
     if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, found))
     if finer is None:
@@ -76,11 +79,28 @@ def as_truth(found: Trajectory) -> Reference:
     return Reference(found.t, found.q, found.v, found.a, none, none, none, none, none, none, "half the step")
 
 
-def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Angular frequency [rad/s] of the fastest oscillation that the linkage can make about its motion, or None if not to be told.
+def seen(mechanism: Mechanism, found: Trajectory, evidence: Evidence) -> Array | None:
+    """Energy gained beyond the work (k,) [J] as far as samples can tell it, where that changes what is said of it; else None.
 
-    At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'; the
-    largest imaginary part of that system's eigenvalues is the rate.
+    Samples further apart than the quickest damping takes to act do not see what it takes.
+    """
+    if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
+        return None
+    modes = modes_along(mechanism, found)
+    fastest = max((float(-x.real.min(initial=0.0)) for x in modes), default=0.0)
+    return metrics.without_loss(found.t, evidence.energy, 1.0 / fastest) if fastest > 0 else None
+
+
+def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
+    """Angular frequency [rad/s] of the fastest oscillation that a linkage can make about its motion, or None if not to be told."""
+    found = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
+    return float(np.median(found)) if found else None
+
+
+def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
+    """Eigenvalues [1/s] of small motions about some states of a motion; none where they cannot be told.
+
+    At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     found = []
@@ -89,13 +109,14 @@ def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
         try:
             N = _free(evaluator.constraints(t, q, v).J, mechanism.n)
             if N.shape[1] > LARGEST:
-                return None
+                return []
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
             a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
-            found.append(_fastest(*(N.T @ np.array(x).T / (2 * MOVED) for x in (a_q, a_v))) if N.size else 0.0)
+            parts = [N.T @ np.array(x).T / (2 * MOVED) for x in (a_q, a_v)] if N.size else [np.zeros((0, 0))] * 2
+            found.append(_modes(*parts))
         except FAILURES:
             continue
-    return float(np.median(found)) if found else None
+    return found
 
 
 def _free(J: Array, n: int) -> Array:
@@ -106,11 +127,11 @@ def _free(J: Array, n: int) -> Array:
     return np.asarray(rows[int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum()) :].T)
 
 
-def _fastest(by_place: Array, by_speed: Array) -> float:
-    """The largest imaginary part of the eigenvalues of x'' = K x + C x'."""
+def _modes(by_place: Array, by_speed: Array) -> NDArray[np.complex128]:
+    """The eigenvalues of x'' = K x + C x'."""
     k = len(by_place)
     system = np.block([[np.zeros((k, k)), np.eye(k)], [by_place, by_speed]])
-    return float(np.abs(np.linalg.eigvals(system).imag).max())
+    return np.linalg.eigvals(system).astype(complex)
 
 
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:

@@ -6,21 +6,20 @@ the file is written anew from them, so that the file opens as it was drawn.
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import resolve_points
-from gauss_bench.mechanism.references import items, sequence, table
+from gauss_bench.linkage.build import resolve_points
+from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import place
 from gauss_bench.studio.reading import Reading, lone_pins
 from gauss_bench.studio.scene import pins
 from gauss_bench.terms import Array
-
-Message = Mapping[str, Any]
 
 DIGITS = 11  # after the point, of lengths [m] that are written: what is lost is far below what joints are closed to
 PLACED = 9  # of places and degrees of a sketch or start, from which the linkage is closed
@@ -350,15 +349,3 @@ class Drawing:
                 del entry[key]
             if self.document.get(group) == {}:
                 del self.document[group]
-
-
-def place(x: Any, field: str = "at") -> tuple[float, float]:
-    """A place [m] of a message.
-
-    Raises:
-        Refused: it is none, or is further off than a linkage may be.
-    """
-    numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
-    if not numbers or not all(math.isfinite(y) and abs(y) <= 1e5 for y in x):
-        raise Refused("a place is two numbers of metres, at most 1e5", field=field)
-    return float(x[0]), float(x[1])

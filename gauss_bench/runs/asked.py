@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gauss_bench.bench.offers import ChoiceError
+from gauss_bench.runs.offers import ChoiceError
 
 MOST_STEPS = 1e10  # an hour of the quickest compiled step
 MOST_SAMPLES = 5e6  # half a GiB of a four-bar's states, in each of their copies

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.build import measured_angle, measured_slide
+from gauss_bench.linkage.build import measured_angle, measured_slide
+from gauss_bench.linkage.errors import AssemblyError
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.errors import AssemblyError
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,
@@ -28,8 +29,7 @@ from gauss_bench.mechanism.model import (
     Prismatic,
 )
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
-from gauss_bench.mechanism.sketch import sketch
-from gauss_bench.mechanism.welding import spread
+from gauss_bench.mechanism.parts import spread
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -37,7 +37,9 @@ RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far 
 LARGE, REGULAR = 100, 1e-8  # rows and columns from which normal equations are solved, where their pivots are that even
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
+FAR, ROUNDING = 100.0, 4e-16  # [m, rad] beyond it steps end at the rounding of the coordinates
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
+PATIENCE = 1500  # evaluations after which places between that cannot be closed are passed over
 MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought near by whole turns first, or by longer steps
 
 Residual = Callable[[Array], tuple[Array, Array]]
@@ -169,7 +171,7 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Ar
         step = _shortest(J, -F)
         size = float(np.abs(step).max(initial=0.0))
         q += step if size < 0.5 else step * (0.5 / size)
-        if size < 1e-15:
+        if size < (1e-15 if np.abs(q).max(initial=0.0) < FAR else ROUNDING * np.abs(q).max()):
             break
     return q, float(np.abs(residual(q)[0]).max(initial=0.0))
 
@@ -298,15 +300,19 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
-    close = joint_residual(joints)
+    close, evaluations = joint_residual(joints), 0
 
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
         """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
         gap, error = held.of(state)[0] - held.target, np.inf
         for part in np.linspace(1.0, 0.0, 2 + min(MOST_STEPS, int(np.abs(gap).max(initial=0.0) / STEP)))[1:]:
+            if part and error > CLOSED and evaluations > PATIENCE:
+                continue
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
+                nonlocal evaluations
+                evaluations += 1
                 (F, J), (value, rows) = close(x), held.of(x)
                 return np.concatenate([F, value - goal]), np.vstack([J, rows])
 

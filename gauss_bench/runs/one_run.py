@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench import judge
-from gauss_bench.bench.clock import timed
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Engine, Model
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import relative_acceleration_error
+from gauss_bench.runs.processor_time import timed
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
 

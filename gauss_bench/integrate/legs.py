@@ -1,0 +1,76 @@
+"""Equal steps over times at which an acceleration has a kink or jumps, while samples stay where they are.
+
+    | h | h | a b | h | h |          a kink inside a step: the step is taken in parts that end there, a + b = h
+
+so that steps keep their order.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from gauss_bench.integrate.fixed_step import ROUNDING
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Equal steps without a kink in them.
+
+    Attributes:
+        t: [s] where they begin. h: [s] their size. n: how many.
+        every: steps between samples. slots: samples before them, and with them.
+    """
+
+    t: float
+    h: float
+    n: int
+    every: int
+    slots: tuple[int, int]
+
+    @property
+    def middle(self) -> float:
+        """A time at which the open numbers are those of all its steps."""
+        return self.t + self.h * self.n / 2
+
+
+def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
+    """n steps of h from t0 on, with a sample after each `every` of them and after the last."""
+    at = 0
+    for step, inside in _met(t0, h, n, kinks):
+        yield from _whole(t0, h, at, step, every, n)
+        at = step
+        if inside:
+            ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
+            for k, (begin, end) in enumerate(pairwise(ends)):
+                last = k == len(inside)
+                yield Leg(begin, end - begin, 1, 1, (_slots(step, every, n), _slots(step + last, every, n)))
+            at += 1
+    yield from _whole(t0, h, at, n, every, n)
+
+
+def _met(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
+    """The kinks that the steps meet: the step that one begins, or the one that it is in, with all that are in it."""
+    found: dict[int, list[float]] = {}
+    for kink in kinks:
+        nearest = round((kink - t0) / h)
+        at = t0 + nearest * h
+        if abs(kink - at) <= ROUNDING * max(abs(kink), abs(t0), h):
+            if 0 < nearest < n:
+                found.setdefault(nearest, [])
+        elif t0 < kink < t0 + n * h:
+            found.setdefault(nearest - (kink < at), []).append(kink)
+    return sorted(found.items())
+
+
+def _whole(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
+    """The steps from one to another: to the next sample, as far as samples go, and to the end."""
+    first = min(-(-begin // every) * every, end)
+    last = max(first, end // every * every)
+    for a, b in ((begin, first), (first, last), (last, end)):
+        if a < b:
+            yield Leg(t0 + a * h, h, b - a, every if (a, b) == (first, last) else b - a, (_slots(a, every, n), _slots(b, every, n)))
+
+
+def _slots(step: int, every: int, n: int) -> int:
+    """How many samples there are after so many steps."""
+    return step // every + (step == n and n % every > 0)

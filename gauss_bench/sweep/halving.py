@@ -1,0 +1,60 @@
+"""Some samples of a sweep again at half the step: what the step spoils, of which neither loops nor energy tell."""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.judge import OFF_MOTION
+from gauss_bench.runs.offers import offer
+from gauss_bench.sweep.batch import Asked, columns_of, family, rows_of
+from gauss_bench.sweep.summary import USED
+from gauss_bench.terms import Array
+
+MOST, SHARE = 16, 10  # samples of an engine that are checked: one in ten, and never more than so many
+UNITS = ("m", "rad")
+
+
+def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
+    """What half the step changes in places and extremes of some samples that are ok, or None where an engine chooses its steps.
+
+    Args:
+        rows: of the engine, as pandas has them. values: (N, d) of all samples.
+
+    Returns:
+        samples: that were checked, evenly over the table. m, rad: the largest change of a figure of that unit. worst: the sample
+        that has it. lost: how many are not ok at half the step. ok: whether the judge's limits of half the step hold.
+    """
+    choice, mechanism = asked.choices[engine], family(asked).nominal
+    good = rows[rows["status"].isin(USED)].sort_values("sample")
+    if choice.integrator in offer(engine).adaptive or not len(good):
+        return None
+    chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
+    units = columns_of(mechanism, [])
+    of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}
+    limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
+    found: dict[str, Any] = {"samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
+    largest = 0.0
+    for row in good.iloc[chosen].to_dict("records"):
+        number = int(row["sample"])
+        (finer,) = rows_of(asked, engine, number, values[number : number + 1], parts=2)
+        if finer["status"] not in USED:
+            found["lost"] += 1
+            continue
+        for unit, names in of.items():
+            off = max((abs(finer[name] - row[name]) for name in names), default=0.0)
+            found[unit] = max(found[unit], off)
+            if off / limits[unit] > largest:
+                largest, found["worst"] = off / limits[unit], number
+    return found | {"ok": not found["lost"] and largest <= 1.0}
+
+
+def text(found: dict[str, Any] | None) -> str:
+    """The same for people."""
+    if found is None:
+        return "half the step was not tried: the engine chooses its own steps, or no sample is ok"
+    told = f"half the step of {found['samples']} samples changes {found['m']:.2g} m and {found['rad']:.2g} rad at most"
+    if found["ok"]:
+        return told
+    lost = f", and {found['lost']} of them are lost" if found["lost"] else ""
+    where = "" if found["worst"] is None else f" (sample {found['worst']})"
+    return f"NOT TO BE TRUSTED: {told}{where}{lost}: take a smaller --step"
