@@ -288,10 +288,7 @@ def test_dragging_goes_on_from_where_it_is_and_jumps_to_no_branch(
         turned += 2 * math.pi / moves
         before = page.canvas.get_attribute("data-frames")
         page.page.mouse.move(cx + (x - cx) * math.cos(turned), cy - (x - cx) * math.sin(turned))
-        for _ in range(200):
-            if page.canvas.get_attribute("data-frames") != before:
-                break
-            page.page.wait_for_timeout(1)
+        page.page.wait_for_function("before => document.querySelector('[data-frames]').dataset.frames !== before", arg=before)
     seconds = time.monotonic() - began
     frames, jump = (float(page.canvas.get_attribute(f"data-{k}")) for k in ("frames", "jump"))
     page.page.mouse.up()
