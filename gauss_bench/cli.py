@@ -278,13 +278,14 @@ def kinematics(options: argparse.Namespace) -> int:
 def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str]) -> dict[str, str]:
     """The plot and the animation, as far as they are wanted."""
     from gauss_bench.api import kinematics as moved
+    from gauss_bench.api.driven import driven
     from gauss_bench.report.drawings.animation import animate
     from gauss_bench.report.drawings.curves import curves
     from gauss_bench.runs.offers import ChoiceError
 
     if not {"plot", "animate"} & {*wanted}:
         return {}
-    mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
+    mechanism = driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
     if "plot" in wanted and not points:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
