@@ -100,9 +100,9 @@ class Simulation(OneRun):
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain but for arrays."""
-        found = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
+        by_name = super().as_dict() | {"status": str(self.status), "objections": [vars(x) for x in self.objections]}
         absent = ("model", "trajectory", "asked_until")
-        return {k: v for k, v in found.items() if k not in absent and (k not in ("drivers", "welds", "warnings") or v)}
+        return {k: v for k, v in by_name.items() if k not in absent and (k not in ("drivers", "welds", "warnings") or v)}
 
     def told(self) -> Told:
         """What plots and animations say of the run."""

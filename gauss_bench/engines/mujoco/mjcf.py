@@ -161,9 +161,9 @@ def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
 
 
 def _list(root: Element, name: str, items: Iterator[Element]) -> None:
-    found = list(items)
-    if found:
-        SubElement(root, name).extend(found)
+    elements = list(items)
+    if elements:
+        SubElement(root, name).extend(elements)
 
 
 def _verify(root: Element, built: MujocoModel) -> None:
