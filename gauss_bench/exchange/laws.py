@@ -1,7 +1,11 @@
 """Motion laws as functions of a script: t -> (value, rate, second rate), as `mechanism/motion_laws.py` has them."""
 
+from collections.abc import Sequence
+
 from gauss_bench.exchange.text import python_value
+from gauss_bench.mechanism.model import Driver, LengthDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.trajectory import RunFailure, Status
 
 RISES = {
     "sine": (
@@ -35,6 +39,22 @@ RISE = """def {name}(t):
 CONSTANT = """def {name}(t):
     return {start} + {speed} * t, {speed}, 0.0
 """
+
+
+def no_length(drivers: Sequence[Driver], library: str) -> None:
+    """Refuse what prescribes a distance of two points.
+
+    Raises:
+        RunFailure: there is such a driver.
+    """
+    if beyond := ", ".join(d.name for d in drivers if isinstance(d, LengthDriver)):
+        said = f"the script for {library} holds motion laws of angles and slides only, not of the length {beyond}"
+        raise RunFailure(Status.SKIP, said)
+
+
+def law_functions(drivers: Sequence[Driver]) -> str:
+    """The functions law_1, law_2, ... of the drivers, in order."""
+    return "".join(f"\n\n{law_function(d.law, f'law_{k}')}" for k, d in enumerate(drivers, 1))
 
 
 def law_function(law: MotionLaw, name: str) -> str:

@@ -35,13 +35,13 @@ SPELT = {  # integrators and solvers in a document
 def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     """The root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
 
-    `edited` says that whoever reads it scales the compiled inverse weights as the choice's settings do.
+    `edited` says that whoever reads it drives hinges and slides, and scales compiled inverse weights, as the choice's settings do.
 
     Raises:
         RunFailure: MuJoCo cannot be given the mechanism, or not by a document.
         ImportError: MuJoCo is not installed.
     """
-    if mechanism.drivers:
+    if mechanism.drivers and not edited:
         names = ", ".join(d.name for d in mechanism.drivers)
         raise RunFailure(Status.SKIP, f"MJCF has no motion laws, and this scenario prescribes {names}")
     built = MujocoModel(mechanism, choice)
@@ -161,9 +161,9 @@ def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
 
 
 def _list(root: Element, name: str, items: Iterator[Element]) -> None:
-    found = list(items)
-    if found:
-        SubElement(root, name).extend(found)
+    elements = list(items)
+    if elements:
+        SubElement(root, name).extend(elements)
 
 
 def _verify(root: Element, built: MujocoModel) -> None:
@@ -174,11 +174,16 @@ def _verify(root: Element, built: MujocoModel) -> None:
     """
     mujoco = built.mujoco
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    for k, armature, _ in built.drives:
+        model.dof_armature[k] = armature
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]
     model.opt.integrator, model.opt.disableflags = built.still.opt.integrator, built.still.opt.disableflags
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     require_agreement({"start": (np.concatenate([data.qpos, data.qvel]), np.concatenate([built.y0, built.dy0]), 1.0)}, 0.0)
+    for k, armature, law in built.drives:
+        data.qfrc_applied[k] = armature * float(law(0.0)[2])
     for y, dy in tree_states(built.tree, built.y0, built.dy0):
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
