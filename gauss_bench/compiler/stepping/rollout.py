@@ -244,7 +244,9 @@ class Staged(Registers):
         self.regular, self.within = g.both([even, step.regular]), g.both([near, step.within])
 
 
-WRITTEN_OUT = 4_000  # operations of a step: up to there a loop over its stages is 5 to 25 % slower
+# operations of a step: up to there a loop over its stages is 5 to 25 % slower; beyond, by 2 % (lagrange with projection of the
+# eight-bar, 4,166 operations), which its code, three times as soon there, makes up for over some fifty million steps
+WRITTEN_OUT = 4_000
 
 
 def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Registers:
