@@ -74,13 +74,13 @@ CASES = [
     if scenario not in ("cycloid", "conservative", "settles")
 ]
 CASES += [(name, None) for name in (*FILES, "everything", "redundant", "pendulum_4", "n_four_bar_3")]
-# every kind of joint, driver and force, redundant rows, a knife edge, several freedoms; the others are slow together
+# every kind of joint, driver and force, redundant rows, a knife edge, several freedoms; the others are long together
 QUICK = {("crank_slider", "paper"), ("sleigh", "glide"), ("everything", None), ("redundant", None), ("loaded", None)}
 
 
 def exhaustive(cases: list[Any], quick: set[Any]) -> list[Any]:
     """Cases of which only some are quick."""
-    return [x if x in quick else pytest.param(*x, marks=pytest.mark.slow) for x in cases]
+    return [x if x in quick else pytest.param(*x, marks=pytest.mark.long) for x in cases]
 
 
 @cache
@@ -231,7 +231,7 @@ def test_the_guard_falls_where_the_partition_is_singular(independent: tuple[int,
 
 
 @pytest.mark.parametrize(
-    "name", ["crank_slider", *(pytest.param(x, marks=pytest.mark.slow) for x in [*built_in(), "n_four_bar_3"])]
+    "name", ["crank_slider", *(pytest.param(x, marks=pytest.mark.long) for x in [*built_in(), "n_four_bar_3"])]
 )
 def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None:
     mechanism = linkage(name, load(name).scenarios[-1])
@@ -256,7 +256,7 @@ def test_a_large_chain_costs_as_much_a_cell_as_a_small_one() -> None:
 PROTOTYPE = {"crank_slider": (125, 3), "six_bar": (289, 12), "shaper": (264, 7), "eight_bar": (548, 20)}  # gravity alone
 
 
-@pytest.mark.parametrize("name", ["shaper", *(pytest.param(x, marks=pytest.mark.slow) for x in PROTOTYPE if x != "shaper")])
+@pytest.mark.parametrize("name", ["shaper", *(pytest.param(x, marks=pytest.mark.long) for x in PROTOTYPE if x != "shaper")])
 @pytest.mark.usefixtures("full_search")
 def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str) -> None:
     mechanism = replace(linkage(name, "conservative"), forces=())

@@ -41,13 +41,13 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 
-def slow(*names: str) -> list[Any]:
+def long(*names: str) -> list[Any]:
     """Linkages that take long together, and show what the others show."""
-    return [pytest.param(name, marks=pytest.mark.slow) for name in names]
+    return [pytest.param(name, marks=pytest.mark.long) for name in names]
 
 
-LINKAGES = ["crank_slider", "parallelogram", "sleigh", *slow("shaper", "eight_bar", "five_bar", "excavator")]
-DRIVEN = ["four_bar/cycloid", *slow("eight_bar/driven", "five_bar/driven")]
+LINKAGES = ["crank_slider", "parallelogram", "sleigh", *long("shaper", "eight_bar", "five_bar", "excavator")]
+DRIVEN = ["four_bar/cycloid", *long("eight_bar/driven", "five_bar/driven")]
 H = 1e-4  # [s]
 
 
@@ -157,7 +157,7 @@ def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "steps_taken"),
-    [("crank_slider", 400), pytest.param("shaper", 1600, marks=pytest.mark.slow)],  # a slide, and a guide that moves
+    [("crank_slider", 400), pytest.param("shaper", 1600, marks=pytest.mark.long)],  # a slide, and a guide that moves
 )
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 def test_runge_kutta_has_order_four(name: str, steps_taken: int, stabilization: str) -> None:
@@ -313,7 +313,7 @@ def test_adaptive_steps_keep_their_tolerance(stabilization: str, backend: str) -
     np.testing.assert_allclose(found.q[0], m.q0, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["four_bar/cycloid", *slow("five_bar/driven")])
+@pytest.mark.parametrize("name", ["four_bar/cycloid", *long("five_bar/driven")])
 def test_a_driver_is_followed_in_time(name: str) -> None:
     m = mechanism(name)
     q, v = kernel(name, "projection").rollout(m.q0, m.v0, 1e-3, 300, every=30)
@@ -366,7 +366,7 @@ def test_samples_are_the_states_on_the_way() -> None:
     np.testing.assert_array_equal(many, np.tile(q, (3, 1, 1)))
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "parallelogram", *slow("six_bar", "eight_bar", "excavator")])
+@pytest.mark.parametrize("name", ["crank_slider", "parallelogram", *long("six_bar", "eight_bar", "excavator")])
 @pytest.mark.parametrize("h", [1e-3, 1e-4])
 def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None:
     m = mechanism(name)
@@ -411,7 +411,7 @@ def turning(m: Mechanism) -> tuple[Array, Array]:
     return m.q0, 10.0 / direction[3 * m.crank + 2] * direction
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "sleigh", *slow("six_bar")])
+@pytest.mark.parametrize("name", ["crank_slider", "sleigh", *long("six_bar")])
 def test_baumgarte_brings_a_state_back(name: str) -> None:
     m = mechanism(name)
     rng = np.random.default_rng(3)
@@ -612,7 +612,7 @@ def test_what_cannot_go_on_is_not_a_number(backend: str) -> None:
     assert code.lost == 2
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "four_bar/cycloid", "sleigh", *slow("six_bar", "excavator")])
+@pytest.mark.parametrize("name", ["crank_slider", "four_bar/cycloid", "sleigh", *long("six_bar", "excavator")])
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
 def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integrator: str) -> None:

@@ -125,7 +125,7 @@ def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize(("name", "kind"), [*QUICK, *(pytest.param(*x, marks=pytest.mark.slow) for x in SLOW)])
+@pytest.mark.parametrize(("name", "kind"), [*QUICK, *(pytest.param(*x, marks=pytest.mark.long) for x in SLOW)])
 def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
     needs(kind)
     mechanism = load(*name.rsplit("/", 1)) if "/" in name and not name.endswith(".toml") else load(name)

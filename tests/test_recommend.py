@@ -202,7 +202,7 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(
 
 DRIVEN = [  # an arm on a driven slide, on a driven length, a driven link: with what hangs on them
     (str(DATA / "excavator_arm.toml"), "lift", ("mujoco", "pinocchio", "exudyn")),
-    ("excavator", "dig", ("exudyn",)),
+    ("excavator", "dig", ("mujoco", "exudyn")),
     ("four_bar", "cycloid", ("mujoco", "pinocchio", "exudyn")),
 ]
 

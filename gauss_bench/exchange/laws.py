@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from gauss_bench.exchange.text import python_value
-from gauss_bench.mechanism.model import Driver, LengthDriver
+from gauss_bench.mechanism.model import Driver
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.trajectory import RunFailure, Status
 
 RISES = {
     "sine": (
@@ -41,20 +40,15 @@ CONSTANT = """def {name}(t):
 """
 
 
-def no_length(drivers: Sequence[Driver], library: str) -> None:
-    """Refuse what prescribes a distance of two points.
-
-    Raises:
-        RunFailure: there is such a driver.
-    """
-    if beyond := ", ".join(d.name for d in drivers if isinstance(d, LengthDriver)):
-        said = f"the script for {library} holds motion laws of angles and slides only, not of the length {beyond}"
-        raise RunFailure(Status.SKIP, said)
+def law_names(drivers: Sequence[Driver]) -> dict[int, str]:
+    """What a script calls the laws of drivers, by their ids."""
+    return {id(d.law): f"law_{k}" for k, d in enumerate(drivers, 1)}
 
 
 def law_functions(drivers: Sequence[Driver]) -> str:
-    """The functions law_1, law_2, ... of the drivers, in order."""
-    return "".join(f"\n\n{law_function(d.law, f'law_{k}')}" for k, d in enumerate(drivers, 1))
+    """The functions of these names."""
+    names = law_names(drivers)
+    return "".join(f"\n\n{law_function(d.law, names[id(d.law)])}" for d in drivers)
 
 
 def law_function(law: MotionLaw, name: str) -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.laws import law_functions
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.exchange.transcript import Script, python
@@ -139,7 +139,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     laws = law_functions(mechanism.drivers)
     built = ExudynModel(mechanism, choice)  # which is compared with the linkage
-    names = {id(d.law): f"law_{k}" for k, d in enumerate(mechanism.drivers, 1)}
+    names = law_names(mechanism.drivers)
     script = Script(STATEMENTS)
     exu, items = script.thing("exu"), script.thing("items")
     Transcribed(exu, items, mechanism)

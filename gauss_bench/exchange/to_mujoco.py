@@ -5,7 +5,7 @@ from xml.etree.ElementTree import indent, tostring
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.laws import law_functions, no_length
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment, python_value
 from gauss_bench.mechanism.model import Mechanism
@@ -18,6 +18,8 @@ import numpy as np
 """
 ARMATURES = """for joint, armature, _ in DRIVES:  # far beyond all masses: a torque of armature law''(t) moves it as its law says
     model.dof_armature[joint] = armature
+for tendon, _, mass, _ in CYLINDERS:  # lengths: the same with a tendon and its motor
+    model.tendon_armature[tendon] = mass
 mujoco.mj_setConst(model, mujoco.MjData(model))
 """
 DRIVING = """
@@ -25,6 +27,8 @@ DRIVING = """
 def drive(model, data):
     for joint, armature, law in DRIVES:
         data.qfrc_applied[joint] = armature * law(data.time)[2]
+    for _, motor, mass, law in CYLINDERS:
+        data.ctrl[motor] = mass * law(data.time)[2]
 
 
 mujoco.set_mjcb_control(drive)  # is called at every stage of a step
@@ -81,8 +85,10 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     indent(root)
     lines = "\n".join(f"    {line!a}" for line in tostring(root, encoding="unicode").splitlines(keepends=True))
     options, tree = VARIANTS.options(choice.settings), built.tree
-    no_length(mechanism.drivers, "MuJoCo")
-    drives = ", ".join(f"({k}, {armature!r}, law_{i})" for i, (k, armature, _) in enumerate(built.drives, 1))
+    names = law_names(mechanism.drivers)
+    drives = ", ".join(f"({k}, {armature!r}, {names[id(law)]})" for k, armature, law in built.drives)
+    driven = zip(built.drawn, built.cylinders, strict=True)
+    cylinders = ", ".join(f"({tendon}, {motor}, {mass!r}, {names[id(law)]})" for (tendon, motor), (_, mass, law) in driven)
     none, unit = np.zeros(tree.n), np.eye(tree.n)
     angles = tree.absolute(none, none, none)[0][2::3]
     turns = tree.absolute(np.zeros_like(unit), unit, np.zeros_like(unit))[1][:, 2::3].T
@@ -96,8 +102,8 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     }
     arrays = ("ANGLES", "TURNS")
     values = [f"{k} = np.array({python_value(x)})" if k in arrays else f"{k} = {python_value(x)}" for k, x in named.items()]
-    values += [f"DRIVES = [{drives}]"] if drives else []
-    run = RUN.replace("{armatures}", ARMATURES if drives else "") + (DRIVING if drives else "")
+    values += [f"DRIVES, CYLINDERS = [{drives}], [{cylinders}]"] if names else []
+    run = RUN.replace("{armatures}", ARMATURES if names else "") + (DRIVING if names else "")
     laws = law_functions(mechanism.drivers)
     given = constants(mechanism, choice) + laws + "\n" * bool(laws) + "\n".join(values) + f"\nMJCF = (\n{lines}\n)\n"
     return "".join([HEADING, python_comment(told), "\n", IMPORTS, given, run, PLAN, MAIN])

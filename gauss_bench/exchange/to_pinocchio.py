@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.laws import law_functions, no_length
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.exchange.transcript import Script, python
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, loads
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, LengthDriver, Load, Mechanism, Point, PointForce, loads
 from gauss_bench.trajectory import RunFailure, Status
 
 STATEMENTS = {
@@ -215,7 +215,8 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     if choice.stabilization == "projection":
         raise RunFailure(Status.SKIP, "Pinocchio has no projection: the one of this suite is its own")
-    no_length(mechanism.drivers, "Pinocchio")
+    if beyond := ", ".join(d.name for d in mechanism.drivers if isinstance(d, LengthDriver)):
+        raise RunFailure(Status.SKIP, f"the script holds motion laws of angles and slides only, not of the length {beyond}")
 
     class Transcribed(Multibody):
         """The adapter's model, with a remark on each link."""
@@ -251,7 +252,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     }
     if drive.laws:
         named |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
-        script.lines.append(f"LAWS = [{', '.join(f'law_{k}' for k, _ in enumerate(drive.laws, 1))}]")
+        script.lines.append(f"LAWS = [{', '.join(law_names(mechanism.drivers).values())}]")
         script.lines.append("KP, KD = {!r}, {!r}  # of Baumgarte, for what is driven".format(*map(float, drive.gains)))
     script.lines += [f"{name} = {python(np.asarray(x))}" for name, x in named.items()]
     accuracy = ", ".join(repr(float(o[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
