@@ -1006,12 +1006,12 @@ def _joined(
 ) -> tuple[dict[str, Any], ...]:
     """Rows with what a clock decided of them."""
     timed = [c.name for c in table.columns if c.timed]
-    found = {_key(table, row): {n: row[n] for n in timed} for row in times}
-    strange = found.keys() - {_key(table, row) for row in rows}
-    if strange or len(found) < len(times):
+    clocked = {_key(table, row): {n: row[n] for n in timed} for row in times}
+    strange = clocked.keys() - {_key(table, row) for row in rows}
+    if strange or len(clocked) < len(times):
         which = " ".join(x for x in min(strange, default=_key(table, times[0])) if x)
         raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {which}")
-    return tuple(row | found.get(_key(table, row), {}) for row in rows)
+    return tuple(row | clocked.get(_key(table, row), {}) for row in rows)
 
 
 def read_file(

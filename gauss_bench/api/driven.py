@@ -120,14 +120,14 @@ def _held(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | 
         named = scenario or next(_driven_scenarios(document), None)
         own = scenarios.get(named, {}) if isinstance(scenarios, dict) else {}
         return dict.fromkeys(own.get("hold", [])) if isinstance(own, dict) and isinstance(own.get("hold", []), list) else {}
-    found: dict[str, float | None] = {}
+    held: dict[str, float | None] = {}
     for text in hold:
         name, equals, value = text.partition("=")
         number = _read(value.strip()) if equals else None
         if isinstance(number, str) or (number is not None and not np.isfinite(number)):
             raise ChoiceError(f"hold {text!r}: {value!r} is not a number of degrees or metres")
-        found[name.strip()] = number
-    return found
+        held[name.strip()] = number
+    return held
 
 
 def _held_motion(

@@ -38,13 +38,13 @@ def observed(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]
     if names is None:
         return mechanism.observed_points
     index = {link.name: i for i, link in enumerate(mechanism.links)}
-    found = []
+    points = []
     for name in names:
         link, _, point = name.partition(".")
         if link not in index or point not in mechanism.links[index[link]].points:
             raise ChoiceError(f"no point {name!r}; links are {', '.join(index)}, and points are named link.point")
-        found.append(mechanism.point(index[link], point))
-    return tuple(found)
+        points.append(mechanism.point(index[link], point))
+    return tuple(points)
 
 
 def kinematics(
@@ -146,8 +146,8 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
 
 def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
     """Where the assembly changes along the motion: the first time [s] after it, the group, and its side before and after."""
-    found = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
-    return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in found]
+    changes = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
+    return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in changes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +205,7 @@ def table(result: Kinematics) -> pd.DataFrame:
 def described_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
     """Limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
     try:
-        found = singular_positions(mechanism)
+        positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return str(error)
     return [
@@ -218,5 +218,5 @@ def described_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
             "input": s.driving.name,
             "input_value": s.input,
         }
-        for s in found
+        for s in positions
     ]
