@@ -31,8 +31,9 @@ from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
 from gauss_bench.studio import files, templates
 from gauss_bench.studio.autosave import collect
+from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.requests import APART, answer, engines_here
+from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import BESIDE, LARGEST, SOCKETS, UNREAD, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
