@@ -9,6 +9,7 @@ import contextlib
 import json
 import signal
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
@@ -38,6 +39,7 @@ from gauss_bench.studio.security import BESIDE, LARGEST, SOCKETS, UNREAD, Guard,
 from gauss_bench.studio.session import Session
 
 PAUSE = 0.02  # [s]
+SWITCH = 5e-4  # [s] a thread computes on while another waits: a frame of a drag goes through three, beside a search of seconds
 PAGE = Path(__file__).parent / "page"
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -262,6 +264,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
     collect()
+    sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
