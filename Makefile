@@ -8,7 +8,7 @@ BESIDE := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench publish report docs test test-all fuzz check verify certificates lint drawings setup clean
+.PHONY: bench publish report docs test test-all test-long fuzz check verify certificates lint drawings setup clean
 
 bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
 	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
@@ -24,11 +24,14 @@ report: setup          ## write the summary and the site of OUT again from its t
 docs: setup            ## write the documentation into the site of OUT; a report written after it links to it
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet -f gauss_bench/docs/mkdocs.yml -d $(abspath $(OUT))/site/docs
 
-test: setup            ## the tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow" $(BESIDE)
+test: setup            ## the tests that take no time and no tools
+	$(BIN)/python -m pytest -m "not slow and not long" $(BESIDE)
 
-test-all: setup        ## those, and the slow ones: mutations, fuzzing, a C compiler, a browser
-	$(BIN)/python -m pytest $(BESIDE)
+test-all: setup        ## those, and the slow ones: a browser, a C compiler, a cluster, fuzzing
+	$(BIN)/python -m pytest -m "not long" $(BESIDE)
+
+test-long: setup       ## the same claims at length: every mutation, every engine, every linkage
+	$(BIN)/python -m pytest -m long $(BESIDE)
 
 FILES ?= 20000
 LISTS ?= 3000

@@ -119,11 +119,11 @@ def print_json(item: Any) -> None:
 def list_all(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
 
-    found = text.catalogue()
+    catalogue = text.catalogue()
     if options.json:
-        print_json(found)
+        print_json(catalogue)
     else:
-        print(text.format_catalogue(found))
+        print(text.format_catalogue(catalogue))
     return 0
 
 
@@ -158,7 +158,7 @@ def show(options: argparse.Namespace) -> int:
     files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace)
     first = load(options.linkage, options.scenario)
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
-    found = text.description(first, others)
+    description = text.description(first, others)
     if files:
         from gauss_bench.report.drawings.drawing import draw
         from gauss_bench.report.drawings.pose import posed
@@ -166,9 +166,9 @@ def show(options: argparse.Namespace) -> int:
 
         write_text(files["svg"], draw(*posed(options.linkage)))
     if options.json:
-        print_json(found)
+        print_json(description)
     else:
-        print(text.format_description(found))
+        print(text.format_description(description))
     return 0
 
 
@@ -214,9 +214,9 @@ def selftest(options: argparse.Namespace) -> int:
     from gauss_bench.api import selftest as tested
     from gauss_bench.api import text
 
-    found = tested.selftest(options.only, tell)
-    print_json(tested.as_dict(found)) if options.json else print(text.format_selftest(found))
-    return 0 if found.passed else 1
+    outcome = tested.selftest(options.only, tell)
+    print_json(tested.as_dict(outcome)) if options.json else print(text.format_selftest(outcome))
+    return 0 if outcome.passed else 1
 
 
 def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
@@ -232,15 +232,15 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
     from gauss_bench.mechanism.parts import spread
     from gauss_bench.report.drawings.shown import film, picture
 
-    found, told = history(result), result.told()
+    curves, told = history(result), result.told()
     contents = {}
     for name, path in files.items():
         if name == "out":
-            contents[path] = table(found).encode()
+            contents[path] = table(curves).encode()
         elif name == "plot":
-            contents[path] = picture(path.suffix, told, found)
+            contents[path] = picture(path.suffix, told, curves)
         else:
-            contents[path] = film(path.suffix, told, found, result.model.whole, spread(result.model, result.trajectory))
+            contents[path] = film(path.suffix, told, curves, result.model.whole, spread(result.model, result.trajectory))
     for path, content in contents.items():  # all of them, once all of them could be made
         write_bytes(path, content)
         tell(f"{path}")
@@ -278,22 +278,23 @@ def kinematics(options: argparse.Namespace) -> int:
 def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str]) -> dict[str, str]:
     """The plot and the animation, as far as they are wanted."""
     from gauss_bench.api import kinematics as moved
+    from gauss_bench.api.driven import driven
     from gauss_bench.report.drawings.animation import animate
     from gauss_bench.report.drawings.curves import curves
     from gauss_bench.runs.offers import ChoiceError
 
     if not {"plot", "animate"} & {*wanted}:
         return {}
-    mechanism = moved.driven(options.linkage, options.scenario, options.driver, options.hold).whole
+    mechanism = driven(options.linkage, options.scenario, options.driver, options.hold).whole
     points, states = moved.observed(mechanism, options.points), moved.states(result)
     if "plot" in wanted and not points:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
-    found = {}
+    drawn = {}
     if "plot" in wanted:
-        found["plot"] = curves(mechanism, states.t, states.q, states.v, states.a, points)
+        drawn["plot"] = curves(mechanism, states.t, states.q, states.v, states.a, points)
     if "animate" in wanted:
-        found["animate"] = animate(mechanism, states.t, states.q, points)
-    return found
+        drawn["animate"] = animate(mechanism, states.t, states.q, points)
+    return drawn
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -313,11 +314,11 @@ def sweep(options: argparse.Namespace) -> int:
         options.budget,
     )
     where, planned = Where(options.backend, options.scheduler, options.jobs), (options.samples, options.sampling, options.seed)
-    found = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
-    print_json(found) if options.json else print(text(found["engines"]))
-    for name, told in found["engines"].items():
+    summary = swept(options.linkage, options.vary, options.out, engines, *planned, How(*asked), where, tell)
+    print_json(summary) if options.json else print(text(summary["engines"]))
+    for name, told in summary["engines"].items():
         tell(f"{name}: {half(told['half_the_step'])}")
-    ended = found["engines"].values()
+    ended = summary["engines"].values()
     sound = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
     return 0 if sound and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended) else 1
 
@@ -388,18 +389,18 @@ def atlas(options: argparse.Namespace) -> int:
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
-    found = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
-    rows = table.rows_of(found, environment()["commit"]) if options.out or options.into else []
+    reaches = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
     for folder in filter(None, (options.out, options.into)):
         tell(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
-        for name, content in {"atlas.svg": chart.chart(found), "index.html": table.page(found)}.items():
+        for name, content in {"atlas.svg": chart.chart(reaches), "index.html": table.page(reaches)}.items():
             write_text(options.out / name, content)
             tell(f"{options.out / name}")
     if options.json:
-        print_json([table.row(x) for x in found])
+        print_json([table.row(x) for x in reaches])
     else:
-        print(table.text(found))
+        print(table.text(reaches))
     return 0
 
 
@@ -415,9 +416,9 @@ def certify(options: argparse.Namespace) -> int:
         print("error: certify needs a linkage, or --built-in", file=sys.stderr)
         return BAD_INPUT
     chosen = (options.scenario, options.digits, options.until)
-    found = certificates.certify_one(options.linkage, *chosen, options.out, tell)
-    print_json(found) if options.json else print(text.format_certificate(found))
-    return 0 if found["status"] == "ok" else 1
+    certificate = certificates.certify_one(options.linkage, *chosen, options.out, tell)
+    print_json(certificate) if options.json else print(text.format_certificate(certificate))
+    return 0 if certificate["status"] == "ok" else 1
 
 
 def verify(options: argparse.Namespace) -> int:
@@ -495,12 +496,12 @@ def report(options: argparse.Namespace) -> int:
         check_publishable(options.out)
     if options.against:
         folders = options.out, options.against
-        found, moved = differences(*folders), clocked(*folders)
+        accuracy, moved = differences(*folders), clocked(*folders)
         where = read_environment(options.out), read_environment(options.against)
         if options.json:
-            print_json({"accuracy": asdict(found), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
+            print_json({"accuracy": asdict(accuracy), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
         else:
-            print(text.format_changes(found, moved, where))
+            print(text.format_changes(accuracy, moved, where))
         return 0
     files = build_report(options.out, programs, tell_if_long)
     entries = [path for path in files if path.name in ("README.md", "index.html")]
@@ -533,15 +534,15 @@ def check(options: argparse.Namespace) -> int:
             tell(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
     alter = partial(gate.scaled_inertia, options.plant_inertia) if options.plant_inertia else unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
-    found = gate.facts(rows, references)
+    figures = gate.facts(rows, references)
     if baseline is None:
-        changed, refused = gate.accept(found, options.baseline, options.accept)
+        changed, refused = gate.accept(figures, options.baseline, options.accept)
         print(f"{options.baseline}: {changed} figures new or changed")
         for reason in refused:
             print(f"not accepted, because it failed: {reason}", file=sys.stderr)
         return 1 if refused else 0
     part = gate.restricted(baseline, set(rows["mechanism"]), {x.engine for x in asked})
-    verdicts = gate.compare(found, part)
+    verdicts = gate.compare(figures, part)
     failed = list(gate.failures(verdicts))
     if options.json:
         print_json({"passed": not failed, "verdicts": [vars(v) for v in verdicts]})

@@ -151,10 +151,10 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
 
 def _count(x: Any) -> int:
     """A count as it is told; more than a double can count is none."""
-    found = int(x)
-    if not 0 <= found <= 1 << 53:
+    count = int(x)
+    if not 0 <= count <= 1 << 53:
         raise ValueError(f"{x} is no count")
-    return found
+    return count
 
 
 def examine(

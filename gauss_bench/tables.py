@@ -1006,12 +1006,12 @@ def _joined(
 ) -> tuple[dict[str, Any], ...]:
     """Rows with what a clock decided of them."""
     timed = [c.name for c in table.columns if c.timed]
-    found = {_key(table, row): {n: row[n] for n in timed} for row in times}
-    strange = found.keys() - {_key(table, row) for row in rows}
-    if strange or len(found) < len(times):
+    clocked = {_key(table, row): {n: row[n] for n in timed} for row in times}
+    strange = clocked.keys() - {_key(table, row) for row in rows}
+    if strange or len(clocked) < len(times):
         which = " ".join(x for x in min(strange, default=_key(table, times[0])) if x)
         raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {which}")
-    return tuple(row | found.get(_key(table, row), {}) for row in rows)
+    return tuple(row | clocked.get(_key(table, row), {}) for row in rows)
 
 
 def read_file(
@@ -1027,12 +1027,14 @@ def read_file(
     """
     table = TABLES[name]
     head, lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    if not head:  # a table without rows has its columns
+        raise TableError(f"{path}: table {name}: is empty, without the names of its columns; it was cut off or never written")
     if form is None:
         form = _own_format(path, head, lines)
     if form < FORMAT:
         head, lines = migrated(name, head, lines, form)
     lacking = [c.name for c in (columns or table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
-    if head and lacking:
+    if lacking:
         raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
     rows = []
     for count, line in enumerate(lines, 1):

@@ -18,7 +18,8 @@ from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
-SLOW = Path(__file__).parent / "slow.txt"  # tests that take seconds of processor time; those that need tools are marked in place
+# mark -> the tests that bear it because they take time; those that need tools are marked in place
+LISTED = {mark: Path(__file__).parent / f"{mark}.txt" for mark in ("slow", "long")}
 FEW = 8  # attempts of the search for a program
 DEAREST = ("test_mutations", "test_isolation", "test_wheel", "test_contributing", "test_selftest", "test_recommend", "test_site")
 CACHE = pytest.StashKey[str]()
@@ -40,12 +41,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests in the list are slow ones; the dearest files come first, so that no process waits for the other's last one."""
-    slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    """Tests in a list bear its mark; the dearest files come first, so that no process waits for the other's last one."""
+    listed = {mark: set(path.read_text(encoding="utf-8").splitlines()) for mark, path in LISTED.items()}
     items.sort(key=lambda item: DEAREST.index(item.path.stem) if item.path.stem in DEAREST else len(DEAREST))
     for item in items:
-        if item.nodeid.removeprefix("tests/") in slow:
-            item.add_marker(pytest.mark.slow)
+        for mark, tests in listed.items():
+            if item.nodeid.removeprefix("tests/") in tests:
+                item.add_marker(mark)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -100,7 +100,7 @@ def four_bars() -> dict[int, Kernel]:
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(
     "mechanism",
-    [m if m.name in QUICK else pytest.param(m, marks=pytest.mark.slow) for m in every_linkage()],
+    [m if m.name in QUICK else pytest.param(m, marks=pytest.mark.long) for m in every_linkage()],
     ids=lambda m: f"{m.name}-{m.scenario}",
 )
 def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulation: str) -> None:
@@ -114,7 +114,7 @@ def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulatio
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(
-    "name", ["four_bar-cycloid", "n_four_bar_12-fall", pytest.param("squeezer-squeeze", marks=pytest.mark.slow)]
+    "name", ["four_bar-cycloid", "n_four_bar_12-fall", pytest.param("squeezer-squeeze", marks=pytest.mark.long)]
 )
 def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
     mechanism = load(*name.split("-"))

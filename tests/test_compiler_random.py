@@ -18,7 +18,7 @@ from .random_linkages import FEWEST, MOST, random_linkage
 
 H, STEPS, GAP = 1e-3, 100, 10  # [s], steps, steps between samples
 ROUNDING = 1e-13  # of positions, after a hundred steps
-MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in (4, 5, 7, 10)]
+MORE = [pytest.param(seed, marks=pytest.mark.long) for seed in (4, 5, 7, 10)]
 
 
 @cache

@@ -28,7 +28,13 @@ from gauss_bench.terms import Solution, Terms
 from gauss_bench.trajectory import States
 from tests.conftest import needs
 
-QUICK = ("soft_loop", "stale", "late")  # and the inertia, below; all of them are planted by the test of the whole selftest
+QUICK = (
+    "soft_loop",
+    "stale",
+    "late",
+    "wrapped",
+    "backwards",
+)  # and the inertia, below; all of them are planted by the test of the whole selftest
 FOUR_BAR, CRANK_SLIDER, SIX_BAR = ("four_bar", "torque"), ("crank_slider", "paper"), ("six_bar", "torque")
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.api.kinematics import driven, kinematics
+from gauss_bench.api.driven import driven
+from gauss_bench.api.kinematics import kinematics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.cli import main
 from gauss_bench.engines import get as engine

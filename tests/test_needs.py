@@ -2,10 +2,11 @@
 
 import shutil
 import sys
+from pathlib import Path
 
 import pytest
 
-from tests.conftest import SLOW, needs
+from tests.conftest import LISTED, needs
 
 
 def test_a_module_or_a_program_that_is_there_is_given() -> None:
@@ -22,7 +23,15 @@ def test_a_missing_tool_is_a_named_skip_and_in_ci_a_failure(monkeypatch: pytest.
         needs("no-such-tool")
 
 
-def test_the_list_of_slow_tests_names_tests_that_are_there() -> None:
-    for line in SLOW.read_text(encoding="utf-8").splitlines():
+@pytest.mark.parametrize("path", LISTED.values(), ids=LISTED)
+def test_a_list_of_tests_names_tests_that_are_there(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines == sorted(set(lines)), "each once, in order"
+    for line in lines:
         file, _, test = line.partition("::")
-        assert f"def {test.partition('[')[0]}(" in (SLOW.parent / file).read_text(encoding="utf-8"), line
+        assert f"def {test.partition('[')[0]}(" in (path.parent / file).read_text(encoding="utf-8"), line
+
+
+def test_no_test_is_both_slow_and_long() -> None:
+    slow, long = (set(path.read_text(encoding="utf-8").splitlines()) for path in LISTED.values())
+    assert not slow & long

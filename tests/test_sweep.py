@@ -21,6 +21,8 @@ from gauss_bench.sweep.paths import changed, number_at
 from gauss_bench.sweep.plan import plan
 from gauss_bench.sweep.run import How, Where, sweep
 from gauss_bench.sweep.summary import sensitivities
+from tests.fuzz.files import toml
+from tests.test_scrutiny import oscillator
 
 VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
 SHORT = How(scenario="paper", until=0.2, stabilization="projection")
@@ -170,6 +172,18 @@ def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None
     assert found["a"] == pytest.approx(1.0, abs=1e-12)
     assert abs(found["b"]) < 0.2
     assert sensitivities(some, -(some.values[:, 1] ** 3))["rank_correlation"]["b"] == pytest.approx(-1.0, abs=1e-12)
+
+
+def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) -> None:
+    """Blocks let go by a stiff spring are at rest after 0.3 ms, of which samples a millisecond apart see nothing."""
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
+    how = How(until=0.4, step=2e-5, integrator="rk4")
+    told = sweep(str(path), ["forces.f.c=4e4:5e4:2"], tmp_path / "s", how=how, where=Where(jobs=1))
+    assert told["engines"]["gauss-native"]["status"] == {"ok": 2}
+    for row in rows(tmp_path / "s"):
+        assert row["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
+        assert "energy is not decidable" in str(row["message"])
 
 
 def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:

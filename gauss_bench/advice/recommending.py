@@ -20,17 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.answer import LOOPS, UNITS, Answer, setting_said
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import raced_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import common, ratio, spread
-from gauss_bench.bench.search import UNITS, Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
+from gauss_bench.bench.search import Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
 from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.metrics import drift
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -301,9 +302,12 @@ class Recommender:
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
         if trial.status is not Status.OK:
             return trial
-        shares = [trial.errors[kind] / limit for kind, limit in self.wanted.items()]
+        errors = dict(trial.errors)
+        if LOOPS in self.wanted and found.trajectory is not None:
+            errors[LOOPS] = float(drift(self.judge, found.trajectory).position.max())
+        shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
-        return Trial(trial.size, {**trial.errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
+        return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
 
     def _limit(self, engine: _Engine) -> float:
         """Seconds that a run may take: the first of an engine, which loads and compiles what it needs, gets them in any case."""

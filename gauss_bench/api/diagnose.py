@@ -58,12 +58,12 @@ class Diagnosis(OneRun):
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name; plain."""
-        found = super().as_dict() | {"cause": str(self.cause), "part": self.part and str(self.part)}
-        found["parts"] = {str(k): x for k, x in self.parts.items()}
-        found["numbers"] = self.numbers and asdict(self.numbers)
-        found["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
-        found["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
-        return found
+        by_name = super().as_dict() | {"cause": str(self.cause), "part": self.part and str(self.part)}
+        by_name["parts"] = {str(k): x for k, x in self.parts.items()}
+        by_name["numbers"] = self.numbers and asdict(self.numbers)
+        by_name["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
+        by_name["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
+        return by_name
 
 
 def diagnose(
@@ -121,8 +121,8 @@ def diagnose(
 
         offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
-        found = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return described(mechanism, engine, choice, end, found, reference.method)
+        verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+    return described(mechanism, engine, choice, end, verdict, reference.method)
 
 
 def left(deadline: float) -> float:
@@ -152,16 +152,16 @@ def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:
     return asdict(build_reference(load(linkage, scenario), until))
 
 
-def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, found: Verdict, reference: str) -> Diagnosis:
+def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
     return Diagnosis(
         **named(mechanism, engine, choice),
         until=until,
-        cause=found.cause,
-        part=found.cause.part,
-        verdict=found.sentence,
-        parts=found.parts,
-        numbers=found.numbers,
-        explanations=found.explanations,
-        runs=found.runs,
+        cause=verdict.cause,
+        part=verdict.cause.part,
+        verdict=verdict.sentence,
+        parts=verdict.parts,
+        numbers=verdict.numbers,
+        explanations=verdict.explanations,
+        runs=verdict.runs,
         reference=reference,
     )

@@ -2,42 +2,36 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.advice.answer import LOOPS
 from gauss_bench.advice.budget import Budget
+from gauss_bench.advice.recommending import SEARCHED, Recommender
+from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.engines.base import Choice
+from gauss_bench.bench.ways import Run
 from gauss_bench.engines.extras import MissingExtra, not_installed
+from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, Kind, exported
 from gauss_bench.exchange.imports import imported
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.asked import checked_budget, countable
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
 BUDGET = 60.0  # [s] to look for a step
 STEP = 1e-3  # [s] of a file where nothing is measured
-STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s] that are tried, from large to small
-ONE_TRY = 0.25  # of the budget, that the first run gets in any case
-LOOPS, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
+OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
-ROWS_PER_SECOND = 200  # compared
-EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the run that says how good it is
 
 
 def export(
@@ -179,51 +173,24 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
 
 
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:
-    """The largest of STEPS that holds LOOPS and MOTION by half, or else the one with the smallest error within the budget."""
-    until = min(max(mechanism.duration, SHORTEST), LONGEST)
-    times = np.linspace(0.0, until, int(until * ROWS_PER_SECOND) + 1)
-    own = Budget(budget, lanes=1)
-    told(f"reference over {until:g} s")
-    truth, bar = reference(linkage, mechanism, times, budget)
-    evaluator, best = Evaluator(mechanism), None
-    with Worker() as worker:
-        for step in STEPS:
-            left = own.left()
-            if left <= 0 and best is not None:
-                break
-            choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
-            request = Request(linkage, mechanism.scenario, kind.engine, choice, sampling_at(step, times))
-            run = run_of(request, mechanism, max(left, 1.0 if best else ONE_TRY * budget), worker)
-            if run.trajectory is None:
-                told(f"step {step:g} s: {run.status} {run.message}")
-                if run.status is Status.TIMEOUT:
-                    break
-                continue
-            x = run.trajectory
-            open_by = float(np.abs(evaluator.constraints(x.t, x.q, x.v).phi).max(initial=0.0))
-            off_by = float(np.abs(x.q - truth).max())
-            found = Tuning(kind.settings, kind.integrator, step, until, open_by, off_by, bar, LOOPS, MOTION)
-            told(f"step {step:g} s: loops open by {open_by:.1e}, motion off by {off_by:.1e}")
-            best = found if best is None or off_by < best.motion_error else best
-            if found.met:
-                return found
-    if best is None:
-        raise ExchangeError(f"{mechanism.source}: {mechanism.name}: no step of {kind.engine} came to an end within {budget:g} s")
-    return best
-
-
-def reference(linkage: str, mechanism: Mechanism, times: Array, budget: float) -> tuple[Array, float]:
-    """Positions (k, n) by the suite's own DOP853, and how much they change with its tolerance.
+    """The largest step that holds OPEN and MOTION by half, or else the one that comes nearest, by the search of `recommend`.
 
     Raises:
-        ExchangeError: it comes to no end.
+        ExchangeError: no run comes to an end, or the motion is not known well enough to judge by.
     """
-    engine = "gauss-native" if find_spec("llvmlite") else "gauss"
-    found = []
-    for tolerance in (EXACT, NEARLY):
-        choice = Choice("default", "dop853", "none", float(times[1]), tolerance)
-        run = run_of(Request(linkage, mechanism.scenario, engine, choice, sampling_at(float(times[1]), times)), mechanism, budget)
-        if run.trajectory is None:
-            raise ExchangeError(f"{mechanism.source}: {mechanism.name}: nothing to measure against: {run.message}")
-        found.append(run.trajectory.q)
-    return found[0], float(np.abs(found[0] - found[1]).max())
+    until = min(max(mechanism.duration, SHORTEST), LONGEST)
+    own, named = Budget(budget / SEARCHED), f"{mechanism.source}: {mechanism.name}"  # what is for the race is searched too
+    space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
+    wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}
+    try:
+        with Recommender(Run(linkage, mechanism, until), wanted, space, own, told) as recommender:
+            truth = recommender.search().truth
+            (answer,) = recommender.answers({})
+    except NoTruth as reason:
+        raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
+    if not (answer.steps and answer.errors):
+        raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
+    errors, bar = answer.errors, max(truth.bars["position"], truth.bars["angle"])
+    motion = max(errors["position"], errors["angle"])
+    step = until / answer.steps
+    return Tuning(kind.settings, kind.integrator, step, until, errors[LOOPS], motion, truth.told, bar, OPEN, MOTION)

@@ -46,13 +46,13 @@ def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, 
         ChoiceError: an ending that is not known, or a file that is asked for twice.
         ExchangeError: as `writable`.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for name, path in asked.items():
         if path is None:
             continue
         if path.suffix.lower() not in kinds[name]:
             raise ChoiceError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
-        if path in found.values():
+        if path in files.values():
             raise ChoiceError(f"--{name} {path}: is asked for twice")
-        found[name] = writable(path, replace, f"--{name}")
-    return found
+        files[name] = writable(path, replace, f"--{name}")
+    return files

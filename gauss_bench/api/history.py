@@ -71,8 +71,8 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
     if sound:
         part = Trajectory(x.t[:sound], x.q[:sound], x.v[:sound], x.a[:sound], 0)
         gained[:sound] = metrics.energy_error(evaluator, part)[0]
-    found = {"kinetic": evaluator.energy(x.q, x.v) - potential, "potential": potential, "gained": gained}
-    for key, values in found.items():
+    samples = {"kinetic": evaluator.energy(x.q, x.v) - potential, "potential": potential, "gained": gained}
+    for key, values in samples.items():
         yield Curve(Group.ENERGY, "energy", key, "J", np.asarray(values))
 
 
@@ -80,12 +80,12 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Joint forces, then what drivers and constant torques exert."""
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.joints if isinstance(joint, Prismatic)}
-    for name, found in metrics.joint_forces(evaluator, x).items():
-        for key, values in found.items():
+    for name, components in metrics.joint_forces(evaluator, x).items():
+        for key, values in components.items():
             if key != "moment" or name in slides:  # a pin has none
                 yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
-    for name, found in metrics.weld_forces(evaluator, x).items():
-        for key, values in found.items():
+    for name, components in metrics.weld_forces(evaluator, x).items():
+        for key, values in components.items():
             yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
     if mechanism.drivers:
         exerted = metrics.driving_forces(evaluator, x)
@@ -113,11 +113,11 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
             yield Curve(Group.TRANSMISSION, names, "transmission", "deg", angle)
 
 
-def table(found: History) -> str:
+def table(history: History) -> str:
     """The curves as CSV: a row per time, and a header that gives every column's unit."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(["t [s]", *(f"{x.name} [{x.unit}]" for x in found.curves)])
-    for row in np.column_stack([found.t, *(x.values for x in found.curves)]):
+    writer.writerow(["t [s]", *(f"{x.name} [{x.unit}]" for x in history.curves)])
+    for row in np.column_stack([history.t, *(x.values for x in history.curves)]):
         writer.writerow(["" if value != value else f"{value:.{DIGITS}g}" for value in row.tolist()])
     return lines.getvalue()

@@ -279,18 +279,18 @@ def _numbers(text: str) -> list[float]:
 
 def _times(text: str) -> list[float]:
     """Argument of --at."""
-    found = _numbers(text)
-    if not all(math.isfinite(x) and x >= 0 for x in found):
+    times = _numbers(text)
+    if not all(math.isfinite(x) and x >= 0 for x in times):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
-    return found
+    return times
 
 
 def _steps(text: str) -> list[float]:
     """Argument of --steps of run."""
-    found = _numbers(text)
-    if not all(math.isfinite(x) and x > 0 for x in found):
+    steps = _numbers(text)
+    if not all(math.isfinite(x) and x > 0 for x in steps):
         raise argparse.ArgumentTypeError("steps must be positive numbers")
-    return found
+    return steps
 
 
 VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {

@@ -25,7 +25,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
 
     A choice is linkage, scenario, engine, settings, integrator, stabilisation, step, tolerance and end of the run [s].
     """
-    found: dict[tuple[Any, ...], str] = {}
+    written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
         for engine in dict.fromkeys(x[2] for x in wanted):
             some = [x for x in wanted if x[2] == engine]
@@ -33,8 +33,8 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
                 texts = worker.call(written_there, ([list(x) for x in some],), LIMIT)
             except WorkerFailure:
                 continue
-            found |= {x: text for x, text in zip(some, texts, strict=True) if text}
-    return found
+            written |= {x: text for x, text in zip(some, texts, strict=True) if text}
+    return written
 
 
 def written_there(wanted: list[list[Any]]) -> list[str]:

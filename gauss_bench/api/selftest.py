@@ -25,6 +25,6 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     return planted(only, told)
 
 
-def as_dict(found: SelfTest) -> dict[str, Any]:
+def as_dict(selftest: SelfTest) -> dict[str, Any]:
     """As `--json` prints it."""
-    return asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}
+    return asdict(selftest) | {"planted": selftest.planted, "detected": selftest.detected, "passed": selftest.passed}

@@ -81,11 +81,11 @@ def simulate(
     worker = kept(engine)  # which has described it already
     try:
         run = run_of(request, mechanism, limit, worker)
-        found, truth, finer = run.trajectory or run.reached, None, None
-        if found is not None and run.status in RAN:
+        trajectory, truth, finer = run.trajectory or run.reached, None, None
+        if trajectory is not None and run.status in RAN:
             truth = certified_until(mechanism, at[-1])
-            if truth is None and fixed and len(found.t) > 1:
-                finer = run_of(at_half_the_step(request, run.seconds, found.t), mechanism, limit, worker)
+            if truth is None and fixed and len(trajectory.t) > 1:
+                finer = run_of(at_half_the_step(request, run.seconds, trajectory.t), mechanism, limit, worker)
     finally:
         worker.stop()
     return judged(mechanism, engine, choice, run, at, truth, finer)
@@ -124,21 +124,21 @@ def _second(finer: Run | None) -> Reference | None:
 def _judged(
     mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float], truth: Reference | None, finer: Run | None
 ) -> Simulation:
-    found = run.trajectory or run.reached
-    if found is None:
+    trajectory = run.trajectory or run.reached
+    if trajectory is None:
         return described(mechanism, engine, choice, run.status, run.message, at[-1])
     try:
         evaluator = Evaluator(mechanism)
-        evidence, undecided = evidence_of(mechanism, choice, found, truth, finer)
-        figures, verdict = measured(evidence, found, run), judge(evidence)
-        until = float(found.t[-1]) if verdict.valid else trusted_until(evaluator, found, truth, _second(finer))
-        last, status = float(found.t[-1]), run.status
-        chosen = at_times(found, at if run.trajectory else [*(x for x in at if x < last), last])
+        evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer)
+        figures, verdict = measured(evidence, trajectory, run), judge(evidence)
+        until = float(trajectory.t[-1]) if verdict.valid else trusted_until(evaluator, trajectory, truth, _second(finer))
+        last, status = float(trajectory.t[-1]), run.status
+        chosen = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
         if run.trajectory:
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
         told = "; ".join(filter(None, (*sentences, undecided, remark(evidence))))
-        return described(mechanism, engine, choice, status, told, at[-1], found, chosen, verdict, figures, until)
+        return described(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
         return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
@@ -193,10 +193,10 @@ def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None
     return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
-def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
+def measured(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, Any]:
     """The figures that need no truth, of what was computed, and the costs."""
     return {
-        "until": float(found.t[-1]),
+        "until": float(trajectory.t[-1]),
         "position_drift": float(evidence.drift.position.max()),
         "velocity_drift": float(evidence.drift.velocity.max()),
         "acceleration_residual": float(evidence.drift.acceleration.max()),
@@ -204,9 +204,9 @@ def measured(evidence: Evidence, found: Trajectory, run: Run) -> dict[str, Any]:
         "energy_error": float(np.abs(evidence.energy).max()),
         "energy_error_bar": evidence.energy_bar,
         "energy_scale": evidence.energy_scale,
-        "steps": found.steps,
+        "steps": trajectory.steps,
         "shortened_steps": run.sampling.shortened,
-        "evaluations": found.evaluations,
+        "evaluations": trajectory.evaluations,
         "build_time": run.build_time,
         "step_time": run.step_time,
         "halving_length": None if evidence.halving is None else float(evidence.halving.length.max(initial=0.0)),
@@ -240,9 +240,9 @@ def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, dict[str, Arra
 
 def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, dict[str, Array]]:
     """Per point: position, velocity, acceleration."""
-    found = {}
+    states = {}
     for p in points:
         levels = position(x.q, p), velocity(x.q, x.v, p), acceleration(x.q, x.v, x.a, p)
         pairs = zip((("x", "y"), ("vx", "vy"), ("ax", "ay")), levels, strict=True)
-        found[p.name] = {key: values[:, j] for keys, values in pairs for j, key in enumerate(keys)}
-    return found
+        states[p.name] = {key: values[:, j] for keys, values in pairs for j, key in enumerate(keys)}
+    return states

@@ -46,11 +46,11 @@ def catalogue() -> dict[str, Any]:
     }
 
 
-def format_catalogue(found: dict[str, Any]) -> str:
+def format_catalogue(catalogue: dict[str, Any]) -> str:
     lines = ["linkages"]
-    lines += [f"  {k:14} {v['title']}  [{', '.join(v['scenarios'])}]" for k, v in found["linkages"].items()]
+    lines += [f"  {k:14} {v['title']}  [{', '.join(v['scenarios'])}]" for k, v in catalogue["linkages"].items()]
     lines.append("engines")
-    for name, engine in found["engines"].items():
+    for name, engine in catalogue["engines"].items():
         if engine["reason"]:
             lines.append(f"  {name:14} {engine['status']}: {engine['reason']}")
             continue
@@ -59,14 +59,14 @@ def format_catalogue(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def format_checkup(found: dict[str, Any]) -> str:
+def format_checkup(checkup: dict[str, Any]) -> str:
     """What `doctor` looked at, one thing a line, and its verdict last."""
     lines = []
     for title in ("findings", "engines"):
-        for x in found[title]:
+        for x in checkup[title]:
             status = "" if x["status"] == "ok" else f"{x['status']}: "
             lines.append(f"  {x['name']:16} {status}{'; '.join(filter(None, (x['value'], x['message'])))}")
-    return "\n".join([*lines, found["verdict"]])
+    return "\n".join([*lines, checkup["verdict"]])
 
 
 def format_conformance(engine: str, checks: "list[Check]") -> str:
@@ -105,20 +105,20 @@ def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
     }
 
 
-def format_description(found: dict[str, Any]) -> str:
+def format_description(description: dict[str, Any]) -> str:
     counts = ", ".join(
-        f"{found[k]} {word}{'' if found[k] == 1 else 's'}{rest}"
+        f"{description[k]} {word}{'' if description[k] == 1 else 's'}{rest}"
         for k, word, rest in (("dof", "degree", " of freedom"), ("loops", "loop", ""), ("redundant", "redundant row", ""))
     )
-    lines = [f"{found['name']}: {found['title']}", counts, "links (mass kg, inertia kg m^2, centre of mass m)"]
-    for name, link in found["links"].items():
+    lines = [f"{description['name']}: {description['title']}", counts, "links (mass kg, inertia kg m^2, centre of mass m)"]
+    for name, link in description["links"].items():
         lines.append(f"  {name:14} {link['mass']:<12.6g} {link['inertia']:<12.6g} ({link['com'][0]:.6g}, {link['com'][1]:.6g})")
-    lines.append("joints: " + ", ".join(f"{k} ({v})" for k, v in found["joints"].items()))
-    for name, scenario in found["scenarios"].items():
+    lines.append("joints: " + ", ".join(f"{k} ({v})" for k, v in description["joints"].items()))
+    for name, scenario in description["scenarios"].items():
         how = "driven" if scenario["driven"] else "free"
         lines.append(f"scenario {name}: {scenario['duration']:g} s, {how}, forces {', '.join(scenario['forces']) or 'none'}")
-    lines += [f"weld {name}: holds {', '.join(held)}" for name, held in found["welds"].items()]
-    lines += [f"warning: {x}" for x in found["warnings"]]
+    lines += [f"weld {name}: holds {', '.join(held)}" for name, held in description["welds"].items()]
+    lines += [f"warning: {x}" for x in description["warnings"]]
     return "\n".join(lines)
 
 
@@ -174,9 +174,9 @@ def format_export(result: dict[str, Any]) -> str:
     lines = [f"{result['file']}: {result['mechanism']} / {result['scenario']} as {result['what']}, {step}, {result['bytes']} bytes"]
     lines += [f"not in it: {x}" for x in result["left_out"]]
     if tuning := result["tuning"]:
-        found = f"joints open by {tuning['loops_open']:.1e}, links off by {tuning['motion_error']:.1e} (m, rad)"
+        errors = f"joints open by {tuning['loops_open']:.1e}, links off by {tuning['motion_error']:.1e} (m, rad)"
         aim = f"{tuning['loops_wanted']:g} and {tuning['motion_wanted']:g}"
-        lines.append(f"measured over {tuning['until']:g} s: {found}; {'held' if tuning['met'] else 'NOT HELD'}: {aim}")
+        lines.append(f"measured over {tuning['until']:g} s: {errors}; {'held' if tuning['met'] else 'NOT HELD'}: {aim}")
     return "\n".join(lines)
 
 
@@ -193,7 +193,7 @@ def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) 
         counts = sorted(Counter(str(row["status"]) for row in rows).items())
         said = ", ".join(f"{n} {status}" for status, n in counts)
         lines.append(f"{len(rows)} cases ({said}); {sum(bool(row.get('valid')) for row in rows)} are valid")
-    aimed = [(name, row) for name, found in tables.items() for row in found if isinstance(row.get("met"), bool)]
+    aimed = [(name, row) for name, table in tables.items() for row in table if isinstance(row.get("met"), bool)]
     if aimed:
         missed = dict.fromkeys(" ".join(_names(name, row)) for name, row in aimed if not row["met"])
         lines.append(f"{sum(row['met'] for _, row in aimed)} of {len(aimed)} targets met")
@@ -207,27 +207,27 @@ def _names(table: str, row: Mapping[str, Any]) -> list[str]:
     return [str(row[c.name]) for c in keys if c.kind == "text" and row.get(c.name)]
 
 
-def format_differences(found: "Differences", there: Path) -> str:
+def format_differences(differences: "Differences", there: Path) -> str:
     """What a run measured otherwise than the one in the folder `there`."""
-    apart = len(found.beyond)
-    lines = [f"apart: {v.case}: {v.metric} = {v.value}, there {v.baseline}" for v in found.beyond[:SHOWN]]
+    apart = len(differences.beyond)
+    lines = [f"apart: {v.case}: {v.metric} = {v.value}, there {v.baseline}" for v in differences.beyond[:SHOWN]]
     if apart > SHOWN:
         lines.append(f"and {apart - SHOWN} more")
-    others = [(found.only_here, "here only"), (found.only_there, "there only")]
+    others = [(differences.only_here, "here only"), (differences.only_there, "there only")]
     missing = "".join(f"; {n} cases are {where}" for n, where in others if n)
     return "\n".join(
-        [*lines, f"against {there}: {apart} of {found.compared} accuracy figures lie apart beyond the gate's limits{missing}"]
+        [*lines, f"against {there}: {apart} of {differences.compared} accuracy figures lie apart beyond the gate's limits{missing}"]
     )
 
 
 def format_changes(
-    found: "Differences", times: "tuple[int, tuple[Clocked, ...]]", where: tuple[dict[str, Any], dict[str, Any]]
+    differences: "Differences", times: "tuple[int, tuple[Clocked, ...]]", where: tuple[dict[str, Any], dict[str, Any]]
 ) -> str:
     """What a run found otherwise than another one, as Markdown for a comment: the verdict, what matters, what merely moved."""
     compared, moved = times
     matters, rest = [x for x in moved if x.matters], [x for x in moved if not x.matters]
-    apart = len(found.beyond)
-    verdict = f"{apart or 'None'} of {found.compared} accuracy figures beyond the gate's limits; " + (
+    apart = len(differences.beyond)
+    verdict = f"{apart or 'None'} of {differences.compared} accuracy figures beyond the gate's limits; " + (
         f"{len(matters) or 'none'} of {compared} ratios, targets and claims of times changed sides."
         if compared
         else "no times in common."
@@ -238,10 +238,10 @@ def format_changes(
         for name, x in zip(("this run", "against"), where, strict=True)
     ]
     lines = ["## What changed", "", f"**{verdict}**", "", *made]
-    others = [(found.only_here, "this run only"), (found.only_there, "the other run only")]
+    others = [(differences.only_here, "this run only"), (differences.only_there, "the other run only")]
     lines += [f"- {n} cases are of {whose}" for n, whose in others if n]
     if apart:
-        cells = [(v.case, v.metric, v.value, v.baseline, v.limit) for v in found.beyond]
+        cells = [(v.case, v.metric, v.value, v.baseline, v.limit) for v in differences.beyond]
         lines += _markdown("Accuracy", ("case", "figure", "this run", "against", "allowed"), cells)
     head = ("what", "this run", "against")
     if matters:
@@ -326,17 +326,19 @@ def format_verification(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def format_recommendation(found: dict[str, Any]) -> str:
+def format_recommendation(recommendation: dict[str, Any]) -> str:
     """The object that --json prints, as text."""
-    limits = " and ".join(f"{kind} {x:g} {UNITS[kind]}" for kind, x in found["required"].items())
-    known = ", ".join(f"{found['known'][kind]:.0e} {UNITS[kind]}" for kind in found["required"] if kind in found["known"])
-    lines = [f"{found['mechanism']} / {found['scenario']}, {found['until']:g} s: {limits}, of which settings hold half"]
-    lines.append(f"truth known to {known}; {found['truth']}")
-    heading = "  ".join(f"{kind} error" for kind in found["required"])
+    required, certain = recommendation["required"], recommendation["known"]
+    limits = " and ".join(f"{kind} {x:g} {UNITS[kind]}" for kind, x in required.items())
+    known = ", ".join(f"{certain[kind]:.0e} {UNITS[kind]}" for kind in required if kind in certain)
+    what = f"{recommendation['mechanism']} / {recommendation['scenario']}, {recommendation['until']:g} s"
+    lines = [f"{what}: {limits}, of which settings hold half"]
+    lines.append(f"truth known to {known}; {recommendation['truth']}")
+    heading = "  ".join(f"{kind} error" for kind in required)
     lines.append(f"  {'engine':16} {'setting':{SETTING}} {heading:>16} {'time of a run':>14} {'ratio (5 % to 95 %)':>22}")
-    lines += [_answer(answer, found["required"]) for answer in found["answers"]]
-    lines += [*(f"Note: {x}." for x in found["remarks"]), found["advice"]]
-    short = next((x["snippet"] for x in found["answers"] if x["snippet"]), "")
+    lines += [_answer(answer, required) for answer in recommendation["answers"]]
+    lines += [*(f"Note: {x}." for x in recommendation["remarks"]), recommendation["advice"]]
+    short = next((x["snippet"] for x in recommendation["answers"] if x["snippet"]), "")
     if 0 < len(short.splitlines()) <= SHORT_PROGRAM:
         lines += ["", short.rstrip(), ""]
     return "\n".join([*lines, "Programs that run each of these settings: --out FOLDER."])
@@ -374,11 +376,13 @@ def format_diagnosis(x: "Diagnosis") -> str:
     return "\n".join([*lines, f"truth: {x.reference}"])
 
 
-def format_selftest(found: "SelfTest") -> str:
+def format_selftest(selftest: "SelfTest") -> str:
     """What was planted and not seen, what was seen where nothing was, and how small a fault may be."""
-    lines = [f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in found.findings]
-    lines += [f"FALSE ALARM: {said}" for said in found.false_alarms]
-    lines.append(f"{found.detected} of {found.planted} planted faults detected; {len(found.false_alarms)} false alarms")
-    lines.append(f"{found.silent} checks silent on the sound suite")
-    lines += [f"smallest {x.fault} error seen: {x.size:.1e} {x.unit}" for x in found.smallest]
-    return "\n".join([*lines, f"{found.seconds:.1f} s of processor time"])
+    lines = [
+        f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in selftest.findings
+    ]
+    lines += [f"FALSE ALARM: {said}" for said in selftest.false_alarms]
+    lines.append(f"{selftest.detected} of {selftest.planted} planted faults detected; {len(selftest.false_alarms)} false alarms")
+    lines.append(f"{selftest.silent} checks silent on the sound suite")
+    lines += [f"smallest {x.fault} error seen: {x.size:.1e} {x.unit}" for x in selftest.smallest]
+    return "\n".join([*lines, f"{selftest.seconds:.1f} s of processor time"])

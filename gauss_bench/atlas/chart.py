@@ -19,7 +19,7 @@ LEGEND = (("passes", PASS), ("degraded", DEGRADED), ("fails", FAILED), ("not kno
 FONT = 'font-family="Helvetica, Arial, sans-serif"'
 
 
-def panel(family: Family, found: Sequence[Reach]) -> tuple[list[str], float]:
+def panel(family: Family, reaches: Sequence[Reach]) -> tuple[list[str], float]:
     """SVG elements of one axis, and their height [px]."""
     shapes = [
         _text(0, 15, family.title, INK, 14, "bold"),
@@ -29,13 +29,13 @@ def panel(family: Family, found: Sequence[Reach]) -> tuple[list[str], float]:
         _text(NAMES + BAR / 2, 49, "harder →", MUTED, 10, anchor="middle"),
         _text(NAMES + BAR + 8, 49, "passes to", MUTED, 10),
     ]
-    for i, x in enumerate(found):
+    for i, x in enumerate(reaches):
         y = HEAD + ROW * i
         shapes.append(_text(NAMES - 8, y + 12, x.way.name, INK, 11, anchor="end"))
         shapes += _bar(family, x, y + 2)
         known = x.passes_to is not None
         shapes.append(_text(NAMES + BAR + 8, y + 12, _said(family, x), INK if known else MUTED, 11, "bold" if known else ""))
-    return shapes, HEAD + ROW * len(found) + FOOT
+    return shapes, HEAD + ROW * len(reaches) + FOOT
 
 
 def _bar(family: Family, x: Reach, y: float) -> list[str]:
@@ -71,14 +71,14 @@ def number(value: float) -> str:
     return f"{value:g}"
 
 
-def panels(found: Sequence[Reach]) -> list[tuple[Family, list[Reach]]]:
+def panels(reaches: Sequence[Reach]) -> list[tuple[Family, list[Reach]]]:
     """The ways of each axis, in the order in which they were surveyed."""
-    return [(FAMILIES[axis], [x for x in found if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in found)]
+    return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 
-def chart(found: Sequence[Reach]) -> str:
+def chart(reaches: Sequence[Reach]) -> str:
     """All panels in one picture."""
-    drawn = [panel(family, some) for family, some in panels(found)]
+    drawn = [panel(family, some) for family, some in panels(reaches)]
     abreast = min(ABREAST, max(1, len(drawn)))
     tall = max((height for _, height in drawn), default=0.0)
     rows = math.ceil(len(drawn) / abreast)
@@ -95,9 +95,9 @@ def chart(found: Sequence[Reach]) -> str:
     return _svg(wide, top + rows * tall, parts)
 
 
-def alone(family: Family, found: Sequence[Reach]) -> str:
+def alone(family: Family, reaches: Sequence[Reach]) -> str:
     """One panel as a picture."""
-    shapes, height = panel(family, found)
+    shapes, height = panel(family, reaches)
     return _svg(WIDTH, height - FOOT + 6, shapes)
 
 

@@ -62,8 +62,8 @@ def ladder(first: float, last: float, each: tuple[float, ...] = (1.0, 3.0)) -> t
     """Numbers from first to last, up or down, with these leading digits in every decade."""
     low, high = sorted((first, last))
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    found = [float(f"{digit:g}e{power}") for power in powers for digit in each]
-    kept = [x for x in found if low * (1 - 1e-9) <= x <= high * (1 + 1e-9)]
+    rungs = [float(f"{digit:g}e{power}") for power in powers for digit in each]
+    kept = [x for x in rungs if low * (1 - 1e-9) <= x <= high * (1 + 1e-9)]
     return tuple(kept if first < last else reversed(kept))
 
 
@@ -152,7 +152,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> tuple[Array, Array, Ar
 
     n = round(count)
     k = G / LENGTH * ((n + 1) / 2 + n) / ((n + 1) / 3 + n)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda _, y: [y[1], -k * np.cos(y[0])],
         (0.0, float(t[-1])),
         [np.radians(RELEASE), 0.0],
@@ -161,7 +161,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> tuple[Array, Array, Ar
         rtol=tolerance,
         atol=tolerance / 100,
     )
-    angle, rate = found.y
+    angle, rate = solution.y
     second = -k * np.cos(angle)
     along = LENGTH * np.exp(1j * angle)
     speed, push = 1j * rate * along, (1j * second - rate**2) * along

@@ -86,14 +86,14 @@ def ways(wanted: Sequence[str] | None = None) -> list[Way]:
         KeyError: there is no such engine.
         ChoiceError: an engine that was asked for cannot be used.
     """
-    found = []
+    usable = []
     for offer in offers(list(wanted or names())):
         if not offer.usable:
             if wanted:
                 raise ChoiceError(f"{offer.name} cannot be used: {offer.reason}")
             continue
-        found += _ways_of(offer)
-    return found
+        usable += _ways_of(offer)
+    return usable
 
 
 def _ways_of(offer: Offer) -> list[Way]:
@@ -142,15 +142,15 @@ class Course:
         times = compared(step, mechanism.duration)
         if family.truth is not None:
             return mechanism, _reference(times, *(family.truth(value, times, x) for x in (EXACT, NEARLY)))
-        found = []
+        motions = []
         for tolerance in (EXACT, NEARLY):
             choice = Choice("default", "dop853", "none", step, tolerance)
             request = Request(str(path), SCENARIO, self.engine, choice, sampling_at(step, times))
             run = performed(request, mechanism, LIMIT, worker)
             if run.trajectory is None:
                 return mechanism, f"no reference: {run.message}"
-            found.append((run.trajectory.q, run.trajectory.v, run.trajectory.a))
-        return mechanism, _reference(times, *found)
+            motions.append((run.trajectory.q, run.trajectory.v, run.trajectory.a))
+        return mechanism, _reference(times, *motions)
 
 
 def _reference(times: Array, true: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> Reference:
@@ -178,12 +178,12 @@ def performed(request: Request, mechanism: Mechanism, limit: float, worker: Work
 
 def reach(way: Way, family: Family, course: Course, worker: Worker, until: float) -> Reach:
     """How far one way goes along one axis, as far as that can be told before the time `until` of the monotonic clock [s]."""
-    found: dict[int, Found] = {}
+    runs: dict[int, Found] = {}
 
     def at(i: int) -> Found:
-        if i not in found:
-            found[i] = looked_at(way, family, family.values[i], course, worker, until)
-        return found[i]
+        if i not in runs:
+            runs[i] = looked_at(way, family, family.values[i], course, worker, until)
+        return runs[i]
 
     def count(worst: tuple[Verdict, ...]) -> int:
         """How many values, from the easiest on, come out no worse."""
@@ -200,13 +200,13 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, until: float
 
     passing = count((Verdict.PASS,))
     ending = max(passing, count((Verdict.PASS, Verdict.DEGRADED)))
-    unknown = next((x for _, x in sorted(found.items()) if x.verdict is Verdict.OPEN), None)
+    unknown = next((x for _, x in sorted(runs.items()) if x.verdict is Verdict.OPEN), None)
     if unknown is not None:  # nothing but what was run is told
-        ran = [(i, x.verdict) for i, x in found.items()]
+        ran = [(i, x.verdict) for i, x in runs.items()]
         passing = max((i + 1 for i, x in ran if x is Verdict.PASS), default=0)
         ending = max((i + 1 for i, x in ran if x in (Verdict.PASS, Verdict.DEGRADED)), default=0)
-    beyond = unknown or found.get(passing)
-    last = Verdict.OPEN if unknown is not None else found[max(found)].verdict
+    beyond = unknown or runs.get(passing)
+    last = Verdict.OPEN if unknown is not None else runs[max(runs)].verdict
     return Reach(
         way,
         family.name,
@@ -214,8 +214,8 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, until: float
         family.values[ending - 1] if ending else None,
         last,
         beyond.reason if beyond else "",
-        found[passing - 1].error if passing else float("nan"),
-        len(found),
+        runs[passing - 1].error if passing else float("nan"),
+        len(runs),
     )
 
 
@@ -249,11 +249,11 @@ def survey(
             if not hasattr(workers, "own"):
                 workers.own = Worker()
                 opened.append(workers.own)
-            found = reach(pair[1], pair[0], course, workers.own, until)
+            reached = reach(pair[1], pair[0], course, workers.own, until)
             with saying:
                 done += 1
-                told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(found)}")
-            return found
+                told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(reached)}")
+            return reached
 
         pairs = [(family, way) for family in along for way in chosen]
         told(f"{len(chosen)} ways along {len(along)} axes")
@@ -265,14 +265,14 @@ def survey(
                 worker.stop()
 
 
-def sentence(found: Reach) -> str:
+def sentence(reached: Reach) -> str:
     """How far one way goes, in words."""
-    family = FAMILIES[found.axis]
+    family = FAMILIES[reached.axis]
     unit = f" {family.unit}" if family.unit else ""
-    if found.passes_to is None:
-        return f"{found.last}: {found.reason}"
-    if found.passes_to == family.values[-1]:
-        return f"passes all, to {found.passes_to:g}{unit}"
-    ends = f", degraded to {found.ends_at:g}{unit}" if found.ends_at != found.passes_to else ""
-    then = "cannot: " if found.last is Verdict.CANNOT else "open: " if found.last is Verdict.OPEN else ""
-    return f"passes to {found.passes_to:g}{unit}{ends}; then {then}{found.reason}"
+    if reached.passes_to is None:
+        return f"{reached.last}: {reached.reason}"
+    if reached.passes_to == family.values[-1]:
+        return f"passes all, to {reached.passes_to:g}{unit}"
+    ends = f", degraded to {reached.ends_at:g}{unit}" if reached.ends_at != reached.passes_to else ""
+    then = "cannot: " if reached.last is Verdict.CANNOT else "open: " if reached.last is Verdict.OPEN else ""
+    return f"passes to {reached.passes_to:g}{unit}{ends}; then {then}{reached.reason}"

@@ -17,21 +17,21 @@ def row(x: Reach) -> dict[str, Any]:
     rank = -1 if x.passes_to is None else family.values.index(x.passes_to)
     known = x.last.value not in ("cannot", "open")
     breaks = family.values[rank + 1] if rank + 1 < len(family.values) and known else None
-    found = {"axis": x.axis, "unit": family.unit, **vars(x.way)}
-    found |= {"easiest": family.values[0], "hardest": family.values[-1], "passes_to": x.passes_to, "ends_at": x.ends_at}
-    found |= {"breaks_at": breaks, "last": str(x.last), "error": x.error, "runs": x.runs, "reason": x.reason}
-    return found
+    cells = {"axis": x.axis, "unit": family.unit, **vars(x.way)}
+    cells |= {"easiest": family.values[0], "hardest": family.values[-1], "passes_to": x.passes_to, "ends_at": x.ends_at}
+    cells |= {"breaks_at": breaks, "last": str(x.last), "error": x.error, "runs": x.runs, "reason": x.reason}
+    return cells
 
 
-def rows_of(found: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
+def rows_of(reaches: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
     """The rows of the table `atlas`; of an error three digits mean something."""
-    return [row(x) | {"error": float(f"{x.error:.3g}"), "commit": commit} for x in found]
+    return [row(x) | {"error": float(f"{x.error:.3g}"), "commit": commit} for x in reaches]
 
 
-def text(found: Sequence[Reach]) -> str:
+def text(reaches: Sequence[Reach]) -> str:
     """The same for people."""
     lines = [RULE]
-    for family, some in panels(found):
+    for family, some in panels(reaches):
         lines += ["", f"{family.title}: {family.meaning}"]
         lines += [f"  {x.way.name:28} {sentence(x)}" for x in some]
     return "\n".join(lines)
@@ -57,12 +57,12 @@ li { margin: .2rem 0; }
 """
 
 
-def page(found: Sequence[Reach]) -> str:
+def page(reaches: Sequence[Reach]) -> str:
     """A page of all panels, each with its reasons; it asks for nothing from elsewhere."""
     colour = {f'"{x}"': inline(f'<svg fill="{x}"/>', "").partition('"')[2].partition('"')[0] for _, x in LEGEND}
     key = "".join(f'<li><i style="background:{colour[chr(34) + x + chr(34)]}"></i>{name}</li>' for name, x in LEGEND)
     parts = []
-    for k, (family, some) in enumerate(panels(found)):
+    for k, (family, some) in enumerate(panels(reaches)):
         reasons = "".join(f"<li><b>{escape(x.way.name)}</b>: {escape(sentence(x))}</li>" for x in some)
         picture = inline(alone(family, some), f"axis{k}")
         parts.append(f"<figure>{picture}<details><summary>where and why</summary><ul>{reasons}</ul></details></figure>")

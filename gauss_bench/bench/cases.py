@@ -114,11 +114,11 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
 
 def cases(suite: Suite) -> list[Case]:
     """The cases of a suite, each once, without those that it leaves out."""
-    found: dict[Case, None] = {}
+    distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         chosen = part.engines or names()
-        found |= dict.fromkeys(crossed(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
-    return [case for case in found if not any(left_out(case, x) for x in suite.left_out)]
+        distinct |= dict.fromkeys(crossed(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
+    return [case for case in distinct if not any(left_out(case, x) for x in suite.left_out)]
 
 
 def left_out(case: Case, rule: LeftOut) -> bool:

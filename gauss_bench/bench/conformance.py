@@ -245,14 +245,14 @@ def _forces(subject: _Subject) -> Iterator[Check]:
         yield Check(title, not message, message)
 
 
-def effect(found: Array, true: Array) -> str:
+def effect(measured: Array, true: Array) -> str:
     """What is wrong with a force's effect on the accelerations (n,), or nothing."""
-    if np.abs(found - true).max() <= EFFECT * np.abs(true).max():
+    if np.abs(measured - true).max() <= EFFECT * np.abs(true).max():
         return ""
-    factor = float(found @ true / (true @ true))
-    if np.abs(found).max() <= 1e-6 * np.abs(true).max():
+    factor = float(measured @ true / (true @ true))
+    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
-    if np.abs(found + true).max() <= EFFECT * np.abs(true).max():
+    if np.abs(measured + true).max() <= EFFECT * np.abs(true).max():
         return "it acts in the opposite direction"
     return f"its effect is {factor:.3g} times what it should be, in the direction that it should have"
 

@@ -35,16 +35,16 @@ def differences(here: Path, there: Path) -> Differences:
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or of a later format than is known here.
     """
-    cases, found = [], []
+    cases, figures = [], []
     for folder in (here, there):
         rows = accuracy_rows(folder)
         cases.append({_key(row) for row in rows})
-        found.append(facts(frame("results", rows), frame("references", read_table("references", folder))))
+        figures.append(facts(frame("results", rows), frame("references", read_table("references", folder))))
     shared = cases[0] & cases[1]
-    truths = [{_key(row) for row in x[x["engine"] == "reference"].to_dict("records")} for x in found]
+    truths = [{_key(row) for row in x[x["engine"] == "reference"].to_dict("records")} for x in figures]
     common = shared | (truths[0] & truths[1])
-    known = set(found[0]["metric"]) & set(found[1]["metric"])  # an earlier format may not have had a figure at all
-    own, other = (x[[_key(row) in common and row["metric"] in known for row in x.to_dict("records")]] for x in found)
+    known = set(figures[0]["metric"]) & set(figures[1]["metric"])  # an earlier format may not have had a figure at all
+    own, other = (x[[_key(row) in common and row["metric"] in known for row in x.to_dict("records")]] for x in figures)
     verdicts = compare(own, other)
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
@@ -89,10 +89,10 @@ def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
         other = {tuple(map(str, (row[c.name] for c in table.key))): row for row in read_table(name, there)}
         for row in read_table(name, here):
             key = tuple(map(str, (row[c.name] for c in table.key)))
-            for found in _apart(row, other[key], words, ratios) if key in other else ():
+            for comparison in _apart(row, other[key], words, ratios) if key in other else ():
                 compared += 1
-                if found is not None:
-                    column, own, others, matters, factor = found
+                if comparison is not None:
+                    column, own, others, matters, factor = comparison
                     what = f"{name}: {' '.join(x for x in key if x not in ('', 'nan'))}: {column}"
                     apart.append(Clocked(what, own, others, matters, factor))
     return compared, tuple(sorted(apart, key=lambda x: (not x.matters, -abs(math.log(x.factor)), x.what)))

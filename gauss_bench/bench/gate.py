@@ -77,19 +77,21 @@ def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     Runs that have lost their way keep only their status, whether they are valid and their acceleration error: what else they say
     differs between machines, but they must stay what they are.
     """
-    found: list[dict[str, Any]] = []
+    figures: list[dict[str, Any]] = []
     for row in rows.to_dict("records"):
         key = {k: row[k] for k in KEY}
-        found.append(key | {"metric": "status", "value": row["status"], "message": row["message"]})
+        figures.append(key | {"metric": "status", "value": row["status"], "message": row["message"]})
         if row["status"] in ENDED:
-            found.append(key | {"metric": "valid", "value": str(row["valid"])})
+            figures.append(key | {"metric": "valid", "value": str(row["valid"])})
         used = [*RULES, "observed_order"] if _repeatable(row) else ["acceleration_error_median"]
-        found += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
+        figures += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
     for reference in references.to_dict("records"):
         key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
         key |= {"engine": "reference", "step": 0.0, "t_end": reference["t_end"]}
-        found += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
-    frame = pd.DataFrame(found, columns=[*COLUMNS[:-1], "message"]).astype({"step": float, "t_end": float}).fillna({"message": ""})
+        figures += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
+    frame = (
+        pd.DataFrame(figures, columns=[*COLUMNS[:-1], "message"]).astype({"step": float, "t_end": float}).fillna({"message": ""})
+    )
     return frame.sort_values([*KEY, "metric"], kind="stable", ignore_index=True)
 
 
@@ -98,12 +100,12 @@ def _repeatable(row: Mapping[Any, Any]) -> bool:
     return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in lost)
 
 
-def compare(found: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
+def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
     """A verdict for every figure; one that is missing on either side fails. A case that ends otherwise has that one verdict."""
     keys = [*KEY, "metric"]
-    here = {tuple(r[k] for k in keys): str(r["value"]) for r in found.to_dict("records")}
+    here = {tuple(r[k] for k in keys): str(r["value"]) for r in figures.to_dict("records")}
     there = {tuple(r[k] for k in keys): str(r["value"]) for r in baseline.to_dict("records")}
-    causes = {tuple(r[k] for k in keys): str(r.get("message", "")) for r in found.to_dict("records")}
+    causes = {tuple(r[k] for k in keys): str(r.get("message", "")) for r in figures.to_dict("records")}
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
         status = (*key[:-1], "status")
@@ -151,7 +153,7 @@ def read_baseline(path: Path) -> pd.DataFrame:
     return pd.DataFrame(read_file("baseline", path), columns=COLUMNS).astype({"step": float, "t_end": float})
 
 
-def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
+def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason.
 
     Returns how many figures changed, and a sentence for every case that was not accepted because it failed: one whose process,
@@ -163,17 +165,17 @@ def accept(found: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]
     keys = [*KEY, "metric"]
     before = {tuple(r[k] for k in keys): r for r in old.to_dict("records")}
     refused: dict[tuple[Any, ...], str] = {}
-    for row in found[found["metric"] == "status"].to_dict("records"):
+    for row in figures[figures["metric"] == "status"].to_dict("records"):
         case = tuple(row[k] for k in KEY)
         known = before.get((*case, "status"))
         was = str(known["value"]) if known else ""
         if row["value"] in BROKEN or (len(old) and row["value"] not in (*ENDED, "skip", was)):
             refused[case] = f"{' '.join(str(x) for x in case)}: {row['value']}: {row.get('message', '')}"
-    measured = {(r["mechanism"], r["engine"]) for r in found.to_dict("records")}
+    measured = {(r["mechanism"], r["engine"]) for r in figures.to_dict("records")}
     cases = [tuple(r[k] for k in KEY) for r in old.to_dict("records")]
     kept_cases = [c in refused or (c[0], c[2]) not in measured for c in cases]
     rows, changed = [r for r, kept in zip(old.to_dict("records"), kept_cases, strict=True) if kept], 0
-    for row in found.to_dict("records"):
+    for row in figures.to_dict("records"):
         key = tuple(row[k] for k in keys)
         if key[:-1] in refused:
             continue

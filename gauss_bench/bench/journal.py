@@ -46,8 +46,8 @@ def entry_of(line: bytes) -> dict[str, Any] | None:
     content = line[: max(0, at)] + b"}"
     if at < 0 or line != content[:-1] + SUM + _sum(content) + b'"}\n':
         return None
-    found: dict[str, Any] = json.loads(content)
-    return found
+    entry: dict[str, Any] = json.loads(content)
+    return entry
 
 
 def _sum(content: bytes) -> bytes:
@@ -85,9 +85,9 @@ class Journal:
         content = self.file.read()
         *lines, torn = content.split(b"\n")
         self.file.truncate(len(content) - len(torn))
-        found = [entry_of(line + b"\n") for line in lines]
-        self.entries = {entry["key"]: entry for entry in found if entry}
-        if damaged := found.count(None):
+        entries = [entry_of(line + b"\n") for line in lines]
+        self.entries = {entry["key"]: entry for entry in entries if entry}
+        if damaged := entries.count(None):
             said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
             print(f"warning: {said}", file=sys.stderr)
 

@@ -123,10 +123,10 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 
-def acceleration_errors(found: object, states: TrueStates) -> dict[str, float]:
-    """Relative error at the same states: median and worst; NaN where what was found are no accelerations of them."""
+def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
+    """Relative error at the same states: median and worst; NaN where what is given are no accelerations of them."""
     try:
-        a = np.asarray(found, dtype=float)
+        a = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         a = np.zeros(0)
     if a.shape != states.a.shape:

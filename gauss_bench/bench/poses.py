@@ -67,14 +67,14 @@ def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrapped(q)})]
 
 
-def poses(mechanism: Mechanism, found: Trajectory, truth: Reference) -> Rows:
+def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
     """What every link's pose in a run adds to the true one, at every frame that the run reached."""
     times = frames(truth)
-    mine, both = common_times(found.t, times)
+    mine, both = common_times(trajectory.t, times)
     true = truth.q[common_times(truth.t, times[both])[0]]
     evaluator = Evaluator(mechanism)
     rows: Rows = []
-    for t, q, v, exact in zip(times[both], found.q[mine], found.v[mine], true, strict=True):
+    for t, q, v, exact in zip(times[both], trajectory.q[mine], trajectory.v[mine], true, strict=True):
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():
             break
@@ -90,13 +90,13 @@ def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
     ]
 
 
-def kept(results: Rows, found: Rows) -> Rows:
+def kept(results: Rows, poses: Rows) -> Rows:
     """Of each linkage and engine the poses of its default and of its most exact valid case, among the cases that have poses.
 
     Args:
-        results: rows of the cases; found: of poses.
+        results: rows of the cases; poses: those of their poses.
     """
-    have = {_key(row) for row in found}
+    have = {_key(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()
     by_engine: dict[tuple[Any, ...], Rows] = {}
     for row in results:
@@ -108,7 +108,7 @@ def kept(results: Rows, found: Rows) -> Rows:
         chosen = [r for r in rows if (r["settings"], r["integrator"], r["stabilization"]) == default]
         chosen += [min(exact, key=lambda r: (r["position_error"], _key(r)))] if exact else []
         shown |= {_key(r) for r in chosen}
-    return [row for row in found if _key(row) in shown]
+    return [row for row in poses if _key(row) in shown]
 
 
 def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -91,14 +91,14 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
-def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, found: OneRun) -> Trial:
+def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: OneRun) -> Trial:
     """The largest errors of a run at the times that it has in common with the truth."""
-    if found.trajectory is None:
-        return Trial(way.size, {}, found.sampling.count, found.status, found.message)
-    errors = state_errors(run.mechanism, found.trajectory, truth)
-    force = joint_force_errors(judge, found.trajectory, truth)
+    if ran.trajectory is None:
+        return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
+    errors = state_errors(run.mechanism, ran.trajectory, truth)
+    force = joint_force_errors(judge, ran.trajectory, truth)
     largest = {"position": errors.length, "angle": errors.angle, "force": force}
-    steps, evaluations = found.trajectory.steps, found.trajectory.evaluations
+    steps, evaluations = ran.trajectory.steps, ran.trajectory.evaluations
     return Trial(way.size, {kind: float(x.max()) for kind, x in largest.items()}, steps, evaluations=evaluations)
 
 

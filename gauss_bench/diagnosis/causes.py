@@ -39,6 +39,8 @@ class Cause(StrEnum):
     SHIFT = "time shift"
     STRETCH = "stretched time"
     STATIONARY = "stationary output"
+    WRAPPED = "wrapped angles"
+    VELOCITIES = "velocities told"  # that are not those by which positions change
     UNKNOWN = "unknown"  # an error without one of these causes: what was measured is told
 
     @property
@@ -57,4 +59,6 @@ OWN_PARTS = {
     Cause.SHIFT: Part.SAMPLING,
     Cause.STRETCH: Part.SAMPLING,
     Cause.STATIONARY: Part.SAMPLING,
+    Cause.WRAPPED: Part.SAMPLING,
+    Cause.VELOCITIES: Part.SAMPLING,
 }

@@ -27,6 +27,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States, Status
 
 SMALL = 1e-6  # [m, rad] of errors: a micrometre, which no drawing asks for
+OFF_VELOCITIES = 0.1  # relative: a step of a tenth of a period leaves less
 OFF_TOLD = 1e-3  # relative, median: a tenth of what the judge takes for another linkage
 EXPLAINS = 0.9  # of the squared difference of accelerations that a named cause must account for
 AS_GOOD = 3.0  # explanations that leave no more than this times what the best leaves cannot be told apart from it
@@ -186,7 +187,7 @@ class Case:
         matters = not self.error <= max(SMALL, 3 * self.bar)
         if not matters:
             return self._small()
-        for asked in (self._order, self._still, self._jump, self._length, self._other_times):
+        for asked in (self._turns, self._order, self._still, self._jump, self._velocities, self._length, self._other_times):
             if found := asked():
                 return (*found, [])
         return self._by_steps()
@@ -194,6 +195,8 @@ class Case:
     def _small(self) -> tuple[Cause, str, list[Explained]]:
         limit = max(SMALL, 3 * self.bar)
         said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {limit:.0e}"
+        if other := self._velocities():
+            return (*other, [])
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
             return Cause.NONE, said + self._what_there_is(), []
@@ -208,6 +211,17 @@ class Case:
     def _what_there_is(self) -> str:
         return f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
 
+    def _turns(self) -> tuple[Cause, str] | None:
+        """Angles that an engine has brought back into one turn."""
+        turns = samples.whole_turns(self.off)
+        if not turns.any():
+            return None
+        k = int(turns.any(axis=1).argmax())
+        link = int(np.abs(turns[k]).argmax())
+        by, name = turns[k, link], self.own.mechanism.links[link].name
+        said = f"angles are told in other turns than the motion's: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
+        return Cause.WRAPPED, f"{said}; but for whole turns they are right"
+
     def _order(self) -> tuple[Cause, str] | None:
         early = slice(0, max(3, len(self.first.at) // 3))
         start = self.first.start
@@ -215,6 +229,16 @@ class Case:
         true = self.truth.at(told.t)
         found = samples.order(self.own.mechanism, true, told)
         return None if found is None else (Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left")
+
+    def _velocities(self) -> tuple[Cause, str] | None:
+        """Velocities that are not those by which the positions told move from step to step."""
+        b = self.bursts[-1]
+        moved = (b.after.q - b.before.q) / (b.after.t - b.before.t)[:, None]
+        off, factor, left = samples.other_velocities(moved, b.at.v)
+        if not (off > OFF_VELOCITIES and _largest(b.at.v - moved) * b.at.t[-1] > SMALL):
+            return None
+        what = f"they are {factor:.4g} times those" if left <= samples.LEFT else "no factor explains it"
+        return Cause.VELOCITIES, f"the velocities told are off by {off:.1e} of those by which the positions told move: {what}"
 
     def _still(self) -> tuple[Cause, str] | None:
         if samples.stands_still(self.true, self.first.at):

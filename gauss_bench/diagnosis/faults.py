@@ -264,6 +264,16 @@ def standing_still(found: Trajectory, mechanism: Mechanism) -> Trajectory:
     return replace(found, q=0 * found.q + found.q[0], v=0 * found.v, a=0 * found.a)
 
 
+def within_a_turn(found: Trajectory, mechanism: Mechanism) -> Trajectory:
+    q = found.q.copy()
+    q[:, 2::3] = (q[:, 2::3] + np.pi) % (2 * np.pi) - np.pi
+    return replace(found, q=q)
+
+
+def backwards(found: Trajectory, mechanism: Mechanism) -> Trajectory:
+    return replace(found, v=-found.v)
+
+
 def links_in_another_order(found: Trajectory, mechanism: Mechanism) -> Trajectory:
     """The first two links change places."""
     order = np.arange(mechanism.n).reshape(-1, 3)
@@ -315,6 +325,8 @@ ENGINES = (
     Fault("early", "samples are half a step early", Cause.SHIFT, times=half_a_step_early, where=CRANK_SLIDER),
     Fault("stretched", "samples are taken 1 % too slowly", Cause.STRETCH, times=stretched),
     Fault("still", "samples stand still", Cause.STATIONARY, read=standing_still),
+    Fault("wrapped", "angles are brought back into one turn", Cause.WRAPPED, read=within_a_turn, where=CRANK_SLIDER),
+    Fault("backwards", "velocities are told with the wrong sign", Cause.VELOCITIES, read=backwards),
 )
 CLEAN = Fault("clean", "nothing is wrong", Cause.NONE)
 BY_NAME: Mapping[str, Fault] = {x.name: x for x in (CLEAN, *ENGINES)}

@@ -19,6 +19,7 @@ ITERATIONS = 12
 LOOKED_AT = 20  # samples for a map of time
 STILL = 1e-3  # of the true way
 JUMP = 10.0  # times what its velocity allows that a link moves in a step
+BESIDE_TURNS = 1e-3  # [rad, m] of an error beside whole turns
 SUSPICIOUS = 0.03  # [rad, m] between two checkpoints that velocities and accelerations do not account for
 
 
@@ -83,6 +84,25 @@ def stands_still(truth: States, told: States) -> bool:
     """Whether what was told does not move while the truth does."""
     moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
     return moved[0] <= STILL * moved[1]
+
+
+def whole_turns(off: Array) -> Array:
+    """How many turns (k, links) angles are off by, of errors (k, 3 links); none where that is not all that they are off by."""
+    turns = np.round(off[:, 2::3] / (2 * np.pi))
+    left = off.copy()
+    left[:, 2::3] -= 2 * np.pi * turns
+    return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
+
+
+def other_velocities(moved: Array, told: Array) -> tuple[float, float, float]:
+    """Velocities told against those by which positions move (k, n).
+
+    How far they are off, relative; how many times the others they are; and the share of what they are off by that this leaves.
+    """
+    off, true = float(np.sum((told - moved) ** 2)), float(np.sum(moved**2))
+    factor = float(np.sum(told * moved)) / max(true, 1e-300)
+    left = float(np.sum((told - factor * moved) ** 2))
+    return float(np.sqrt(off / max(true, 1e-300))), factor, float(np.sqrt(left / max(off, 1e-300)))
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,8 @@ class CompiledModel:
         if self.times[-1] == self.times[0]:
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
-        found = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
-        self.q, self.v, self.steps, self.evaluations = found.q, found.v, found.steps, found.evaluations
+        motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
+        self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _fixed(self) -> None:
@@ -119,11 +119,11 @@ class CompiledModel:
         integrator = self.choice.integrator
         if n == every:
             last = self.kernel.rollout(q, v, h, n, t, integrator=integrator)
-            found = last[0][None], last[1][None]
+            samples = last[0][None], last[1][None]
         else:
-            found = self.kernel.rollout(q, v, h, n, t, every=every, integrator=integrator)
+            samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
-        return found
+        return samples
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """A call that steps every state q, v (k, n), or one of them (n,), `count` times: last positions of the same shape."""

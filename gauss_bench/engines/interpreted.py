@@ -89,10 +89,10 @@ class InterpretedModel:
         loads: Array = np.zeros(W.shape[1])
         loaded, change = terms, np.inf
         for _ in range(self.friction.ITERATIONS):
-            found = solution.multipliers
-            found = recover_multipliers(loaded, solution.a) if found is None else found
-            before, previous, loads = loads, change, self.friction.loads(found)
-            change, scale = float(np.abs(loads - before).max()), float(np.abs(found).max())
+            multipliers = solution.multipliers
+            multipliers = recover_multipliers(loaded, solution.a) if multipliers is None else multipliers
+            before, previous, loads = loads, change, self.friction.loads(multipliers)
+            change, scale = float(np.abs(loads - before).max()), float(np.abs(multipliers).max())
             if change <= self.friction.TOLERANCE * scale or previous <= change <= self.friction.STALLED * scale:
                 return solution.a
             loaded = replace(terms, Q=terms.Q + W @ loads)

@@ -47,14 +47,14 @@ class Known:
             raise KeyError(f"neither settings nor a variant: {strange[0]!r}; there are {', '.join(self.labels)}")
         if bare := [x for x in given if not is_own(x)]:
             raise OptionError(f"{bare[0]!r}: only the first may be a name, what follows is KEY=VALUE")
-        found = dict(self.labels[name])
+        options = dict(self.labels[name])
         pairs = [[x.strip() for x in part.split("=", 1)] for part in given]
         for key, _ in pairs:
             if key not in self.options:
                 raise OptionError(f"no option {key!r}; there are {self.told() or 'none'}")
             if [x for x, _ in pairs].count(key) > 1:
                 raise OptionError(f"the option {key!r} is given twice")
-        return found | {key: self._value(key, value) for key, value in pairs}
+        return options | {key: self._value(key, value) for key, value in pairs}
 
     def told(self) -> str:
         """The options with their usual values."""

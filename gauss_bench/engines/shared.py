@@ -145,14 +145,14 @@ def with_accelerations(
         RunFailure: an acceleration fails; with the samples before it.
     """
     a = np.full_like(q, np.nan)
-    found = Trajectory(times, q, v, a, steps, evaluations, note)
+    trajectory = Trajectory(times, q, v, a, steps, evaluations, note)
     for k in range(finite(q, v)):
         try:
             a[k] = acceleration(k)
         except RunFailure as failure:
-            failure.reached = found
+            failure.reached = trajectory
             raise
-    return found
+    return trajectory
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:

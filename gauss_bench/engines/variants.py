@@ -143,19 +143,19 @@ def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
 def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Every label with all its options."""
     wanted = [name for name in knobs if name not in CHOSEN]
-    found: dict[str, dict[str, Any]] = {}
+    settings: dict[str, dict[str, Any]] = {}
     for label, table in tables.items():
         place = f"{path}: settings.{label}"
-        options = {**next(iter(found.values()), {}), **table}
+        options = {**next(iter(settings.values()), {}), **table}
         for name in table:
             if name not in (*wanted, REMARK):
                 raise VariantError(f"{place}: {name} is no knob of settings")
         if lacking := [name for name in wanted if name not in options]:
             raise VariantError(f"{place}: {lacking[0]} has no value")
-        found[label] = {name: options[name] for name in wanted} | ({REMARK: table[REMARK]} if REMARK in table else {})
-    if not found:
+        settings[label] = {name: options[name] for name in wanted} | ({REMARK: table[REMARK]} if REMARK in table else {})
+    if not settings:
         raise VariantError(f"{path}: settings: there are none")
-    return found
+    return settings
 
 
 def _points(

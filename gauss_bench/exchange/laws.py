@@ -1,6 +1,9 @@
 """Motion laws as functions of a script: t -> (value, rate, second rate), as `mechanism/motion_laws.py` has them."""
 
+from collections.abc import Sequence
+
 from gauss_bench.exchange.text import python_value
+from gauss_bench.mechanism.model import Driver
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 RISES = {
@@ -35,6 +38,17 @@ RISE = """def {name}(t):
 CONSTANT = """def {name}(t):
     return {start} + {speed} * t, {speed}, 0.0
 """
+
+
+def law_names(drivers: Sequence[Driver]) -> dict[int, str]:
+    """What a script calls the laws of drivers, by their ids."""
+    return {id(d.law): f"law_{k}" for k, d in enumerate(drivers, 1)}
+
+
+def law_functions(drivers: Sequence[Driver]) -> str:
+    """The functions of these names."""
+    names = law_names(drivers)
+    return "".join(f"\n\n{law_function(d.law, names[id(d.law)])}" for d in drivers)
 
 
 def law_function(law: MotionLaw, name: str) -> str:

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.laws import law_function
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.exchange.transcript import Script, python
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.trajectory import RunFailure, Status
 
 STATEMENTS = {
     "SystemContainer": "container",
@@ -35,6 +34,34 @@ from exudyn import itemInterface as items
 
 exu.config.printToConsole = False
 """
+SLIDE = '''
+
+def driven(guide, block, angle, law):
+    """Equation of a slide that follows a law, or without `angle` of a length, and its Jacobian; ends: on the ground?, x, y."""
+
+    def seen(q):
+        places, k = [], 0
+        for grounded, x, y in (guide, block):
+            X, Y, turn = (0.0, 0.0, 0.0) if grounded else q[k : k + 3]
+            c, s = math.cos(turn), math.sin(turn)
+            arm = np.array([c * x - s * y, s * x + c * y])
+            places.append((np.array([X, Y]) + arm, np.array([-arm[1], arm[0]]), turn))
+            k += 0 if grounded else 3
+        (A, dA, turn), (B, dB, _) = places
+        u = (B - A) / math.hypot(*(B - A)) if angle is None else np.array([math.cos(turn + angle), math.sin(turn + angle)])
+        row = [] if guide[0] else [*-u, u[0] * (B - A)[1] - u[1] * (B - A)[0] - u @ dA]
+        return u @ (B - A), np.array(row + ([] if block[0] else [*u, u @ dB]))
+
+    def equation(mbs, t, item, q, v, velocity):
+        x, row = seen(q)
+        return [row @ np.array(v) - law(t)[1] if velocity else x - law(t)[0]]
+
+    def jacobian(mbs, t, item, q, v, velocity):
+        return seen(q)[1][None]
+
+    return equation, jacobian
+
+'''
 RUN = '''
 
 def simulate(end=END, step=STEP):
@@ -79,7 +106,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         ImportError: Exudyn is not installed.
     """
     from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
-    from gauss_bench.engines.exudyn.items import System
+    from gauss_bench.engines.exudyn.items import System, spanned
 
     class Transcribed(System):
         """The adapter's system, with a remark on each part."""
@@ -96,6 +123,13 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             script.comment(f"driver of {driver.name}")
             super()._driver(driver)
 
+        def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+            law = names[id(driver.law)]
+            a, b = ([x.link == GROUND, *map(float, x.local)] for x in spanned(driver))
+            angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
+            script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {angle}, {law})")
+            return Written("equation"), Written("jacobian")
+
         def _load(self, load: Any) -> None:
             script.comment("a force")
             super()._load(load)
@@ -103,19 +137,17 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
             return Written(f"lambda mbs, t, item, offset: {names[id(law)]}(t)[{rate}] - {python(start)}")
 
-    beyond = ", ".join(d.name for d in mechanism.drivers if not isinstance(d, AngleDriver))
-    if beyond:
-        raise RunFailure(Status.SKIP, f"the script holds motion laws of links only, not of the slide or length {beyond}")
+    laws = law_functions(mechanism.drivers)
     built = ExudynModel(mechanism, choice)  # which is compared with the linkage
-    names = {id(d.law): f"law_{k}" for k, d in enumerate(mechanism.drivers, 1)}
+    names = law_names(mechanism.drivers)
     script = Script(STATEMENTS)
     exu, items = script.thing("exu"), script.thing("items")
     Transcribed(exu, items, mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)
     a0 = built.acceleration(0.0, mechanism.q0, mechanism.v0).tolist() if mechanism.drivers else None
-    laws = [f"\n\n{law_function(d.law, names[id(d.law)])}" for d in mechanism.drivers]
+    slide = SLIDE if any(isinstance(d, (SlideDriver, LengthDriver)) for d in mechanism.drivers) else ""
     told = [*head, f"Settings: {choice.settings}, {choice.integrator}. Joints are algebraic equations, solved by Exudyn."]
     given = f"{constants(mechanism, choice)}A0 = {python(a0)}  # starting accelerations, if given\n"
-    parts = [HEADING, python_comment(told), "\n", IMPORTS, "\n", given, *laws, "\n\n" if laws else "\n", script.text()]
+    parts = [HEADING, python_comment(told), "\n", IMPORTS, "\n", given, laws, slide, "\n\n" if laws else "\n", script.text()]
     return "".join([*parts, PLAN, RUN, MAIN])

@@ -5,6 +5,7 @@ from xml.etree.ElementTree import indent, tostring
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment, python_value
 from gauss_bench.mechanism.model import Mechanism
@@ -15,9 +16,26 @@ import mujoco
 import numpy as np
 
 """
+ARMATURES = """for joint, armature, _ in DRIVES:  # far beyond all masses: a torque of armature law''(t) moves it as its law says
+    model.dof_armature[joint] = armature
+for tendon, _, mass, _ in CYLINDERS:  # lengths: the same with a tendon and its motor
+    model.tendon_armature[tendon] = mass
+mujoco.mj_setConst(model, mujoco.MjData(model))
+"""
+DRIVING = """
+
+def drive(model, data):
+    for joint, armature, law in DRIVES:
+        data.qfrc_applied[joint] = armature * law(data.time)[2]
+    for _, motor, mass, law in CYLINDERS:
+        data.ctrl[motor] = mass * law(data.time)[2]
+
+
+mujoco.set_mjcb_control(drive)  # is called at every stage of a step
+"""
 RUN = '''
 model = mujoco.MjModel.from_xml_string(MJCF)
-model.body_invweight0[:] *= INVERSE_WEIGHTS  # which makes closures rigid; 1 leaves them as MuJoCo has compiled them
+{armatures}model.body_invweight0[:] *= INVERSE_WEIGHTS  # which makes closures rigid; 1 leaves them as MuJoCo has compiled them
 model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would pass for a motion
 bodies = [model.body(name).id for name in BODIES]
 
@@ -67,6 +85,10 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     indent(root)
     lines = "\n".join(f"    {line!a}" for line in tostring(root, encoding="unicode").splitlines(keepends=True))
     options, tree = VARIANTS.options(choice.settings), built.tree
+    names = law_names(mechanism.drivers)
+    drives = ", ".join(f"({k}, {armature!r}, {names[id(law)]})" for k, armature, law in built.drives)
+    driven = zip(built.drawn, built.cylinders, strict=True)
+    cylinders = ", ".join(f"({tendon}, {motor}, {mass!r}, {names[id(law)]})" for (tendon, motor), (_, mass, law) in driven)
     none, unit = np.zeros(tree.n), np.eye(tree.n)
     angles = tree.absolute(none, none, none)[0][2::3]
     turns = tree.absolute(np.zeros_like(unit), unit, np.zeros_like(unit))[1][:, 2::3].T
@@ -80,5 +102,8 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     }
     arrays = ("ANGLES", "TURNS")
     values = [f"{k} = np.array({python_value(x)})" if k in arrays else f"{k} = {python_value(x)}" for k, x in named.items()]
-    given = constants(mechanism, choice) + "\n".join(values) + f"\nMJCF = (\n{lines}\n)\n"
-    return "".join([HEADING, python_comment(told), "\n", IMPORTS, given, RUN, PLAN, MAIN])
+    values += [f"DRIVES, CYLINDERS = [{drives}], [{cylinders}]"] if names else []
+    run = RUN.replace("{armatures}", ARMATURES if names else "") + (DRIVING if names else "")
+    laws = law_functions(mechanism.drivers)
+    given = constants(mechanism, choice) + laws + "\n" * bool(laws) + "\n".join(values) + f"\nMJCF = (\n{lines}\n)\n"
+    return "".join([HEADING, python_comment(told), "\n", IMPORTS, given, run, PLAN, MAIN])

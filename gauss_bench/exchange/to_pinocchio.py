@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.laws import law_functions, law_names
 from gauss_bench.exchange.scripts import HEADING, MAIN, PLAN, constants
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.exchange.transcript import Script, python
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, loads
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, LengthDriver, Load, Mechanism, Point, PointForce, loads
 from gauss_bench.trajectory import RunFailure, Status
 
 STATEMENTS = {
@@ -103,6 +104,25 @@ def acceleration(t, y, dy):
     tau = CONSTANT + STIFFNESS @ y + DAMPING @ dy{others}
     return np.array({solve}(model, data, y, dy, tau, constraints, constraint_data, PROXIMAL))
 '''
+DRIVEN = '''
+
+def acceleration(t, y, dy):
+    """Accelerations of the joints by {solve}, under the torques that make what is driven follow its law.
+
+    They are affine in those torques: without them, and with a probe of each alone, tells how large they are.
+    """
+    tau = CONSTANT + STIFFNESS @ y + DAMPING @ dy{others}
+
+    def under(more):
+        return np.array({solve}(model, data, y, dy, tau + more, constraints, constraint_data, PROXIMAL))
+
+    x, speed, second = np.array([law(t) for law in LAWS]).T
+    free = under(0.0)
+    missing = second - KD * (DRIVEN @ dy - speed) - KP * (DRIVEN_AT_ZERO + DRIVEN @ y - x) - DRIVEN @ free
+    probes = INERTIAS * np.maximum(1.0, np.abs(missing))
+    effects = np.array([under(probe) - free for probe in probes[:, None] * DRIVEN])
+    return free + np.linalg.solve(DRIVEN @ effects.T, missing) @ effects
+'''
 ADVANCE = {  # method -> its name, what it is imported from, and a step
     "rk4": (
         "the classical method of Runge and Kutta",
@@ -186,7 +206,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The script.
 
     Raises:
-        RunFailure: Pinocchio refuses the model, it differs from the linkage, or a motion law is prescribed.
+        RunFailure: Pinocchio refuses the model, it differs from the linkage, or a length is prescribed.
         ImportError: Pinocchio is not installed.
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel
@@ -195,9 +215,8 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     if choice.stabilization == "projection":
         raise RunFailure(Status.SKIP, "Pinocchio has no projection: the one of this suite is its own")
-    if mechanism.drivers:
-        names = ", ".join(d.name for d in mechanism.drivers)
-        raise RunFailure(Status.SKIP, f"Pinocchio has no motion laws, and this scenario prescribes {names}")
+    if beyond := ", ".join(d.name for d in mechanism.drivers if isinstance(d, LengthDriver)):
+        raise RunFailure(Status.SKIP, f"the script holds motion laws of angles and slides only, not of the length {beyond}")
 
     class Transcribed(Multibody):
         """The adapter's model, with a remark on each link."""
@@ -214,6 +233,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     gains = ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
     body.constraints((float(built.options[gains[0]]), float(built.options[gains[1]])) if damped else (0.0, 0.0))
     y0, dy0 = built.tree.relative(mechanism.q0, mechanism.v0)
+    drive = built.stabilized.drive
     o, motion, forces = built.options, built.forces.motion, built.forces
     script.comment("links: the joint that carries each, and its centre of mass there; angles are ANGLES + TURNS y")
     joints = [body.carriers[i][0] for i in range(len(mechanism.links))]
@@ -230,6 +250,10 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         "Y0": y0,
         "DY0": dy0,
     }
+    if drive.laws:
+        named |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
+        script.lines.append(f"LAWS = [{', '.join(law_names(mechanism.drivers).values())}]")
+        script.lines.append("KP, KD = {!r}, {!r}  # of Baumgarte, for what is driven".format(*map(float, drive.gains)))
     script.lines += [f"{name} = {python(np.asarray(x))}" for name, x in named.items()]
     accuracy = ", ".join(repr(float(o[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
     script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(o['max_iter'])})")
@@ -244,9 +268,9 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         run = advance + SIMULATE.format(method=method)
     closed = "with Baumgarte's terms" if damped else "and nothing draws them shut"
     told = [*head, f"Settings: {choice.settings}, {method}. Joints open the loops, which constraints close again, {closed}."]
-    acceleration = ACCELERATION.format(others=" + generalised(y, dy)" if others else "", solve=solve)
+    acceleration = (DRIVEN if drive.laws else ACCELERATION).format(others=" + generalised(y, dy)" if others else "", solve=solve)
     imports = IMPORTS.replace("import pinocchio as pin\n", f"import pinocchio as pin\n{imported}")
-    model = [imports, constants(mechanism, choice), "\n", script.text(), RUN.format(ready=ready)]
+    model = [imports, constants(mechanism, choice), law_functions(mechanism.drivers), "\n", script.text(), RUN.format(ready=ready)]
     parts = [HEADING, python_comment(told), "\n", *model]
     return "".join([*parts, *([table(others), OTHERS, GENERALISED] if others else []), acceleration, PLAN, run, MAIN])
 

@@ -50,14 +50,14 @@ def advantages(mechanism: Mechanism, positions: Array, driving: DrivingCoordinat
     """
     given = driving or _driving(mechanism)
     outputs = [x for x in driving_coordinates(mechanism) if x.name != given.name]
-    found = np.zeros((len(positions), 1 + len(outputs)))
+    rates = np.zeros((len(positions), 1 + len(outputs)))
     for k, q in enumerate(positions):
         x = free_motion(mechanism, q)
-        found[k] = [gradient(c.scalar, q) @ x for c in (given, *outputs)]
+        rates[k] = [gradient(c.scalar, q) @ x for c in (given, *outputs)]
     told = []
-    for output, rate in zip(outputs, found[:, 1:].T, strict=True):
+    for output, rate in zip(outputs, rates[:, 1:].T, strict=True):
         units = (given.scalar.unit, output.scalar.unit)
-        told.append(Advantage(given.name, output.name, units, _ratio(rate, found[:, 0]), _ratio(found[:, 0], rate)))
+        told.append(Advantage(given.name, output.name, units, _ratio(rate, rates[:, 0]), _ratio(rates[:, 0], rate)))
     return tuple(told)
 
 

@@ -95,17 +95,17 @@ def put_together(mechanism: Mechanism) -> Assembly:
     bare = replace(mechanism, drivers=(), knife_edges=())
     chords = [_opened(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
     joints = [x for x in mechanism.joints if x not in chords]
-    place, found = _closed(bare, joints, mechanism.q0), None
+    place, open_loop = _closed(bare, joints, mechanism.q0), None
     for loop, chord in zip(graph.loops, chords, strict=True):
         nearer, gap = _nearest(bare, joints, chord, place)
         if gap > CLOSED:
             alone = _nearest(bare, _of(mechanism, loop, chord), chord, place)
-            found = _told(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
+            open_loop = _told(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
             break
         joints = [x for x in mechanism.joints if x in joints or x is chord]
         place = _closed(bare, joints, nearer.q)
     rank = _rank(replace(bare, joints=tuple(joints)), place)
-    return Assembly(place.q, found, mechanism.n - rank, 2 * len(joints) - rank, names)
+    return Assembly(place.q, open_loop, mechanism.n - rank, 2 * len(joints) - rank, names)
 
 
 def _links(mechanism: Mechanism, loop: Loop) -> list[str]:
@@ -149,10 +149,10 @@ def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pla
             drag = Drag(part, q, chord.b, onto=chord.a)
         except ValueError:
             continue
-        found = drag.to(np.zeros(2), most=200)
-        if found.apart < apart:
-            best, apart = drag.place, found.apart
-        if found.reached:
+        dragged = drag.to(np.zeros(2), most=200)
+        if dragged.apart < apart:
+            best, apart = drag.place, dragged.apart
+        if dragged.reached:
             return best, 0.0
     return best, apart
 

@@ -43,7 +43,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
         rows = joints(0.0, scaled / freedom.scale, np.zeros_like(scaled))
         return rows.phi, rows.J / freedom.scale
 
-    found, rng, idle = [here.q], np.random.default_rng(seed), 0
+    positions, rng, idle = [here.q], np.random.default_rng(seed), 0
     for _ in range(MOST):
         idle += 1
         if idle > PATIENCE:
@@ -54,10 +54,10 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
         if place is None:
             continue
         other = _unturned(mechanism, place.q, here.q)
-        if all(_apart(freedom, other, x) > SAME * freedom.size for x in found):
-            found.append(other)
+        if all(_apart(freedom, other, x) > SAME * freedom.size for x in positions):
+            positions.append(other)
             idle = 0
-    return (found[0], *sorted(found[1:], key=lambda x: _apart(freedom, x, here.q)))
+    return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, here.q)))
 
 
 def held_at(mechanism: Mechanism, q: Array) -> Mechanism:

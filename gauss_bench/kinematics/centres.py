@@ -68,20 +68,20 @@ def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Cen
         for pair in every_two(tuple(x for x in mechanism.joints if x.joint == name)):
             if isinstance(pair, Revolute):
                 pins[tuple(sorted((pair.a.link, pair.b.link)))] = position(q, pair.a)
-    found = []
+    centres = []
     for a, b in combinations(range(GROUND, len(mechanism.links)), 2):
         if (a, b) in pins:
-            found.append(Centre((a, b), pins[a, b], pinned=True))
+            centres.append(Centre((a, b), pins[a, b], pinned=True))
             continue
         (z_a, u_a, w_a), (z_b, u_b, w_b) = _moving(q, v, a), _moving(q, v, b)
         turn, way = w_b - w_a, (u_b - 1j * w_b * z_b) - (u_a - 1j * w_a * z_a)
         if abs(turn) * size > STILL * fastest and abs(way) < FARTHEST * size * abs(turn):
             c = 1j * way / turn
-            found.append(Centre((a, b), np.array([c.real, c.imag])))
+            centres.append(Centre((a, b), np.array([c.real, c.imag])))
         else:
             moving = abs(way) > STILL * fastest
-            found.append(Centre((a, b), None, np.array([way.real, way.imag]) / abs(way) if moving else None))
-    return tuple(found)
+            centres.append(Centre((a, b), None, np.array([way.real, way.imag]) / abs(way) if moving else None))
+    return tuple(centres)
 
 
 def _undriven(mechanism: Mechanism) -> Mechanism:

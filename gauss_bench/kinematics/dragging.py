@@ -182,9 +182,9 @@ class Drag:
         f = N.shape[1]
         i, j = np.triu_indices(f)
         both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T  # x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
-        found = self.freedom.bend(self.place, both) / 4
+        quarters = self.freedom.bend(self.place, both) / 4
         bends = np.zeros((f, f, len(self.q)))
-        bends[i, j] = bends[j, i] = found[: len(i)] - found[len(i) :]
+        bends[i, j] = bends[j, i] = quarters[: len(i)] - quarters[len(i) :]
         return bends
 
     def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:

@@ -88,15 +88,15 @@ def _alike(a: Coordinate, b: Coordinate) -> bool:
 
 def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
     """Angles of links with a pin on the ground, and places along slides on the ground: what a motor or a cylinder can hold."""
-    found: list[DrivingCoordinate] = []
+    coordinates: list[DrivingCoordinate] = []
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             if GROUND in (joint.guide.link, joint.block.link):
-                found.append(DrivingCoordinate(joint.name, joint.motion))
+                coordinates.append(DrivingCoordinate(joint.name, joint.motion))
         elif GROUND in (joint.a.link, joint.b.link):
             link = max(joint.a.link, joint.b.link)
-            found.append(DrivingCoordinate(mechanism.links[link].name, Angle(GROUND, link)))
-    return found
+            coordinates.append(DrivingCoordinate(mechanism.links[link].name, Angle(GROUND, link)))
+    return coordinates
 
 
 class Curve:
@@ -110,8 +110,8 @@ class Curve:
 
     def rows(self, q: Array) -> tuple[Array, Array]:
         """phi (m,) and J (m, n)."""
-        found = self.constraints(0.0, q, np.zeros_like(q))
-        return found.phi, found.J
+        rows = self.constraints(0.0, q, np.zeros_like(q))
+        return rows.phi, rows.J
 
     def tangent(self, q: Array, along: Array | None = None) -> Array:
         """Unit tangent (n,), turned to the side of `along`.
@@ -177,7 +177,7 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
     curve = Curve(mechanism)
     coordinates = coordinates or driving_coordinates(mechanism)
     driving = input_coordinate(mechanism)
-    found: list[Singular] = []
+    positions: list[Singular] = []
     q, x = mechanism.q0, curve.tangent(mechanism.q0)
     x = -x if driving.of(q)[1] @ x < 0 else x
     first = x
@@ -191,11 +191,11 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
         for k, coordinate in enumerate(coordinates):
             sign = coordinate.of(q)[1] @ x
             if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
-                found.append(_singular(curve, coordinate, q, x, driving))
+                positions.append(_singular(curve, coordinate, q, x, driving))
             signs[k] = sign
         if count > 2 and _closed(q, mechanism.q0, STEP) and x @ first > 0:
             break
-    return _distinct(found)
+    return _distinct(positions)
 
 
 def _told(driving: DrivingCoordinate, q: Array) -> str:
@@ -216,10 +216,10 @@ def _closed(q: Array, start: Array, step: float) -> bool:
     return bool(np.linalg.norm(gap) < 0.75 * step)
 
 
-def _distinct(found: list[Singular]) -> list[Singular]:
+def _distinct(positions: list[Singular]) -> list[Singular]:
     """Without repeated positions: a start at a dead centre is found a second time when the curve closes."""
     kept: list[Singular] = []
-    for one in found:
+    for one in positions:
         if not any(k.coordinate == one.coordinate and _closed(one.q.copy(), k.q, 1e-6) for k in kept):
             kept.append(one)
     return kept

@@ -95,14 +95,14 @@ def started(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
     """Angles of links and slides, by name, that together fix what rows J (m, n) leave free at q (n,), angles first."""
-    found = []
+    names = []
     rank = _rank(J)
     for x in _coordinates(mechanism):
         more = np.vstack([J, gradient(x.coordinate, q)])
         if rank < mechanism.n and _rank(more) > rank:
             J, rank = more, rank + 1
-            found.append(x.name)
-    return found
+            names.append(x.name)
+    return names
 
 
 def _coordinates(mechanism: Mechanism) -> list[Measured]:
@@ -113,11 +113,11 @@ def _coordinates(mechanism: Mechanism) -> list[Measured]:
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
     """The first angle of a link, or else the first slide, that joint rows J (m, n) let move; if nothing moves, the first link's."""
-    found = _coordinates(mechanism)
-    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in found])
+    coordinates = _coordinates(mechanism)
+    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])
     held = _shortest(J.T, rows.T)
     free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
-    return found[int(free.argmax())]
+    return coordinates[int(free.argmax())]
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
@@ -243,24 +243,24 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
     """What the start and the drivers at t = 0 hold: coordinates with their values and rates."""
-    found: list[tuple[Coordinate, Any, Any]] = []
+    held: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
-        found.append((driver.coordinate, target, rate))
+        held.append((driver.coordinate, target, rate))
     for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
-        found.append((Angle(GROUND, link), target, rate))
+        held.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
-        found.append((by_name[name].motion, exact(number, target), exact(number, rate)))
+        held.append((by_name[name].motion, exact(number, target), exact(number, rate)))
     for reference, target in start.get("points", {}).items():
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
         point = mechanism.named_point(reference)
         for axis, across in enumerate((False, True)):
             along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
-            found.append((along, exact(number, target[axis]), exact(number, rates[axis])))
-    return found
+            held.append((along, exact(number, target[axis]), exact(number, rates[axis])))
+    return held
 
 
 def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:

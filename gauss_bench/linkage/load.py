@@ -133,14 +133,14 @@ def _placed(
     try:
         with np.errstate(all="ignore"):
             mechanism, merged = _checked(document, scenario, source, sha256, stem)
-            found = place(mechanism, merged)
+            placed = place(mechanism, merged)
     except AssemblyError as error:
         raise LinkageError(source, [error.fault]) from error
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise LinkageError(source, [Fault("", f"its numbers cannot be computed with ({in_a_sentence(error)})")]) from error
-    if not all(np.isfinite(x).all() for x in (found.q0, found.v0, found.mass)):
+    if not all(np.isfinite(x).all() for x in (placed.q0, placed.v0, placed.mass)):
         raise LinkageError(source, [Fault("", "its numbers lead to a start that is not finite")])
-    return found
+    return placed
 
 
 def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:

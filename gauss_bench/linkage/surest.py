@@ -18,12 +18,12 @@ Candidate = tuple[str, str, list[Angle | Along]]
 def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
     """What a start may hold, with its coordinates: links' angles, ways along slides, and points of links."""
     world = Point(GROUND, np.zeros(2), "ground.")
-    found: list[Candidate] = [("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
-    found += [("slide", j.name, [j.motion]) for j in mechanism.joints if isinstance(j, Prismatic)]
+    candidates: list[Candidate] = [("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
+    candidates += [("slide", j.name, [j.motion]) for j in mechanism.joints if isinstance(j, Prismatic)]
     for k, link in enumerate(mechanism.links):
         point = mechanism.point(k, next(iter(link.points)))
-        found.append(("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
-    return found
+        candidates.append(("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
+    return candidates
 
 
 def null_space(J: Array, n: int) -> Array:

@@ -63,16 +63,16 @@ def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number:
         origin, turn = _on(links[weld["to"]], links[weld["link"]], key, weld, number)
         base = own[weld["to"]]
         own[weld["link"]] = Pose(base.root, base.origin + turned(origin, base.turn), base.turn + turn)
-    found = dict(own)
+    poses = dict(own)
     for root in {x.root for x in own.values()}:
         members = [name for name, x in own.items() if x.root == root]
         chosen = next((x for x in first if x in members), root)
         if chosen != root:
             base = own[chosen]
             for name in members:
-                found[name] = Pose(chosen, turned(own[name].origin - base.origin, -base.turn), own[name].turn - base.turn)
-            found[chosen] = Pose(chosen, pair(number, (0, 0)), zero)
-    return found
+                poses[name] = Pose(chosen, turned(own[name].origin - base.origin, -base.turn), own[name].turn - base.turn)
+            poses[chosen] = Pose(chosen, pair(number, (0, 0)), zero)
+    return poses
 
 
 def _on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
@@ -112,21 +112,21 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
     return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
 
 
-def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], found: Sequence[Link]) -> tuple[Part, ...]:
+def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
     """Every link of the file as part of its body."""
-    index = {body.name: i for i, body in enumerate(found)}
+    index = {body.name: i for i, body in enumerate(bodies)}
     told = []
     for name, link in links.items():
         pose = placed[name]
         i = index[pose.root]
-        told.append(Part(name, i, pose.origin + turned(link.com, pose.turn) - found[i].com, pose.turn))
+        told.append(Part(name, i, pose.origin + turned(link.com, pose.turn) - bodies[i].com, pose.turn))
     return tuple(told)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
     """What each weld holds, in the links of the file, and where its moment is told."""
     names = list(links)
-    found = []
+    told = []
     for key, weld in welds.items():
         beyond = {weld["link"]}
         while more := {x["link"] for x in welds.values() if x["to"] in beyond} - beyond:
@@ -135,5 +135,5 @@ def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
         point = weld["points"][0][1].partition(".")[2] if "points" in weld else None
         at = link.points[point] if point else 0 * link.com
         place = Point(names.index(link.name), at - link.com, f"{link.name}.{point or ''}")
-        found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
-    return tuple(found)
+        told.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
+    return tuple(told)

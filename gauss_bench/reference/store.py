@@ -51,8 +51,8 @@ def read_reference(path: Path) -> Reference | None:
     """The reference in a file, or None where it is not as it was written."""
     try:
         with np.load(path) as data:
-            found = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
-            return found if str(data["digest"]) == _digest(found) else None
+            reference = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
+            return reference if str(data["digest"]) == _digest(reference) else None
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None
 

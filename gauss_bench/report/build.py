@@ -112,7 +112,7 @@ def build_report(
     """
     run = read_run(folder)
     told(f"{folder}: writing the pages")
-    found = list(all_findings(run))
+    findings = list(all_findings(run))
     page = folder / "README.md"
-    write_text(page, markdown_page(run, summary(run, found)))
-    return [page, *write_site(folder, run, found, programs)]
+    write_text(page, markdown_page(run, summary(run, findings)))
+    return [page, *write_site(folder, run, findings, programs)]

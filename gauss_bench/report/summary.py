@@ -38,9 +38,9 @@ SHORT, LONGEST = 40, 800  # characters of a finding
 
 def summary(run: Run, findings: Iterable[Finding]) -> tuple[Section, ...]:
     """The sections of the page."""
-    found = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
-    lost = [f for f in found if f.tone in ("bad", "warn")]
-    won = [f for f in found if f.tone not in ("bad", "warn")]
+    ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
+    lost = [f for f in ordered if f.tone in ("bad", "warn")]
+    won = [f for f in ordered if f.tone not in ("bad", "warn")]
     parts = [_linkage(run, name) for name in run.linkages]
     sections = [
         Section("Where it loses, and what failed", "lost", (Bullets(tuple(map(_said, lost))),)) if lost else None,

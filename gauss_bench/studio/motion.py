@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.api.driven import driven, free_at_start
 from gauss_bench.api.history import transmission
-from gauss_bench.api.kinematics import METHODS, driven, free_at_start, observed
+from gauss_bench.api.kinematics import METHODS, observed
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.errors import MotionError

@@ -1,7 +1,7 @@
 """Suites by name or path: read, checked, joined with the suites they build on, and cut to what a user asks for."""
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,25 +53,24 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """The suite with linkages that are files beside it, told by their paths from there."""
 
-    def found(part: Any) -> Any:
+    def located(part: Any) -> Any:
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
         return part.model_copy(update={"linkages": {str(paths.get(x, x)): s for x, s in part.linkages.items()}})
 
-    return suite.model_copy(update={name: tuple(found(x) for x in getattr(suite, name)) for name in SECTIONS})
+    return suite.model_copy(update={name: tuple(located(x) for x in getattr(suite, name)) for name in SECTIONS})
 
 
-def joined(suites: Iterable[Suite]) -> Suite:
+def joined(suites: Sequence[Suite]) -> Suite:
     """One suite of all sections, each once, with the title of the last."""
-    found = list(suites)
     content: dict[str, Any] = {}
     for name in SECTIONS:
         once: list[Any] = []
-        for suite in found:
+        for suite in suites:
             once += [x for x in getattr(suite, name) if x not in once]
         content[name] = tuple(once)
-    return found[-1].model_copy(update=content | {"parts": ()})
+    return suites[-1].model_copy(update=content | {"parts": ()})
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:

@@ -4,12 +4,13 @@ Whatever happens to a sample is a row: numbers that are no linkage, a start that
 """
 
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
@@ -18,6 +19,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
 from gauss_bench.engines.extras import require
+from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -25,18 +27,21 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import TEXT, outcome_of, plain_run
 from gauss_bench.runs.offers import isolated
 from gauss_bench.runs.one_run import one_run, received, sampling_at
+from gauss_bench.runs.scrutiny import seen
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, family_of, told
 from gauss_bench.sweep.figures import Motions, figures, units
 from gauss_bench.sweep.paths import Document
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, Trajectory
 
 SAMPLES = 400  # of each motion: extremes and energies are taken from them
 TOGETHER = 64  # motions that are evaluated at once: they stay in the processor's cache
 CHUNK = 4096  # states of one evaluation: their numbers stay in the processor's cache
 NOT_ASSEMBLED = "not_assembled"
+Numbers = NDArray[np.intp]
+Rows = dict[str, Any]  # by columns: numbers (k,), or a list of texts
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,23 +129,28 @@ def kernel(asked: Asked, engine: str) -> Kernel:
             raise SweepError(f"--engine {engine}: {error}") from error
 
 
-def rows_of(asked: Asked, engine: str, first: int, values: Array, parts: int = 1) -> list[dict[str, Any]]:
-    """One row for every sample (k, d), the first of which has a number; every step is cut into so many parts."""
-    found = _native(asked, engine, values, parts) if in_batches(engine) else [_single(asked, engine, x, parts) for x in values]
-    return [{"sample": first + k, "engine": engine, **row} for k, row in enumerate(found)]
+def rows_of(asked: Asked, engine: str, numbers: Numbers, values: Array, parts: int = 1) -> Rows:
+    """The rows of samples of these numbers (k,) and values (k, d), by columns; every step is cut into so many parts."""
+    told = (_native if in_batches(engine) else _one_by_one)(asked, engine, values, parts)
+    varied = {path: values[:, j] for j, path in enumerate(asked.paths)}
+    return {"sample": numbers, "engine": [engine] * len(values), **varied, **told}
 
 
-def _failed(status: str, message: str) -> dict[str, Any]:
-    return {"status": status, "message": message}
+def _empty(asked: Asked, count: int) -> Rows:
+    """So many rows that say nothing yet."""
+    none = {name: np.full(count, np.nan) for name in units(family(asked).nominal)}
+    return {"status": [""] * count, "message": [""] * count, **none}
 
 
-def _native(asked: Asked, engine: str, values: Array, parts: int) -> list[dict[str, Any]]:
+def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
     code, some, choice = kernel(asked, engine), family(asked), asked.choices[engine]
     h, count, every, t = times(choice.step, asked.until)
     h, count, every = h / parts, count * parts, every * parts
-    starts = some.starts(values)
-    rows = [_failed(NOT_ASSEMBLED, starts.reasons.get(k, "")) for k in range(len(values))]
-    there = np.flatnonzero(np.isfinite(starts.q).all(axis=1))
+    starts, rows = some.starts(values), _empty(asked, len(values))
+    closed = np.isfinite(starts.q).all(axis=1)
+    for k in np.flatnonzero(~closed).tolist():
+        rows["status"][k], rows["message"][k] = NOT_ASSEMBLED, starts.reasons.get(k, "")
+    there = np.flatnonzero(closed)
     if not len(there):
         return rows
     columns = {name: x[there] for name, x in starts.columns.items()}
@@ -150,21 +160,37 @@ def _native(asked: Asked, engine: str, values: Array, parts: int) -> list[dict[s
         q, v = code.rollout(q0, v0, h, count, parameters=p, every=every, threads=asked.jobs, integrator=choice.integrator)
     q, v = (np.concatenate([x0[:, None], x], axis=1) for x0, x in ((q0, q), (v0, v)))
     good = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(v).all(axis=(1, 2))
-    for k in np.flatnonzero(~good):
+    for k in np.flatnonzero(~good).tolist():
         until = t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
-        rows[there[k]] = _failed(str(Status.NAN), f"the motion is lost after {until:g} s: no partition of the kernel serves there")
+        rows["status"][there[k]] = str(Status.NAN)
+        rows["message"][there[k]] = f"the motion is lost after {until:g} s: no partition of the kernel serves there"
     if not good.any():
         return rows
     for part in np.array_split(np.flatnonzero(good), -(-int(good.sum()) // TOGETHER)):
         own = {name: x[part] for name, x in columns.items()}
         forces = _multipliers(code, t, q[part], v[part], p[part])
         some_q, some_v = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
-        motions = Motions(t, some_q, some_v, forces)
-        found, statuses, sentences = figures(family_of(some.nominal, own), motions, some.nominal.size)
-        table = np.stack([np.broadcast_to(x, len(statuses)) for x in found.values()], axis=-1).tolist()
-        for k, numbers, status, sentence in zip(there[part], table, statuses, sentences, strict=True):
-            rows[k] = {"status": str(status), "message": sentence, **dict(zip(found, numbers, strict=True))}
+        found, evidence = figures(family_of(some.nominal, own), Motions(t, some_q, some_v, forces), some.nominal.size)
+        for name, x in found.items():
+            rows[name][there[part]] = x
+        for k, one in zip(part.tolist(), evidence, strict=True):
+            motion = Trajectory(t, q[k], v[k], np.zeros_like(q[k]), count)
+            rows["status"][there[k]], rows["message"][there[k]] = _judged(
+                one, partial(some.mechanism_of, values[there[k]].tolist()), motion
+            )
     return rows
+
+
+def _judged(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
+    """Status and sentence of a motion; its linkage is read where what damping took between samples may have to be told apart."""
+    verdict = judge(evidence)
+    if any(x.subject is Subject.ENERGY for x in verdict.objections):
+        lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
+        if len(judge(lenient).objections) < len(verdict.objections):
+            evidence = replace(evidence, seen=seen(mechanism(), motion, evidence))
+            verdict = judge(evidence)
+    said = "; ".join(filter(None, (verdict.sentence, remark(evidence))))
+    return str(Status.OK if verdict.valid else Status.INVALID), said
 
 
 def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
@@ -181,13 +207,23 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
     return found.reshape(batch, k, -1).swapaxes(0, 1)
 
 
-def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> dict[str, Any]:
+def _one_by_one(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
+    rows = _empty(asked, len(values))
+    for k, one in enumerate(values):
+        rows["status"][k], rows["message"][k], found = _single(asked, engine, one, parts)
+        for name, x in found.items():
+            rows[name][k] = np.ravel(x)[0]
+    return rows
+
+
+def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
+    """Status, sentence and figures of a sample."""
     some, choice = family(asked), asked.choices[engine]
     document = some.document_of(values)
     try:
         mechanism = load_document(document, asked.scenario, asked.source)
     except LinkageError as error:
-        return _failed(NOT_ASSEMBLED, told(error))
+        return NOT_ASSEMBLED, told(error), {}
     h, _, _, t = times(choice.step, asked.until)
     h = h / parts
     wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
@@ -197,21 +233,20 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> d
         try:
             answer = _worker(engine).call(performed_there, arguments, asked.limit, largest)
         except WorkerFailure as failure:
-            return _failed(str(failure.status), str(failure))
+            return str(failure.status), str(failure), {}
         run = received(outcome_of(answer), wanted, mechanism.n)
     else:
         run = one_run(get(engine), mechanism, taken, wanted)
     if run.trajectory is None:
-        return _failed(str(run.status), run.message)
+        return str(run.status), run.message, {}
     x = run.trajectory
     try:
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
-    motions = Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
-    found, statuses, sentences = figures(mechanism, motions, mechanism.size)
-    said = "; ".join(filter(None, (run.message, sentences[0])))
-    return {"status": str(statuses[0]), "message": said, **{name: float(np.ravel(x)[0]) for name, x in found.items()}}
+    found, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
+    status, sentence = _judged(evidence, lambda: mechanism, x)
+    return status, "; ".join(filter(None, (run.message, sentence))), found
 
 
 def performed_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:

@@ -162,18 +162,20 @@ class Family:
         for head, places in self.heads.items():
             # a table is read once for each of its contents: a grid has few, and what varies elsewhere does not change them
             contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
+            which, found = which.ravel(), list[dict[str, float] | None]()
             for j, row in enumerate(contents.tolist()):
-                samples = np.flatnonzero(which.ravel() == j)
                 document = changed(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
                 try:
-                    found = self._numbers(head, document)
+                    found.append(self._numbers(head, document))
                     if head[0] == "scenarios":
-                        goals[samples] = self._goals(document)
+                        goals[which == j] = self._goals(document)
                 except (ValidationError, BuildError):
-                    reasons |= dict.fromkeys(samples.tolist(), "")
-                    continue
-                for name in columns.keys() & found.keys():
-                    columns[name][samples] = found[name]
+                    found.append(None)
+            wrong = np.array([x is None for x in found])[which]
+            reasons |= dict.fromkeys(np.flatnonzero(wrong).tolist(), "")
+            for name in columns.keys() & next((x.keys() for x in found if x is not None), ()):
+                each = np.array([np.nan if x is None else x[name] for x in found])
+                columns[name] = np.where(wrong, columns[name], each[which])
         for k in reasons:
             reasons[k] = self._reason(values[k])
             for name, column in columns.items():

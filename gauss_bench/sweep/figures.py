@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.judge import Evidence, judge
+from gauss_bench.judge import Evidence
 from gauss_bench.mechanism.coordinates import Placed, Vector, energy, loss, state
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Mechanism, Point, PointForce, Prismatic, Revolute, loads
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
 
 OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy_scale": "J"}
 
@@ -62,8 +61,8 @@ class Motions:
     multipliers: Array
 
 
-def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[str, Array], list[Status], list[str]]:
-    """Every figure (batch,), and what the judge says of each motion.
+def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[str, Array], list[Evidence]]:
+    """Every figure (batch,), and what the judge needs of each motion.
 
     Args:
         mechanism: a family, or one linkage.
@@ -84,14 +83,12 @@ def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[s
         opened = _opened(mechanism, x, motions.t)
         gain, bar, scale = _energy(mechanism, motions, x)
     found |= {"loops": opened.max(axis=0), "energy_error": np.abs(gain).max(axis=0), "energy_bar": bar, "energy_scale": scale}
-    statuses, sentences = [], []
     still = np.zeros(len(motions.t))
-    for k in range(motions.q.shape[1]):
-        drift = metrics.Drift(opened[:, k], still, still)
-        verdict = judge(Evidence(size, drift, gain[:, k], float(bar[k]), float(scale[k])))
-        statuses.append(Status.OK if verdict.valid else Status.INVALID)
-        sentences.append(verdict.sentence)
-    return found, statuses, sentences
+    evidence = [
+        Evidence(size, metrics.Drift(opened[:, k], still, still), gain[:, k], float(bar[k]), float(scale[k]))
+        for k in range(motions.q.shape[1])
+    ]
+    return found, evidence
 
 
 def _place(x: _Placed, point: Point) -> Vector:

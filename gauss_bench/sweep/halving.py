@@ -33,18 +33,18 @@ def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any
     of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
     found: dict[str, Any] = {"samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
-    largest = 0.0
-    for row in good.iloc[chosen].to_dict("records"):
-        number = int(row["sample"])
-        (finer,) = rows_of(asked, engine, number, values[number : number + 1], parts=2)
-        if finer["status"] not in USED:
-            found["lost"] += 1
-            continue
-        for unit, names in of.items():
-            off = max((abs(finer[name] - row[name]) for name in names), default=0.0)
-            found[unit] = max(found[unit], off)
-            if off / limits[unit] > largest:
-                largest, found["worst"] = off / limits[unit], number
+    numbers = good["sample"].to_numpy()[chosen]
+    finer = rows_of(asked, engine, numbers, values[numbers], parts=2)
+    usable = np.isin(finer["status"], USED)
+    found["lost"] = int((~usable).sum())
+    off = np.zeros(len(chosen))
+    for unit, names in of.items():
+        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
+        found[unit] = float(gaps[usable].max(initial=0.0))
+        off = np.maximum(off, gaps / limits[unit])
+    largest = float(off[usable].max(initial=0.0))
+    if largest:
+        found["worst"] = int(numbers[usable][off[usable].argmax()])
     return found | {"ok": not found["lost"] and largest <= 1.0}
 
 

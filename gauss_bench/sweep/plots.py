@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.sweep.plan import Plan
+from gauss_bench.terms import Array
 
 SHOWN = 500  # points of a panel: more only blacken it
 TICKS = 4  # intervals of an axis, at most: a small panel has no room for more, and they take most of the drawing
 MOST = 8  # figures that are drawn
+ROUNDING, SMALLEST = 1e-12, 1e-300  # of the largest value, and anyhow
 
 
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
@@ -29,9 +31,7 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
             y = part[name].to_numpy(dtype=float)
             if not len(y):
                 continue
-            line[0].hist(
-                y, bins=min(60, max(5, int(np.sqrt(len(y))))), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled"
-            )
+            line[0].hist(y, bins=_bins(y), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled")
             few = np.linspace(0, len(y) - 1, min(len(y), SHOWN)).round().astype(int)
             for axis, path in zip(line[1:], plan.paths, strict=True):
                 axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
@@ -44,3 +44,10 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
     for axis, path in zip(axes[-1][1:], plan.paths, strict=True):
         axis.set_xlabel(path)
     return svg(figure)
+
+
+def _bins(y: Array) -> int:
+    """Of a histogram of y (k,): one where its values differ by rounding alone, which is too little to be cut."""
+    if np.ptp(y) <= ROUNDING * np.abs(y).max() + SMALLEST:
+        return 1
+    return min(60, max(5, int(np.sqrt(len(y)))))

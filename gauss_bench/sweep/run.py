@@ -16,7 +16,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
 from gauss_bench.runs.asked import checked_budget, duration
 from gauss_bench.runs.offers import isolated, offer
-from gauss_bench.sweep.batch import Asked, columns_of, family, in_batches, kernel, rows_of
+from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.folder import Folder, checked
 from gauss_bench.sweep.halving import halved
@@ -211,35 +211,26 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
 
     whole = list(_batches(len(some.values), engines))
     waiting = [x for x in whole if not folder.has(x.number, x.end - x.first)]
-    known = len(whole) - len(waiting)
-    if known:
+    if known := len(whole) - len(waiting):
         tell(f"{known} of {len(whole)} batches are there already")
     if not waiting:
         return
-    tell(f"{sum(x.end - x.first for x in waiting)} samples to run")
-    told, started, done = (
-        time.monotonic(),
-        time.monotonic(),
-        sum(x.end - x.first for x in whole) - sum(x.end - x.first for x in waiting),
-    )
-    total = sum(x.end - x.first for x in whole)
+    total, missing = (sum(x.end - x.first for x in batches) for batches in (whole, waiting))
+    tell(f"{missing} samples to run")
+    told, started, done = time.monotonic(), time.monotonic(), total - missing
     with _spread(where, engines):
         work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="3*n_jobs")
         # its arguments travel to wherever batches are run, its rows come back here and are written here
-        for number, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
-            names = some.paths
-            values = some.values
-            for row in rows:
-                row.update(zip(names, values[row["sample"]].tolist(), strict=True))
-            folder.write(number, rows)
-            done += len(rows)
+        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
+            folder.write(batch.number, rows)
+            done += batch.end - batch.first
             if time.monotonic() - told > PAUSE:
                 told = time.monotonic()
                 tell(f"{done} of {total} samples, {told - started:.0f} s")
 
 
-def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[int, list[dict[str, Any]]]:
-    return batch.number, rows_of(asked, batch.engine, batch.first, values)
+def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
+    return batch, rows_of(asked, batch.engine, np.arange(batch.first, batch.end), values)
 
 
 def _tasks(where: Where) -> int:

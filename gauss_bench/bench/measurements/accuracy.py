@@ -31,13 +31,13 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
     """The tasks of cases, whatever suite they are of; poses are kept of those in `posed`."""
     wanted = dict.fromkeys((c.linkage, c.scenario, c.t_end) for c in chosen)
-    found = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
+    planned = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
         arguments = (case, context.store, context.alter, context.limit, case in posed)
         task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
-        found.append(task._replace(limit=task.limit + JUDGING) if isolated(case.engine) else task)
-    return found
+        planned.append(task._replace(limit=task.limit + JUDGING) if isolated(case.engine) else task)
+    return planned
 
 
 def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
@@ -67,9 +67,9 @@ def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: boo
     """The row of a case and the curves of its report."""
     mechanism = mechanism_of(case.linkage, case.scenario)
     key = {k: x for k, x in asdict(case).items() if k in KEY} | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    found = measure(case, store, alter, limit, posed)
-    curves = {table: [key | point for point in found[table]] for table in ("series", "poses")}
-    return {"results": [key | found["row"]], **curves}
+    measured = measure(case, store, alter, limit, posed)
+    curves = {table: [key | point for point in measured[table]] for table in ("series", "poses")}
+    return {"results": [key | measured["row"]], **curves}
 
 
 def complete(suite: Suite, tables: Tables) -> None:

@@ -75,10 +75,10 @@ def _singular(mechanism: Mechanism) -> Iterator[tuple[str, list[float]]]:
         yield "change points", list(FOLDED[mechanism.name])
         return
     try:
-        found = singular_positions(mechanism)
+        positions = singular_positions(mechanism)
     except ChangePoint:
         return
-    cranks = sorted({round(s.crank, 12): s.crank for s in found if s.kind == "dead centre"}.values())
+    cranks = sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())
     if cranks:
         yield CENTRES, cranks
 
@@ -114,5 +114,5 @@ def _accelerations(mechanism: Mechanism, name: str, q: Array, v: Array) -> Array
     return np.array([model.acceleration(0.0, *x) for x in zip(q, v, strict=True)])
 
 
-def _worst(found: Array, true: Array) -> float:
-    return float(metrics.relative_acceleration_error(found, true).max())
+def _worst(accelerations: Array, true: Array) -> float:
+    return float(metrics.relative_acceleration_error(accelerations, true).max())

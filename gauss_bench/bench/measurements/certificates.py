@@ -162,9 +162,9 @@ def _owner(certificate: Certificate, path: Path) -> str:
 
 def _verified(path: str, linkage: str) -> Tables:
     certificate = read_certificate(Path(path))
-    found = verify(certificate, load(linkage, certificate.scenario))
+    verification = verify(certificate, load(linkage, certificate.scenario))
     names = {"mechanism": certificate.name, "scenario": certificate.scenario}
-    return {TABLE: [names | {"status": "ok", "file": path, **vars(found), "passed": found.passed}]}
+    return {TABLE: [names | {"status": "ok", "file": path, **vars(verification), "passed": verification.passed}]}
 
 
 def certificates_digest() -> str:

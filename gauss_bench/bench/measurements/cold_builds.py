@@ -39,12 +39,12 @@ def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | key._asdict()
     try:
         with Worker() as worker:
-            found = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
+            sample = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
     except WorkerFailure as failure:
-        found = {"status": str(failure.status), "message": str(failure)}
-    if "status" in found:
-        return {"untimed": [start | found]}
-    return {"samples": [start | {"step": step, "round": 0} | found]}
+        sample = {"status": str(failure.status), "message": str(failure)}
+    if "status" in sample:
+        return {"untimed": [start | sample]}
+    return {"samples": [start | {"step": step, "round": 0} | sample]}
 
 
 def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:

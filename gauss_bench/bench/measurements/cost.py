@@ -186,16 +186,16 @@ def _columns(
 ) -> dict[str, float]:
     """The cost columns of a variant."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
-    found: dict[str, float] = {}
+    columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         keys = [k for k in samples if isinstance(k, Key) and k[:3] == (quantity, engine, settings)]
         own = keys if quantity in (BUILD, COLD, ACCELERATION) else [k for k in keys if k[3:] == rest]
         if not own:
             continue
         seconds = samples[own[0]]
-        found[f"{quantity.replace(' ', '_')}_time"] = float(np.quantile(seconds, 0.25))
+        columns[f"{quantity.replace(' ', '_')}_time"] = float(np.quantile(seconds, 0.25))
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
         if baseline is not None and quantity not in (BUILD, COLD):
             names = (f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high"))
-            found |= dict(zip(names, ratio(*common(seconds, baseline)), strict=True))
-    return found
+            columns |= dict(zip(names, ratio(*common(seconds, baseline)), strict=True))
+    return columns

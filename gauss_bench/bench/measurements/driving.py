@@ -53,14 +53,14 @@ def _row(
     if run.trajectory is None:
         return row | {"status": str(run.status), "message": run.message}
     try:
-        found = metrics.reactions(evaluator, run.trajectory)
+        reactions = metrics.reactions(evaluator, run.trajectory)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         return row | {"status": str(Status.ERROR), "message": f"no joint forces: {error}"}
     at, met = metrics.common_times(run.trajectory.t, reference.t)
-    errors, largest = np.abs(found[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)
+    errors, largest = np.abs(reactions[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)
     driver = evaluator.constraints.joint_rows
     return row | {
         "torque_error": float(errors[driver] / largest[driver]),
-        "mean_torque": float(abs(found[:-1, driver].mean()) / largest[driver]),
+        "mean_torque": float(abs(reactions[:-1, driver].mean()) / largest[driver]),
         "force_error": float(errors[:driver].max() / largest[:driver].max()),
     }

@@ -77,10 +77,10 @@ def singular(linkage: str) -> list[dict[str, Any]]:
     """Limits and dead centres with their crank angles [deg]; empty where the curve of positions forks."""
     mechanism = load(linkage)
     try:
-        found = singular_positions(mechanism)
+        positions = singular_positions(mechanism)
     except ChangePoint:
         return []
     return [
         {"mechanism": mechanism.name, "coordinate": s.coordinate, "kind": s.kind, "crank_deg": float(np.degrees(s.crank)) % 360.0}
-        for s in found
+        for s in positions
     ]

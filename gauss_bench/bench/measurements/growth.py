@@ -129,12 +129,16 @@ def entered(wanted: Right, size: int, engines: Sequence[str], watch: Watch) -> t
         try:
             if size > most:
                 raise RunFailure(Status.SKIP, reason)
-            found = build(wanted)
+            contender = build(wanted)
         except (RunFailure, KernelError, ImportError) as failure:
             rows.append(start | {"status": str(getattr(failure, "status", "skip")), "message": str(failure)})
             continue
-        costs = {"generate_seconds": found.generate_seconds, "compile_seconds": found.compile_seconds, "error": found.error}
-        for quantity, block in found.blocks.items():
+        costs = {
+            "generate_seconds": contender.generate_seconds,
+            "compile_seconds": contender.compile_seconds,
+            "error": contender.error,
+        }
+        for quantity, block in contender.blocks.items():
             block.entry = Key(quantity, engine)
             blocks.append(block)
             rows.append(start | {"quantity": quantity} | costs)
@@ -160,10 +164,10 @@ def _library(asked: Asked, quantity: str = "called from Python") -> Callable[[Ri
 
     def build(wanted: Right) -> Contender:
         start = time.perf_counter()
-        found = asked(wanted.mechanism, wanted.q, wanted.v)
+        prepared = asked(wanted.mechanism, wanted.q, wanted.v)
         seconds = time.perf_counter() - start
-        block = lasting(None, found.call) if found.count == 1 else Block(None, found.ready, found.call, found.count)
-        return Contender({quantity: block}, wanted.error(found.acceleration), seconds, 0.0)
+        block = lasting(None, prepared.call) if prepared.count == 1 else Block(None, prepared.ready, prepared.call, prepared.count)
+        return Contender({quantity: block}, wanted.error(prepared.acceleration), seconds, 0.0)
 
     return build
 

@@ -64,8 +64,8 @@ def complete(suite: Suite, tables: Tables) -> None:
             rows[number] = row(start, bounded, start, part.own, measured) | (
                 {"message": start["message"]} if "message" in start else {}
             )
-        found = {k: [m.samples[k] for m in races.values() if k in m.samples] for k in (LATENCY_KEY, RATE_KEY)}
-        tables["kernel_machine"] = processor_rows(Measured({k: np.concatenate(x) for k, x in found.items() if x}, {})) + named()
+        samples = {k: [m.samples[k] for m in races.values() if k in m.samples] for k in (LATENCY_KEY, RATE_KEY)}
+        tables["kernel_machine"] = processor_rows(Measured({k: np.concatenate(x) for k, x in samples.items() if x}, {})) + named()
 
 
 def bounded(start: Row, own: str, measured: Measured) -> Row:

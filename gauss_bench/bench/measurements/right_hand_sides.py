@@ -37,9 +37,9 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
             for rival in (AS_CALLED, NET):
                 start: Row = {"mechanism": place[0], "scenario": place[1], "own": own, "rival": rival}
                 start |= {"engine": part.rival, "settings": settings}
-                found = row(start, _compared, measured, part, settings, own, rival)
+                comparison = row(start, _compared, measured, part, settings, own, rival)
                 aimed = own == LOOP and rival == NET and place[0] in part.target_of
-                rows.append(at_least(found, "ratio", part.target if aimed else None))
+                rows.append(at_least(comparison, "ratio", part.target if aimed else None))
     return rows
 
 

@@ -28,7 +28,7 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
                 start: Row = {"mechanism": place[0], "scenario": place[1], "formulation": formulation}
                 start |= {"stabilization": stabilization, "rival": part.rival, "settings": settings, "step": step}
                 own, rival = Key(NATIVE, engine, stabilization=stabilization), Key(NATIVE, part.rival, settings)
-                found = row(start, measured.compared, own, rival)
+                comparison = row(start, measured.compared, own, rival)
                 target = part.targets.get(stabilization, {}).get(place[0]) if number == 0 else None
-                rows.append(at_least(found, "ratio", target))
+                rows.append(at_least(comparison, "ratio", target))
     return rows

@@ -39,9 +39,9 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def raced(linkage: str, scenario: str, part: Turns) -> Tables:
     """What `turn` tells; a way that crashes or hangs in it has that reason in its row."""
     tables, lost = survived(_race_of, (linkage, scenario, part), METHODS)
-    for found in tables["kernel_kinematics"]:
-        if found["method"] in lost:
-            found |= lost[found["method"]].told
+    for each in tables["kernel_kinematics"]:
+        if each["method"] in lost:
+            each |= lost[each["method"]].told
     return tables
 
 
@@ -86,8 +86,8 @@ def turn(linkage: str, scenario: str, part: Turns, methods: Sequence[str] = METH
 
 def rates(measured: Measured, method: str) -> Row:
     """Seconds of one position, and positions per second."""
-    found: Row = spread("seconds", measured.of(Key("turn", method)))
-    return found | {"rate": 1 / found["seconds"], "rate_low": 1 / found["seconds_high"], "rate_high": 1 / found["seconds_low"]}
+    times: Row = spread("seconds", measured.of(Key("turn", method)))
+    return times | {"rate": 1 / times["seconds"], "rate_low": 1 / times["seconds_high"], "rate_high": 1 / times["seconds_low"]}
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:

@@ -133,17 +133,20 @@ def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> di
 
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
     """Torque and damping on the crank; stiffness, damping and rest of the slider's pin along x."""
-    found = {"T": 0.0, "D": 0.0} | ({} if slider is None else {"K": 0.0, "C": 0.0, "X0": 0.0})
+    coefficients = {"T": 0.0, "D": 0.0} | ({} if slider is None else {"K": 0.0, "C": 0.0, "X0": 0.0})
     for load in loads(mechanism.forces):
         match load:
             case Law(Angle(a, b), k=0, c=c, bias=bias) if {a, b} == {GROUND, crank}:
-                found["T"] += bias if b == crank else -bias
-                found["D"] += c
+                coefficients["T"] += bias if b == crank else -bias
+                coefficients["D"] += c
             case Law(Along(origin, point, angle, across=False), k=k, c=c, rest=rest, bias=0) if (
-                origin.link == GROUND and point.link == slider and abs(angle) < LEVEL and found["K"] == found["C"] == 0
+                origin.link == GROUND
+                and point.link == slider
+                and abs(angle) < LEVEL
+                and coefficients["K"] == coefficients["C"] == 0
             ):
                 beside = _turned(point.local - pin.local, float(mechanism.q0[3 * point.link + 2]))
-                found |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
+                coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
             case _:
                 raise Underived("a load acts that the derivation by hand does not have")
-    return found
+    return coefficients

@@ -145,8 +145,8 @@ class CasadiModel:
     def _start(self, t: float, x: Array) -> Array:
         """Algebraic variables at a state: accelerations, multipliers, and no velocity correction."""
         n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
-        found = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
-        return np.concatenate([found, np.zeros(size)])[:size]
+        algebraic = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
+        return np.concatenate([algebraic, np.zeros(size)])[:size]
 
     def run(self) -> None:
         if self.spans:
@@ -170,12 +170,12 @@ class CasadiModel:
         """
         integrator = self.integrators[span]
         try:
-            found = integrator(x0=x, z0=self._start(t, x), p=t)["xf"]
+            states = integrator(x0=x, z0=self._start(t, x), p=t)["xf"]
         except RuntimeError as error:
             raise RunFailure(Status.NOT_CONVERGED, why(str(error), self.choice.integrator)) from error
         counted = integrator.stats()
         self.steps, self.evaluations = self.steps + counted["nsteps"], self.evaluations + counted["nfevals"]
-        return np.array(found).T
+        return np.array(states).T
 
     def read(self) -> Trajectory:
         n = self.mechanism.n

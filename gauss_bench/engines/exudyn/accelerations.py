@@ -106,12 +106,12 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     """
     mechanism = evaluator.mechanism
     counted = system.mbs.ComputeSystemDegreeOfFreedom()
-    found = (int(counted["degreeOfFreedom"]), int(counted["redundantConstraints"]))
+    counts = (int(counted["degreeOfFreedom"]), int(counted["redundantConstraints"]))
     expected_counts = (mechanism.dof - len(mechanism.drivers), mechanism.redundant)
-    if found != expected_counts:
+    if counts != expected_counts:
         raise RunFailure(
             Status.ERROR,
-            f"Exudyn counts {found[0]} degrees of freedom and {found[1]} redundant rows, "
+            f"Exudyn counts {counts[0]} degrees of freedom and {counts[1]} redundant rows, "
             f"the linkage has {expected_counts[0]} and {expected_counts[1]}",
         )
     for q, v in states_near_the_start(evaluator):

@@ -285,17 +285,17 @@ class ExudynModel:
         q = self.mechanism.q0 + self.q
         laws = self.mechanism.drivers or self.mechanism.varying
         note = "the motion law is evaluated in Python in every Newton iteration" if laws else ""
-        found = Trajectory(self.times, q, self.v, self.a, sum(leg.steps for leg in self.legs), note=note)
+        trajectory = Trajectory(self.times, q, self.v, self.a, sum(leg.steps for leg in self.legs), note=note)
         if self.failure:
-            self.failure.reached = found
+            self.failure.reached = trajectory
             raise self.failure
         if finite(q, self.v, self.a) == len(q):
-            self._check_closed(found)
+            self._check_closed(trajectory)
             if warning:
-                raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}", found)
-        return found
+                raise RunFailure(Status.WARNING, f"Exudyn warns: {warning}", trajectory)
+        return trajectory
 
-    def _check_closed(self, found: Trajectory) -> None:
+    def _check_closed(self, trajectory: Trajectory) -> None:
         """SolveDynamic returning True does not mean solved.
 
         Raises:
@@ -304,11 +304,11 @@ class ExudynModel:
         size = extent(self.mechanism)
         turns = [isinstance(joint, Prismatic) for joint in self.mechanism.joints]  # the second row of a slide is an angle
         scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)] + [1.0] * len(self.mechanism.drivers))
-        gap = (np.abs(self.evaluator.constraints(found.t, found.q, found.v).phi) / scale).max(axis=-1, initial=0.0)
+        gap = (np.abs(self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
             k = int(np.argmax(gap > FAR))
             text = f"joints are open by {gap[k]:.1g} of the linkage's size at t = {self.times[k]:.6g} s; try a smaller step"
-            raise RunFailure(Status.DIVERGED, text, found)
+            raise RunFailure(Status.DIVERGED, text, trajectory)
 
 
 def sentence(error: Exception) -> str:

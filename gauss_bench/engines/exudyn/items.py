@@ -154,9 +154,21 @@ class System:
         self.mbs.AddObject(drive)
 
     def _driven(self, driver: SlideDriver | LengthDriver) -> None:
-        """x(q) = law(t) of a slide or a length; Exudyn hands over the coordinates of both links one after the other."""
-        pair = (driver.joint.guide, driver.joint.block) if isinstance(driver, SlideDriver) else (driver.a, driver.b)
-        coordinate, law = driver.coordinate, driver.law
+        """x(q) = law(t) of a slide or a length."""
+        pair = spanned(driver)
+        nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
+        equation, jacobian = self._equation(driver)
+        drive = self.items.ObjectConnectorCoordinateVector(
+            markerNumbers=nodes,
+            scalingMarker0=np.zeros((1, 1)),  # says that there is one equation
+            constraintUserFunction=equation,
+            jacobianUserFunction=jacobian,
+        )
+        self.mbs.AddObject(drive)
+
+    def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+        """User functions of x(q) = law(t); Exudyn hands over the coordinates of both links one after the other."""
+        pair, coordinate, law = spanned(driver), driver.coordinate, driver.law
         columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
 
         def full(given: Any) -> Array:
@@ -172,14 +184,7 @@ class System:
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
             return np.array(gradient(coordinate, full(q))[None, columns])
 
-        nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
-        drive = self.items.ObjectConnectorCoordinateVector(
-            markerNumbers=nodes,
-            scalingMarker0=np.zeros((1, 1)),  # says that there is one equation
-            constraintUserFunction=equation,
-            jacobianUserFunction=jacobian,
-        )
-        self.mbs.AddObject(drive)
+        return equation, jacobian
 
     def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
         """A user function of time: a law's value (rate 0) or rate (1), from `start`."""
@@ -298,3 +303,8 @@ class System:
         """Distance of the point left of the axis [m], at the start and, where a slide keeps it there, always."""
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
+
+
+def spanned(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
+    """The points that a driver moves apart."""
+    return (driver.joint.guide, driver.joint.block) if isinstance(driver, SlideDriver) else (driver.a, driver.b)

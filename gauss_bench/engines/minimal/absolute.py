@@ -68,5 +68,5 @@ def _followed(mechanism: Mechanism, equation: Equation, start: float, at: Array,
     lines += angles - lines[0 if turning else below]
     turns = np.floor((at - start) / TURN) if turning else np.zeros(len(at))
     winding = lines[-1] - lines[0]
-    found = np.array([np.interp(at - TURN * turns, grid, line) for line in lines.T]).T
-    return np.asarray(found + turns[:, None] * winding)
+    interpolated = np.array([np.interp(at - TURN * turns, grid, line) for line in lines.T]).T
+    return np.asarray(interpolated + turns[:, None] * winding)

@@ -127,10 +127,10 @@ class MinimalModel:
         for row in on[:: max(1, len(on) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
             terms = evaluator.terms(0.0, q, v)
-            found, expected = self._stretch(self._equation(self.first), q, v), gauss(terms).a
+            derived, expected = self._stretch(self._equation(self.first), q, v), gauss(terms).a
             pairs = {
                 name: (own, other, size(other))
-                for name, own, other in zip(("places", "speeds", "accelerations"), found, (q, v, expected), strict=True)
+                for name, own, other in zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
             }
             require_agreement(pairs, AGREEMENT)
 
@@ -143,8 +143,8 @@ class MinimalModel:
     def _stretch(self, equation: Equation, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """q, v, a (n,) that an equation makes of a state of the linkage."""
         y = self._state(equation, q, v)
-        found = absolute(self.mechanism, Stretch(equation, 0, y, y[None], y), q[2::3])
-        return found[0][0], found[1][0], found[2][0]
+        motion = absolute(self.mechanism, Stretch(equation, 0, y, y[None], y), q[2::3])
+        return motion[0][0], motion[1][0], motion[2][0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         quick = self._native(q, v)
@@ -218,10 +218,10 @@ class MinimalModel:
             due = every - done % every  # steps to the next sample
             count, each = (total - done, every) if due == every else (due, due)
             machine, start = self.machines[self.now], self.y
-            found, moved, y = machine.steps(start, t + done * h, h, count, each)
+            states, moved, y = machine.steps(start, t + done * h, h, count, each)
             y = y.copy()
-            found = np.vstack([found, y]) if moved < count and moved and moved % each == 0 else found.copy()
-            self.stretches.append(Stretch(machine.equation, row + 1 + done // every, start, found, y))
+            states = np.vstack([states, y]) if moved < count and moved and moved % each == 0 else states.copy()
+            self.stretches.append(Stretch(machine.equation, row + 1 + done // every, start, states, y))
             done, self.y, self.steps = done + moved, y, self.steps + moved
             if moved < count:
                 self._change(t + done * h, moved)
@@ -293,10 +293,10 @@ class MinimalModel:
             q[rows], v[rows], a[rows], angles = absolute(self.mechanism, stretch, angles)
         coordinates = ", ".join(dict.fromkeys(self._name(s.equation) for s in self.stretches))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
-        found = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
+        trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
         if self.lost:
-            raise RunFailure(Status.NOT_CONVERGED, self.lost, found)
-        return found
+            raise RunFailure(Status.NOT_CONVERGED, self.lost, trajectory)
+        return trajectory
 
 
 def _least(openings: Array, scale: Array) -> Array:

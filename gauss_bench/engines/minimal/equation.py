@@ -82,21 +82,21 @@ def needed_angles(mechanism: Mechanism) -> list[int]:
 
 def _roots(way: Way) -> dict[int, tuple[int, float]]:
     """For every link the one whose angle it follows, and by how much it is turned against that [rad]."""
-    found = {GROUND: (GROUND, 0.0), way.link: (way.link, 0.0)}
+    roots = {GROUND: (GROUND, 0.0), way.link: (way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
-        found[way.link] = (GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
+        roots[way.link] = (GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
     for dyad in way.dyads:
         first, second = dyad.links
-        found[first] = first, 0.0
+        roots[first] = first, 0.0
         match dyad:
             case RRR():
-                found[second] = second, 0.0
+                roots[second] = second, 0.0
             case RRP():
-                root, turn = found[dyad.second.to]
-                found[second] = root, turn + dyad.turn
+                root, turn = roots[dyad.second.to]
+                roots[second] = root, turn + dyad.turn
             case RPR():
-                found[second] = first, dyad.turn
-    return found
+                roots[second] = first, dyad.turn
+    return roots
 
 
 def write_equation(

@@ -57,11 +57,11 @@ class Machine:
         one.numbers[:] = h, t
         one.counts[:3] = count, every, slots
         one.run()
-        found = samples.reshape(slots, 2 * self.n)
+        states = samples.reshape(slots, 2 * self.n)
         if report[1]:
-            return found, count, found[-1]
+            return states, count, states[-1]
         done = int(report[0])
-        return found[: max(0, -(-done // every) - 1)], done, start
+        return states[: max(0, -(-done // every) - 1)], done, start
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
         """Steps of its own choice, as far as the equation is to be used."""

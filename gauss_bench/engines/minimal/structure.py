@@ -201,17 +201,17 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
         raise NoWay(f"one coordinate does not describe {mechanism.dof} degrees of freedom")
     if mechanism.redundant:
         raise NoWay(f"redundant constraint rows ({mechanism.redundant}): no sequence of dyads has them")
-    found, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
+    complete, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
     for link, joint, fixed, moved in sorted(_inputs(mechanism), key=lambda x: x[0] != mechanism.crank):
         dyads, open_links = closed_from(mechanism, {link})
         if not open_links:
-            found.append(Way(link, joint, fixed, moved, tuple(dyads)))
-        elif not found:
+            complete.append(Way(link, joint, fixed, moved, tuple(dyads)))
+        elif not complete:
             names = ", ".join(mechanism.link_name(k) for k in sorted(open_links))
             left = f"no dyad of pins and slides closes the loops of {names}, whichever link is given"
-    if not found:
+    if not complete:
         raise NoWay(left)
-    return tuple(found)
+    return tuple(complete)
 
 
 def _inputs(mechanism: Mechanism) -> Iterator[tuple[int, Revolute | Prismatic, Point, Point]]:
@@ -236,16 +236,16 @@ class _Joints:
 
     def held(self, link: int, placed: set[int]) -> list[Held]:
         """All joints of a link with what is placed."""
-        found = []
+        held = []
         for pin in self.pins:
             other = pin.of(placed)
             if link in pin.points and other is not None:
-                found.append(Held(link, other.link, pin.points[link], other))
+                held.append(Held(link, other.link, pin.points[link], other))
         for slide in self.slides:
             for own, other in ((slide.guide, slide.block), (slide.block, slide.guide)):
                 if own.link == link and other.link in placed:
-                    found.append(Held(link, other.link, own, other, slide))
-        return found
+                    held.append(Held(link, other.link, own, other, slide))
+        return held
 
     def between(self, one: int, two: int, placed: set[int]) -> tuple[Point, Point] | Prismatic | None:
         """The points of a pin of both links, or a slide between them."""

@@ -270,12 +270,12 @@ class MujocoModel:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
         with heard(self.mujoco, []):  # of accelerations at states that a run has lost: the judge finds those
-            found = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
+            trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
         if finite(q, v) == len(q) and (said or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             told = f"MuJoCo warned before t = {self.times[-1]:.6g} s{said and '; '}{said}; {advice}"
-            raise RunFailure(Status.WARNING, told, found)
-        return found
+            raise RunFailure(Status.WARNING, told, trajectory)
+        return trajectory
 
 
 @contextlib.contextmanager

@@ -35,13 +35,13 @@ SPELT = {  # integrators and solvers in a document
 def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     """The root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
 
-    `edited` says that whoever reads it scales the compiled inverse weights as the choice's settings do.
+    `edited` says that whoever reads it drives what is driven, and scales compiled inverse weights, as the choice's settings do.
 
     Raises:
         RunFailure: MuJoCo cannot be given the mechanism, or not by a document.
         ImportError: MuJoCo is not installed.
     """
-    if mechanism.drivers:
+    if mechanism.drivers and not edited:
         names = ", ".join(d.name for d in mechanism.drivers)
         raise RunFailure(Status.SKIP, f"MJCF has no motion laws, and this scenario prescribes {names}")
     built = MujocoModel(mechanism, choice)
@@ -152,18 +152,18 @@ def _tendons(spec: Any, mujoco: Any) -> Iterator[Element]:
 
 
 def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
-    """Forces without control: bias . [1, L, dL/dt]."""
+    """Forces: bias . [1, L, dL/dt], and the control where there is one."""
     on = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon", mujoco.mjtTrn.mjTRN_SITE: "site"}
     for actuator in spec.actuators:
         where = {on[actuator.trntype]: actuator.target, "gear": said(actuator.gear)}
         where |= {key: x for key, x in (("name", actuator.name), ("refsite", actuator.refsite)) if x}
-        yield Element("general", where, gainprm="0", biastype="affine", biasprm=said(actuator.biasprm[:3]))
+        yield Element("general", where, gainprm=said(actuator.gainprm[0]), biastype="affine", biasprm=said(actuator.biasprm[:3]))
 
 
 def _list(root: Element, name: str, items: Iterator[Element]) -> None:
-    found = list(items)
-    if found:
-        SubElement(root, name).extend(found)
+    elements = list(items)
+    if elements:
+        SubElement(root, name).extend(elements)
 
 
 def _verify(root: Element, built: MujocoModel) -> None:
@@ -174,11 +174,20 @@ def _verify(root: Element, built: MujocoModel) -> None:
     """
     mujoco = built.mujoco
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    for k, armature, _ in built.drives:
+        model.dof_armature[k] = armature
+    for (tendon, _), (_, mass, _) in zip(built.drawn, built.cylinders, strict=True):
+        model.tendon_armature[tendon] = mass
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]
     model.opt.integrator, model.opt.disableflags = built.still.opt.integrator, built.still.opt.disableflags
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     require_agreement({"start": (np.concatenate([data.qpos, data.qvel]), np.concatenate([built.y0, built.dy0]), 1.0)}, 0.0)
+    for k, armature, law in built.drives:
+        data.qfrc_applied[k] = armature * float(law(0.0)[2])
+    for motor, mass, law in built.cylinders:
+        data.ctrl[motor] = mass * float(law(0.0)[2])
     for y, dy in tree_states(built.tree, built.y0, built.dy0):
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)

@@ -202,23 +202,23 @@ class PinocchioModel:
             ddy = self.plain(float(self.times[k]), self.y[k], self.dy[k])
             return np.asarray(self.tree.absolute(self.y[k : k + 1], self.dy[k : k + 1], ddy[None])[2][0])
 
-        found = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
-        if finite(q, v, found.a) == len(q):
-            self._check(found)
-        return found
+        trajectory = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
+        if finite(q, v, trajectory.a) == len(q):
+            self._check(trajectory)
+        return trajectory
 
-    def _check(self, found: Trajectory) -> None:
+    def _check(self, x: Trajectory) -> None:
         """The accelerations of the samples satisfy the suite's own constraint rows.
 
         Raises:
             RunFailure: they do not; with the samples before.
         """
-        a = found.a
-        rows = self.evaluator.constraints(found.t, found.q, found.v)
+        a = x.a
+        rows = self.evaluator.constraints(x.t, x.q, x.v)
         missed = np.abs(np.einsum("kij,kj->ki", rows.J, a) - rows.gamma).max(axis=1, initial=0.0)
         missed /= np.maximum(1.0, np.abs(a).max(axis=1))
         if (missed > SOLVED).any():
             k = int(np.argmax(missed > SOLVED))
             text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {missed[k]:.1e} of their size"
-            before = Trajectory(found.t[:k], found.q[:k], found.v[:k], a[:k], found.steps, found.evaluations, found.note)
+            before = Trajectory(x.t[:k], x.q[:k], x.v[:k], a[:k], x.steps, x.evaluations, x.note)
             raise RunFailure(Status.NOT_CONVERGED, text, before)

@@ -33,11 +33,11 @@ class TreeForces:
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
         for f in mechanism.forces:
-            found = None if factor_of(f) else self._tabulated(f)
-            if found is None:
+            tabulated = None if factor_of(f) else self._tabulated(f)
+            if tabulated is None:
                 self.others += (f,)
             else:
-                self.constant, slope = self.constant + found[0], slope + found[1]
+                self.constant, slope = self.constant + tabulated[0], slope + tabulated[1]
         self.stiffness, self.damping = slope[:, : tree.n].copy(), slope[:, tree.n :].copy()
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
@@ -109,12 +109,12 @@ class DrivingTorques:
         R = self.rows.copy()
         q, T = self.forces.motion(y)
         at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy))[2]
-        found = self.constraints(t, q, T @ dy)
+        joints = self.constraints(t, q, T @ dy)
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
-            R[k] = found.J[row] @ T
-            x[k] = float(found.phi[row]) + float(law[0])
-            bias[k] = float(found.J[row] @ at_rest) + float(law[2]) - float(found.gamma[row])
+            R[k] = joints.J[row] @ T
+            x[k] = float(joints.phi[row]) + float(law[0])
+            bias[k] = float(joints.J[row] @ at_rest) + float(law[2]) - float(joints.gamma[row])
         return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
@@ -132,10 +132,10 @@ class DrivingTorques:
         probes = self.inertias * np.maximum(1.0, np.abs(missing))
         effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * rows])
         try:
-            found: Array = free + np.linalg.solve(rows @ effects.T, missing) @ effects
+            accelerations: Array = free + np.linalg.solve(rows @ effects.T, missing) @ effects
         except np.linalg.LinAlgError as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no driving torque gives the prescribed acceleration") from error
-        return found
+        return accelerations
 
 
 class Motion:

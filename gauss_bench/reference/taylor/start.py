@@ -69,11 +69,11 @@ def _held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) ->
             angles[crank] = angle_of(start, "crank", number)
         if "speed" in start:
             speeds.setdefault(crank, exact(number, start["speed"]))
-    found = {}
+    held = {}
     for name, x in angles.items():
         link, turn = mechanism.placed(name)
-        found[link] = x - turn, speeds.get(name, number("0"))
-    return found
+        held[link] = x - turn, speeds.get(name, number("0"))
+    return held
 
 
 def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:

@@ -50,7 +50,7 @@ class Panel:
 
 def panels_of(history: History) -> list[Panel]:
     """What of a history is drawn: magnitudes in the place of components where directions do not matter."""
-    found = [
+    panels = [
         Panel("angle [rad]", _each(x for x in history.of(Group.LINK) if x.key == "theta")),
         Panel("position [m]", _places(history)),
         Panel("speed [m/s]", _lengths(history.of(Group.POINT), "vx", "vy")),
@@ -61,7 +61,7 @@ def panels_of(history: History) -> list[Panel]:
         Panel("driving force [N]", _each(x for x in history.of(Group.MOTOR) if x.unit == "N")),
         Panel("transmission angle [deg]", _each(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
     ]
-    return [panel for panel in found if panel.traces]
+    return [panel for panel in panels if panel.traces]
 
 
 def _each(curves: Iterable[Curve], by_key: bool = False) -> tuple[Trace, ...]:
@@ -75,8 +75,8 @@ def _turning(history: History) -> list[Curve]:
 
 def _places(history: History) -> tuple[Trace, ...]:
     names = list(dict.fromkeys(x.of for x in history.of(Group.POINT)))
-    found = [x for x in history.of(Group.POINT) if x.key in ("x", "y")]
-    return tuple(Trace(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in found)
+    curves = [x for x in history.of(Group.POINT) if x.key in ("x", "y")]
+    return tuple(Trace(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in curves)
 
 
 def _lengths(curves: Sequence[Curve], first: str, second: str) -> tuple[Trace, ...]:

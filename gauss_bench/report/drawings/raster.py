@@ -137,16 +137,16 @@ def _path(text: str) -> Path:
 
 def _moved(text: str) -> Affine2D:
     """The transform of an attribute; the last one named acts first."""
-    found = Affine2D()
+    transform = Affine2D()
     for kind, rest in reversed(re.findall(r"(\w+)\(([^)]*)\)", text)):
         numbers = [float(n) for n in NUMBER.findall(rest)]
         match kind:
             case "translate":
-                found.translate(*numbers)
+                transform.translate(*numbers)
             case "rotate":
-                found.rotate_deg(*numbers)
+                transform.rotate_deg(*numbers)
             case "scale":
-                found.scale(*numbers)
+                transform.scale(*numbers)
             case _:
                 raise ValueError(f"no drawing of ours is moved by {kind}")
-    return found
+    return transform

@@ -64,8 +64,8 @@ def claimed(row: Row) -> tuple[Cell, ...]:
 
 
 def _verdict(row: Row, way: str) -> Cell:
-    found = str(row.get(f"{way}verdict", ""))
-    return text_cell(found, VERDICTS.get(found, ""))
+    verdict = str(row.get(f"{way}verdict", ""))
+    return text_cell(verdict, VERDICTS.get(verdict, ""))
 
 
 def findings(run: Run) -> Iterator[Finding]:

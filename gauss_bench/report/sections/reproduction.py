@@ -147,13 +147,13 @@ CURVES = (
 
 def paper_figures(rows: Sequence[Row]) -> list[Chart]:
     """What the paper draws and says of its example, out of the reference; nothing without rows."""
-    found = []
+    charts = []
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": number(r, "t"), "y": number(r, column)} for r in rows]
         drawn = labelled([line], logarithmic=False)
         spec = over_time(drawn, axis, logarithmic=False, height=220)
-        found.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
-    return found
+        charts.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
+    return charts
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -39,8 +39,8 @@ def engine_names(run: Run) -> tuple[str, ...]:
 
 def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
     rows = [r for r in run.results if r["engine"] == name]
-    found = run.environment.get("engines", {}).get(name, {})
-    version = str(found.get("version", "")) if isinstance(found, dict) else ""
+    installed = run.environment.get("engines", {}).get(name, {})
+    version = str(installed.get("version", "")) if isinstance(installed, dict) else ""
     body: list[Markup] = []
     if rows:
         body += [

@@ -92,22 +92,22 @@ def chooser_data(
     run: Run, names: tuple[str, ...], settings: tuple[Any, ...], programs: Programs | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Everything the form looks up, and the programs of each linkage, which are looked up when they are asked for."""
-    found = {name: answers(run, name, settings) for name in names}
-    wanted = [x.choice for one in found.values() for x in one["chosen"]]
+    choices = {name: answers(run, name, settings) for name in names}
+    wanted = [x.choice for one in choices.values() for x in one["chosen"]]
     texts = programs(wanted) if programs else {}
     later = {}
-    for name, one in found.items():
+    for name, one in choices.items():
         one["programs"] = f"programs-{file_name(name)}"
         later[one["programs"]] = {
             f"programs of {name}": packed([texts.get(x.choice) or call_of(name, x) for x in one.pop("chosen")])
         }
         one["page"] = f"linkage-{file_name(name)}.html"
         one["scenario"] = scenario_of(run, name)
-    engines = sorted({x.engine for x in settings} | {e for one in found.values() for e in one["none"]})
+    engines = sorted({x.engine for x in settings} | {e for one in choices.values() for e in one["none"]})
     names_of = {e: f"engine-{file_name(e)}.html" for e in engines}
     colours = {e: f"var(--{slot})" for e, slot in slots(engines).items()}
     levels = {"positions": list(POSITIONS), "forces": [None if math.isinf(x) else x for x in FORCES]}
-    return {"choices": found, "engines": names_of, "dots": colours} | levels, later
+    return {"choices": choices, "engines": names_of, "dots": colours} | levels, later
 
 
 def packed(texts: list[str]) -> dict[str, Any]:

@@ -107,14 +107,14 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     """Who is cheapest within a tenth of a millimetre, in a sentence."""
     if not settings:
         return Markup("")
-    found = sorted(cheapest_stored(run, name, settings, 1e-4, math.inf).values(), key=lambda x: x.seconds)
-    if not found:
+    cheapest = sorted(cheapest_stored(run, name, settings, 1e-4, math.inf).values(), key=lambda x: x.seconds)
+    if not cheapest:
         return paragraph(f"No setting that was tried stays within {millimetres(1e-4)}.")
-    said = ", ".join(f"`{x.engine}` {x.seconds / found[0].seconds:.3g} x" for x in found[1:5])
+    said = ", ".join(f"`{x.engine}` {x.seconds / cheapest[0].seconds:.3g} x" for x in cheapest[1:5])
     rest = f"; then {said}" if said else ""
     return Markup("<p>{} {}</p>").format(
         paragraph(
-            f"Cheapest within {millimetres(1e-4)} over the whole run: `{found[0].engine}` ({found[0].words}){rest}."
+            f"Cheapest within {millimetres(1e-4)} over the whole run: `{cheapest[0].engine}` ({cheapest[0].words}){rest}."
         ).striptags(),
         link(f"index.html#linkage={name}", "Choose another tolerance"),
     )

@@ -57,10 +57,10 @@ def turned(run: Run, name: str) -> tuple[Mechanism, Array] | None:
 
 def drawn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """A linkage's SVG whose parts carry numbers, and where every part is in each state [px, degrees]."""
-    found = turned(run, name)
-    if found is None:
+    motion = turned(run, name)
+    if motion is None:
         return None
-    mechanism, states = found
+    mechanism, states = motion
     assert mechanism.crank is not None
     states = unwrapped(states)
     canvas = canvas_of(mechanism, states)
@@ -122,11 +122,11 @@ def carried(mechanism: Mechanism, link: int, local: Array, states: Array, canvas
 
 
 def turning(run: Run, name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
-    """The player with a slider for the crank's angle."""
-    found = drawn(run, name)
-    if found is None:
+    """The player with a slider for the crank's angle, and its data; None where there is no turn of the crank."""
+    drawing = drawn(run, name)
+    if drawing is None:
         return None
-    svg, data = found
+    svg, data = drawing
     text = Markup(
         '<section class="player" id="turn" aria-label="Turn the crank"><div class="stage"><div class="pair">{}</div></div>'
         '<div class="controls"><button type="button" data-play>Play</button>'

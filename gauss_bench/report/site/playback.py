@@ -81,10 +81,10 @@ def _filled(at: dict[tuple[float, str], Row], times: Sequence[float], links: Seq
 
 
 def played_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: Array) -> list[Played]:
-    """The stored runs, by their labels."""
+    """The stored runs that have poses, by engine, those with its default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     rows = [r for r in run.table("poses") if (r["mechanism"], r["scenario"]) == (name, scenario)]
-    found = []
+    played = []
     for key, own in grouped(rows, lambda r: tuple(r[k] for k in KEYS)).items():
         at = {(number(r, "t"), str(r["link"])): r for r in own}
         reached = [t for t in times.tolist() if all((t, link) in at for link in links)]
@@ -92,8 +92,8 @@ def played_runs(run: Run, name: str, scenario: str, links: Sequence[str], times:
             continue
         row = cases[key]
         parts = (_filled(at, reached, links, part) for part in ("_ahead", "_gap"))
-        found.append(Played(str(row["engine"]), label_of(row), row["settings"] == "default", *parts))
-    return sorted(found, key=lambda x: (x.engine, not x.plain, x.label))
+        played.append(Played(str(row["engine"]), label_of(row), row["settings"] == "default", *parts))
+    return sorted(played, key=lambda x: (x.engine, not x.plain, x.label))
 
 
 def label_of(row: Row) -> str:
@@ -104,9 +104,9 @@ def label_of(row: Row) -> str:
 
 def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, Any]] | None:
     """The player of two stored runs and its data; None where fewer than two are stored."""
-    found = turned(run, name)
+    motion = turned(run, name)
     try:
-        mechanism = found[0] if found else load_document(*_document(run, name, scenario))
+        mechanism = motion[0] if motion else load_document(*_document(run, name, scenario))
     except LinkageError:
         return None
     links = [link.name for link in mechanism.links]
@@ -117,11 +117,11 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
     runs = played_runs(run, name, scenario, links, times)
     if len(runs) < 2:
         return None
-    drawn = unwrapped(found[1]) if found else states
+    drawn = unwrapped(motion[1]) if motion else states
     canvas = canvas_of(mechanism, drawn)
     svg = Markup(inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair"))
     data: dict[str, Any] = {"times": [round(float(t), 6) for t in times]}
-    if found:
+    if motion:
         assert mechanism.crank is not None
         turn = Turn(drawn, mechanism.crank)
         data["crank"] = [round(float(x), 6) for x in states[:, 3 * mechanism.crank + 2]]

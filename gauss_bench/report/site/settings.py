@@ -122,18 +122,18 @@ def _cases(run: Run) -> Iterable[Setting]:
 
 def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
     """Engine -> its cheapest setting that holds; of equally cheap ones the first by name."""
-    found: dict[str, Setting] = {}
+    leaders: dict[str, Setting] = {}
     for one in sorted(settings, key=lambda x: (x.seconds, x.words)):
         if one.holds(position, force):
-            found.setdefault(one.engine, one)
-    return found
+            leaders.setdefault(one.engine, one)
+    return leaders
 
 
 def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float) -> dict[str, Setting]:
     """The same, with the winner of a race where just this was raced: it alone was told from what ties it."""
-    found = cheapest(settings, position, force)
+    leaders = cheapest(settings, position, force)
     if not math.isinf(force):
-        return found
+        return leaders
     for row in run.table("search_winners"):
         exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
         if row["mechanism"] == mechanism and exact and row["status"] == "ok" and known(row.get("seconds")):
@@ -149,8 +149,8 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
             numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"))
             times = (number(row, "seconds"), number(row, "seconds_low"), number(row, "seconds_high"))
             errors = (number(row, "error"), like.force if like else math.nan, like.until if like else math.nan)
-            found[str(row["engine"])] = Setting(*method_of(row), *numbers, *times, False, *errors)
-    return found
+            leaders[str(row["engine"])] = Setting(*method_of(row), *numbers, *times, False, *errors)
+    return leaders
 
 
 OURS = ("gauss-native", "lagrange-native", "gauss", "lagrange", "gauss_pinv", "schur", "udwadia_kalaba")
@@ -193,7 +193,7 @@ def _told(x: Setting) -> dict[str, Any]:
 
 def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, dict[str, Any]]:
     """Engine -> how near it came at best [m, N], with which budget, or why it does not run there."""
-    found: dict[str, dict[str, Any]] = {}
+    nearest: dict[str, dict[str, Any]] = {}
     for engine, rows in grouped(
         (r for r in run.table("search_ladder") if r["mechanism"] == mechanism), lambda r: str(r["engine"])
     ).items():
@@ -205,17 +205,17 @@ def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, d
         }
         skipped = next((str(r["message"]) for r in rows if r["status"] == "skip"), "") if not fine else ""
         tried = {"tried": len(rows), "most": steps if known(steps) else None, "skipped": skipped}
-        found[engine] = tried | {k: v if known(v) else None for k, v in least.items()}
-    for engine in sorted({x.engine for x in settings} - found.keys()):
+        nearest[engine] = tried | {k: v if known(v) else None for k, v in least.items()}
+    for engine in sorted({x.engine for x in settings} - nearest.keys()):
         some = [x for x in settings if x.engine == engine]
-        found[engine] = {
+        nearest[engine] = {
             "tried": len(some),
             "most": max(x.steps for x in some),
             "skipped": "",
             "force": None,
             "position": min(x.position for x in some),
         }
-    return found
+    return nearest
 
 
 def linkages(run: Run) -> tuple[str, ...]:

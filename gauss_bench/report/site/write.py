@@ -78,12 +78,12 @@ def write_site(
 def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
     """Every page, in the order of the contents."""
     settings, names = all_settings(run), linkages(run)
-    found: list[Page | None] = [first_page(run, findings, programs)]
-    found += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
-    found += [rows_page(run, name) for name in names]
-    found += [engines_page(run, settings)]
-    found += [engine_page(run, name, settings) for name in engine_names(run)]
-    found += [
+    pages: list[Page | None] = [first_page(run, findings, programs)]
+    pages += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
+    pages += [rows_page(run, name) for name in names]
+    pages += [engines_page(run, settings)]
+    pages += [engine_page(run, name, settings) for name in engine_names(run)]
+    pages += [
         papers_page(run),
         kernel_page(run),
         method_page(run),
@@ -91,4 +91,4 @@ def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> l
         data_page(run.tables),
         cite_page(run),
     ]
-    return [page for page in found if page is not None]
+    return [page for page in pages if page is not None]

@@ -1,0 +1,240 @@
+"""What a linkage is driven by when it is moved without forces: its file, a driver and what is held -> the driven mechanism."""
+
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.linkage.closure import free_coordinates
+from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.errors import Fault, LinkageError
+from gauss_bench.linkage.load import document_of, load_document, load_sketched, merge
+from gauss_bench.linkage.references import drivers_of
+from gauss_bench.linkage.schema import SECOND
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.coordinates import value as value_of
+from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, Prismatic, SlideDriver
+from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.runs.offers import ChoiceError
+
+TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
+RISE = {"travel_deg": 360.0, "time": 1.0}
+
+
+def driver_table(text: str) -> dict[str, Any]:
+    """The driver table of "LAW" or "LAW:key=value,...", with the keys of a scenario's driver.
+
+    Raises:
+        ChoiceError: what stands after the colon is not of that form.
+    """
+    law, _, rest = text.partition(":")
+    table: dict[str, Any] = {"law": law}
+    for part in filter(None, rest.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ChoiceError(f"driver {text!r}: {part!r} is not of the form key=value")
+        table[key.strip()] = _read(value.strip())
+    if law == "table" and "file" in table:
+        table["rows"] = _rows(Path(table.pop("file")))
+    return (TURN.get(law, RISE) if not rest and law != "table" else {}) | table
+
+
+def _read(value: str) -> Any:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def _rows(path: Path) -> list[list[float]]:
+    """Rows t, value of a text file; commas or blanks between them, # before remarks."""
+    try:
+        lines = [line.partition("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+        return [[float(x) for x in line] for line in lines if line]
+    except (OSError, ValueError) as error:
+        raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error
+
+
+def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None) -> Mechanism:
+    """The linkage in a driven scenario: the one named, or its first driven one, with the driver replaced where one is given.
+
+    What is held (`hold`, else the scenario's own) is a driver too, one that stands still; a pin that is held is a weld.
+
+    Raises:
+        LinkageError: faults of the file or of the driver, by table and field.
+        ChoiceError: nothing can be held by a name, or not at a value.
+    """
+    document, digest, path = document_of(linkage)
+    held = _held(document, scenario, hold)
+    if held:
+        return _held_motion(document, scenario, driver, held, str(path), digest, path.stem)
+    if driver is None:
+        mechanism = load_document(document, scenario or next(_driven_scenarios(document), None), str(path), digest, path.stem)
+        if not mechanism.drivers:
+            raise LinkageError(str(path), [Fault(f"scenarios.{mechanism.scenario}", _undriven(mechanism))])
+        return mechanism
+    named = scenario or next(_driven_scenarios(document), None)
+    own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
+    table = _placed_driver(document, own, driver)
+    moved = copy.deepcopy(document)
+    moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
+    return load_document(moved, "kinematics", str(path), digest)
+
+
+def _undriven(mechanism: Mechanism) -> str:
+    """Why a linkage without drivers has no kinematics, and what to do."""
+    if not mechanism.knife_edges:
+        return "drives nothing; name a driven scenario, or give a driver"
+    names = ", ".join(x.name for x in mechanism.knife_edges)
+    return (
+        f"the knife edge {names} holds a direction of motion and no position: where the linkage goes follows from its start and "
+        f"from forces, not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+    )
+
+
+def _placed_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
+    """The table of a driver; of the crank where it names nothing, from where that stands where it names no start."""
+    table = driver_table(driver)
+    if not {"link", "joint", "between"} & table.keys():
+        if "crank" not in document:
+            raise ChoiceError(
+                "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
+            )
+        table["link"] = document["crank"]
+    if table["law"] != "table" and not {"start", "start_deg"} & table.keys() and (start := place_of(own, table)) is not None:
+        table["start"] = start
+    return table
+
+
+def _held(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
+    """Name of a link or joint -> where it is held [degrees or m], None for where it stands.
+
+    Raises:
+        ChoiceError: what stands after the name is no number.
+    """
+    if hold is None:
+        scenarios = document.get("scenarios", {})
+        named = scenario or next(_driven_scenarios(document), None)
+        own = scenarios.get(named, {}) if isinstance(scenarios, dict) else {}
+        return dict.fromkeys(own.get("hold", [])) if isinstance(own, dict) and isinstance(own.get("hold", []), list) else {}
+    held: dict[str, float | None] = {}
+    for text in hold:
+        name, equals, value = text.partition("=")
+        number = _read(value.strip()) if equals else None
+        if isinstance(number, str) or (number is not None and not np.isfinite(number)):
+            raise ChoiceError(f"hold {text!r}: {value!r} is not a number of degrees or metres")
+        held[name.strip()] = number
+    return held
+
+
+def _held_motion(
+    document: dict[str, Any],
+    scenario: str | None,
+    driver: str | None,
+    held: dict[str, float | None],
+    source: str,
+    digest: str,
+    stem: str,
+) -> Mechanism:
+    """The driven linkage with some of its freedoms held; what the scenario's start says of them is where they stand."""
+    scenario = scenario or next(_driven_scenarios(document), None)
+    try:
+        own = load_document(document, scenario, source, digest, stem)
+    except LinkageError as error:  # too little may be held for a start; what the sketch says is enough here
+        try:
+            own = load_sketched(document, scenario, source, digest, stem)
+        except LinkageError:
+            raise error from None
+    chosen = document["scenarios"][own.scenario]
+    moved = written_out(merge(document, chosen.get("override", {}) if driver is None else {}))
+    tables = [*drivers_of(chosen)]
+    tables = tables if driver is None else [_placed_driver(document, own, driver)]
+    if not tables:
+        raise LinkageError(source, [Fault(f"scenarios.{own.scenario}", "drives nothing; name a driven scenario, or give a driver")])
+    start: dict[str, Any] = {"angles": {}, "slides": {}}
+    for name, value in held.items():
+        _hold(moved, own, name, value, start)
+    duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
+    moved["scenarios"] = {"kinematics": {"duration": duration, "drivers": tables, "start": start}}
+    for key in ("expect", "forces", "measure"):
+        moved.pop(key, None)
+    mechanism = load_document(moved | {"format": SECOND}, "kinematics", source, digest)
+    still: list[AngleDriver | SlideDriver] = []
+    for name in start["angles"]:
+        link, _ = mechanism.placed(name)
+        still.append(AngleDriver(name, constant(float(mechanism.q0[3 * link + 2]), 0.0), link))
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic) and joint.name in start["slides"]:
+            still.append(SlideDriver(joint.name, constant(float(value_of(joint.motion, mechanism.q0)), 0.0), joint))
+    return replace(mechanism, drivers=(*mechanism.drivers, *still), scenario=own.scenario, scenarios=own.scenarios)
+
+
+def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
+    """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
+
+    Raises:
+        ChoiceError: there is no such link or joint, or it is a pin through several links.
+    """
+    joints = moved.get("joints", {})
+    if name in moved["links"]:
+        link, turn = own.placed(name)
+        start["angles"][name] = float(own.q0[3 * link + 2] + turn) if value is None else float(np.radians(value))
+    elif name not in joints:
+        raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*moved['links'], *joints])}")
+    elif joints[name]["type"] == "prismatic":
+        slide = next(x for x in own.joints if isinstance(x, Prismatic) and x.name == name)
+        start["slides"][name] = float(value_of(slide.motion, own.q0)) if value is None else value
+    elif len(joints[name]["at"]) > 2:
+        raise ChoiceError(f"hold {name!r}: the pin joins {len(joints[name]['at'])} links; hold links by their names")
+    else:
+        near, far = joints[name]["at"]
+        one, other = (x.partition(".")[0] for x in (near, far))
+        if "ground" in (one, other):
+            turn = None if value is None else value if one == "ground" else -value
+            _hold(moved, own, other if one == "ground" else one, turn, start)
+            return
+        (a, turn_a), (b, turn_b) = own.placed(one), own.placed(other)
+        angle = float(own.q0[3 * b + 2] + turn_b - own.q0[3 * a + 2] - turn_a) if value is None else float(np.radians(value))
+        moved["joints"] = {key: x for key, x in joints.items() if key != name}
+        drawn = dict(moved.get("assembly", {}).get("sketch", {}))
+        if name in drawn:
+            drawn[near] = drawn.pop(name)
+            moved["assembly"] = moved["assembly"] | {"sketch": drawn}
+        weld = {"link": other, "to": one, "points": [[near, far]], "angle": angle}
+        moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
+
+
+def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
+    scenarios = x if isinstance(x := document.get("scenarios"), dict) else {}
+    return (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
+
+
+def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
+    """Where the coordinate that a driver table names stands at the start of a scenario [rad, m]; None where it names none there.
+
+    That is where the scenario's own driver of it starts, and without one where the linkage is assembled.
+    """
+    links = [x.name for x in mechanism.whole.links]
+    slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    link, joint, between = table.get("link"), table.get("joint"), table.get("between")
+    for driver in mechanism.drivers:
+        same = isinstance(driver, AngleDriver) and driver.name == link
+        same |= isinstance(driver, LengthDriver) and between == [driver.a.name, driver.b.name]
+        if same or (isinstance(driver, SlideDriver) and driver.joint.name == joint):
+            return float(driver.law(0.0)[0])
+    if link in links:
+        body, turn = mechanism.placed(str(link))
+        return float(mechanism.q0[3 * body + 2] + turn)
+    if joint in slides:
+        slide = slides[joint]
+        return float(value_of(slide.motion, mechanism.q0))
+    return None
+
+
+def free_at_start(mechanism: Mechanism) -> list[str]:
+    """Angles and slides that joints and drivers leave free at the start, as few as fix it."""
+    rows = Constraints(replace(mechanism, knife_edges=()))(0.0, mechanism.q0, mechanism.v0)
+    return free_coordinates(mechanism, mechanism.q0, rows.J)
