@@ -11,6 +11,7 @@ import pytest
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.lu import Search, lu
+from gauss_bench.compiler.elimination.partition import study
 from gauss_bench.compiler.elimination.program import Program, costs, drops, generate, partitions
 from gauss_bench.compiler.elimination.rank import acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
@@ -171,7 +172,7 @@ def test_a_correction_goes_the_shortest_way(formulation: str) -> None:
     assert np.abs(motion @ change).max() <= 1e-12 * np.abs(change).max()
 
 
-def test_redundant_rows_are_dropped_by_name_and_carry_nothing() -> None:
+def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing() -> None:
     for name in ("parallelogram", "redundant"):
         mechanism = linkage(name, None)
         joints = {j.name for j in mechanism.joints}
@@ -181,8 +182,20 @@ def test_redundant_rows_are_dropped_by_name_and_carry_nothing() -> None:
             assert p.m == 2 * len(mechanism.joints) + len(mechanism.drivers) - mechanism.redundant
             assert {x.rsplit(".", 1)[0] for x in p.dropped} <= joints
             multipliers = values(p.multipliers, 0.0, mechanism.q0, mechanism.v0, p.values)[0]
-            assert (multipliers == 0.0).sum() >= mechanism.redundant
+            dropped = study(mechanism).drops[0].directions(len(multipliers))
+            assert np.abs(dropped @ multipliers).max() <= 1e-12 * np.abs(multipliers).max()
     assert {x.rsplit(".", 1)[0] for x in program("redundant", None, "gauss").dropped} <= {"D", "again"}
+
+
+def test_of_parallel_cranks_a_combination_of_two_rows_is_dropped() -> None:
+    """Their left null space turns with them: each of its entries is zero somewhere, a combination of two of them nowhere."""
+    known = study(linkage("parallelogram", None))
+    (drop,) = known.drops
+    assert np.abs(known.left).min(axis=(0, 2)).max() < 0.05
+    assert known.soundness(0).min() > 0.3
+    ((_, dropped, _),) = drop.shares
+    assert drop.rows == (dropped,)
+    assert not any(x.shares for x in study(redundant()).drops)
 
 
 def test_redundant_drivers_are_refused() -> None:
@@ -432,6 +445,29 @@ def test_a_pivot_that_changes_sign_on_the_way_is_not_taken_where_another_serves(
     assert first.node is steady
     with pytest.raises(KernelError, match="no pivot"):
         lu(graph, {(0, 0): x - x, (0, 1): x, (1, 1): y}, range(2), range(2), Search())
+
+
+def test_where_every_entry_changes_sign_the_rest_is_squared() -> None:
+    """A turning plane behind two steady unknowns: no entry of it serves at all angles."""
+    rng, turn = np.random.default_rng(0), np.linspace(0.0, 2 * np.pi, 41)
+    graph = ExpressionGraph(len(turn))
+    c, s = (graph.input(name, 0, f(turn), 1.0) for name, f in (("c", np.cos), ("s", np.sin)))
+    steady = {(r, k): graph.input("A", 4 * r + k, rng.uniform(1.0, 1.5, 41) + 4.0 * (r == k), 1.0) for r in (0, 1) for k in (0, 1)}
+    A = steady | {(0, 2): s, (1, 3): c, (2, 2): c, (2, 3): -s, (3, 2): s * 2.0, (3, 3): c, (2, 0): c}
+    b = {k: graph.input("b", k, rng.normal(size=41), 1.0) for k in (0, 2, 3)}
+    factors = lu(graph, A, range(4), range(4), Search(), squares=True)
+    assert factors.rest is not None
+    assert all((p.node.at[:41] > p.threshold).all() for p in factors.rest.factors.pivots)
+    found, transposed = factors.solve(b), factors.solve_transposed(b)
+    for k in range(41):
+        matrix, right = np.zeros((4, 4)), np.zeros(4)
+        for place, node in A.items():
+            matrix[place] = node.at[k]
+        for j, node in b.items():
+            right[j] = node.at[k]
+        for solution, system in ((found, matrix), (transposed, matrix.T)):
+            np.testing.assert_allclose([solution[j].at[k] for j in range(4)], np.linalg.solve(system, right), atol=1e-11)
+    assert lu(graph, steady, range(2), range(2), Search(), squares=True).rest is None
 
 
 @pytest.mark.usefixtures("full_search")

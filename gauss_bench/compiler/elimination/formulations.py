@@ -35,8 +35,8 @@ from functools import cached_property
 from typing import Protocol
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
-from gauss_bench.compiler.elimination.partition import USABLE, Study, conditions
-from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
+from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
+from gauss_bench.compiler.equations.constraints import Row, combined, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
@@ -47,12 +47,17 @@ from gauss_bench.mechanism.model import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The equations of motion in expressions: M by coordinate, kept rows of J, Q by coordinate."""
+    """The equations of motion in expressions: M by coordinate, kept rows of J, Q by coordinate.
+
+    Attributes:
+        mixed: whether some of the rows are combinations of the file's, because others are redundant.
+    """
 
     graph: ExpressionGraph
     mass: tuple[Node, ...]
     rows: Sequence[Row]
     Q: Right
+    mixed: bool = False
 
     @property
     def jacobian(self) -> Matrix:
@@ -105,9 +110,9 @@ class Gauss:
         self.terms, self.independent = terms, tuple(independent)
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
-        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search)
+        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
         self.N = [self._column(J, k, terms.graph.constant(1.0)) for k in self.independent]
-        waited = max((p for p in self.factors.pivots if p.node.number is None), key=lambda p: p.node.ready, default=None)
+        waited = max((p for p in self.factors.guarded if p.node.number is None), key=lambda p: p.node.ready, default=None)
         if search.undivided and waited and len(self.N) == 1:
             self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
         self.search = search
@@ -182,11 +187,11 @@ class Gauss:
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms
         forces: Right = {}
-        for p in self.factors.pivots:
-            parts = [terms.Q[p.column]] if p.column in terms.Q else []
-            if p.column in a:
-                parts.append(-(terms.mass[p.column] * a[p.column]))
-            forces[p.column] = terms.graph.total(parts)
+        for c in (c for c in range(len(terms.mass)) if c not in self.independent):
+            parts = [terms.Q[c]] if c in terms.Q else []
+            if c in a:
+                parts.append(-(terms.mass[c] * a[c]))
+            forces[c] = terms.graph.total(parts)
         return self.factors.solve_transposed(forces)
 
     @property
@@ -315,7 +320,7 @@ class Lagrange:
 def _guards(factors: Factors) -> list[tuple[Node, float]]:
     """Pivots that vary with the state, each without its constant factor, and their thresholds; equal ones once."""
     guards: dict[int, tuple[Node, float]] = {}
-    for p in factors.pivots:
+    for p in factors.guarded:
         if p.node.number is None:
             factor, base = factored(p.node)
             threshold = max(p.threshold / abs(factor), guards.get(base.index, (base, 0.0))[1])
@@ -356,7 +361,7 @@ class Workspace:
 
     Attributes:
         caution: how many times larger than elsewhere pivots must be to be trusted.
-        rows: all rows at the state; kept: indices of those that are eliminated.
+        rows: all rows at the state; kept: indices of those that are eliminated; drop: what becomes of the others.
         mark: how much the graph knew before elimination.
     """
 
@@ -366,6 +371,7 @@ class Workspace:
     rows: list[Row]
     terms: Terms
     kept: tuple[int, ...]
+    drop: Drop
     mark: int
 
     def algebra(self, search: Search) -> Algebra:
@@ -377,9 +383,21 @@ class Workspace:
 
     def residuals(self) -> dict[int, Node]:
         """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
-        moved = rows_of(self.links_at_new())
-        kept = [moved[k] for k in self.kept]
-        return {k: row.phi for k, row in enumerate(kept) if row.phi is not None and not row.phi.zero}
+        moved = self.keeping(rows_of(self.links_at_new())).values()
+        return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
+
+    def keeping(self, rows: Sequence[Row]) -> dict[int, Row]:
+        """Those of all rows that are eliminated, with what they take on of the others."""
+        return _keeping(self.terms.graph, rows, self.kept, self.drop)
+
+    def spread_out(self, multipliers: Right) -> Right:
+        """Multipliers of all rows from those of the rows that are eliminated: a dropped row has what others take on of it."""
+        found = {self.kept[k]: x for k, x in multipliers.items()}
+        for dropped in self.drop.rows:
+            parts = [found[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in found]
+            if parts:
+                found[dropped] = self.terms.graph.total(parts)
+        return found
 
     @property
     def velocities(self) -> list[Node]:
@@ -402,6 +420,11 @@ class Workspace:
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
         return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
+
+
+def _keeping(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> dict[int, Row]:
+    taken = {k: [(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept}
+    return {k: combined(graph, [(rows[k], 1.0), *taken[k]]) if taken[k] else rows[k] for k in kept}
 
 
 def bent(links: Links, row: Row, alpha: float, beta: float) -> Node:
@@ -430,8 +453,10 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     links = Links(graph, mechanism, parameters, here)
     rows = rows_of(links)
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
-    terms = Terms(graph, tuple(mass), [rows[k] for k in kept], generalised_force(links))
-    return Workspace(plan, STEADY if study.drops[plan.drop] else 1.0, links, rows, terms, kept, len(graph.trail))
+    drop = study.drops[plan.drop]
+    terms = Terms(graph, tuple(mass), list(_keeping(graph, rows, kept, drop).values()), generalised_force(links), bool(drop.shares))
+    steady = bool((study.soundness(plan.drop) >= ENOUGH).all())
+    return Workspace(plan, 1.0 if steady else STEADY, links, rows, terms, kept, drop, len(graph.trail))
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:

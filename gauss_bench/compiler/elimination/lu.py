@@ -14,12 +14,16 @@ Row operations E make A upper triangular, E A = U. With them
     A x = b:               y = E b,          U x = y
     A^T lambda = b:        U^T z = b,        lambda = E^T z
 
+Where no entry that is left keeps its sign, as where every one is a sine or a cosine of one angle that turns, the rest S may be
+squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
+
 A right-hand side is a dict without zeros, and what is structurally zero in it stays absent.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -55,12 +59,22 @@ class RowOperation:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """The row operations that made A upper triangular, and what they made of it; pivots in order of elimination."""
+    """The row operations that made A upper triangular, and what they made of it; pivots in order of elimination.
+
+    Attributes:
+        rest: what was squared, if anything.
+    """
 
     graph: ExpressionGraph
     pivots: tuple[Pivot, ...]
     steps: dict[int, list[RowOperation]]
     upper: dict[int, list[tuple[int, Node]]]
+    rest: "Squared | None" = None
+
+    @property
+    def guarded(self) -> tuple[Pivot, ...]:
+        """All that is divided by."""
+        return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
     def solve(self, b: Right) -> Right:
         """x by column, of A x = b by row; zeros are left out of both."""
@@ -68,6 +82,10 @@ class Factors:
         for p in self.pivots:
             _put(y, p.row, self._reduced(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
         x: Right = {}
+        if self.rest is not None:
+            for r in self.rest.rows:
+                _put(y, r, self._reduced(b.get(r), self.steps[r], y), None)
+            x = self.rest.solve(y)
         for p in reversed(self.pivots):
             known = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
             _put(x, p.column, known, None if p.row_divided else p.inverse)
@@ -85,7 +103,8 @@ class Factors:
 
     def solve_transposed(self, b: Right) -> Right:
         """lambda by row, of A^T lambda = b by column: U^T z = b, then the row operations transposed, the last one first."""
-        above: dict[int, list[tuple[int, Node]]] = {p.column: [] for p in self.pivots}
+        squared, last = (self.rest.rows, self.rest.columns) if self.rest is not None else ((), ())
+        above: dict[int, list[tuple[int, Node]]] = {c: [] for c in (*(p.column for p in self.pivots), *last)}
         for p in self.pivots:
             for c, u in self.upper[p.row]:
                 above[c].append((p.row, u))
@@ -95,14 +114,53 @@ class Factors:
             _put(z, p.row, known, None if p.row_divided else p.inverse)
         pending: dict[int, list[tuple[Node, Node | None]]] = {p.row: [] for p in self.pivots}
         multipliers: Right = {}
-        for p in reversed(self.pivots):
-            _put(multipliers, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
-            load = multipliers.get(p.row)
-            for step in reversed(self.steps[p.row]):
+
+        def undo(row: int) -> None:
+            """The row operations on a row, transposed."""
+            load = multipliers.get(row)
+            for step in reversed(self.steps[row]):
                 pending[step.pivot_row].append((step.factor, load))
                 load = load if load is None or step.scale is None else load * step.scale
-            _put(multipliers, p.row, load, None)
+            _put(multipliers, row, load, None)
+
+        if self.rest is not None:
+            left: Right = {}
+            for c in last:
+                _put(left, c, _less(b.get(c), ((u, z.get(r)) for r, u in above[c])), None)
+            multipliers = self.rest.solve_transposed(left)
+        for r in squared:
+            undo(r)
+        for p in reversed(self.pivots):
+            _put(multipliers, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
+            undo(p.row)
         return multipliers
+
+
+@dataclass(frozen=True, eq=False)
+class Squared:
+    """What was left of a matrix, S (rows, columns), and factors of S^T S."""
+
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    S: "Matrix"
+    factors: Factors
+
+    def _times(self, x: Right, to: int) -> Right:
+        """S x, or S^T x, where x is by column, or by row, and the product by row (to 0), or by column (to 1)."""
+        parts: dict[int, list[Node]] = {}
+        for place, e in self.S.items():
+            if place[1 - to] in x:
+                parts.setdefault(place[to], []).append(e * x[place[1 - to]])
+        sums = {k: self.factors.graph.total(terms) for k, terms in parts.items()}
+        return {k: node for k, node in sums.items() if not node.zero}
+
+    def solve(self, y: Right) -> Right:
+        """x by column, of S x = y."""
+        return self.factors.solve(self._times({r: y[r] for r in self.rows if r in y}, 1))
+
+    def solve_transposed(self, b: Right) -> Right:
+        """lambda by row, of S^T lambda = b."""
+        return self._times(self.factors.solve(b), 0)
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
@@ -249,10 +307,24 @@ class _Markowitz:
     def _largest_in(self, c: int) -> float:
         return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
 
-    def factors(self) -> Factors:
-        for _ in range(len(self.rows)):
-            self._eliminate(*self._choose())
-        return Factors(self.graph, tuple(self.pivots), self.steps, self.upper)
+    def factors(self, squares: bool) -> Factors:
+        rest = None
+        while self.rows and rest is None:
+            if squares and self._usable(steadily=True) is None:
+                rest = self._squared()
+            else:
+                self._eliminate(*self._choose())
+        return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
+
+    def _squared(self) -> Squared:
+        S = {(r, c): e.node() for r, row in self.rows.items() for c, e in row.items()}
+        rows, columns = tuple(self.rows), tuple(self.columns)
+        square: Matrix = {}
+        for c, d in combinations_with_replacement(columns, 2):
+            products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
+            if products and not (entry := self.graph.total(products)).zero:
+                square[c, d] = square[d, c] = entry
+        return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
         """A pivot that is usable at all samples, else at as many as possible: at the others its guard will tell."""
@@ -268,10 +340,11 @@ class _Markowitz:
         self.trusted = fewer(((sizes, np.array([self.scale[c] for c in row])) for sizes, row in rows), self.trusted)
         self.sizes = {}
 
-    def _usable(self) -> tuple[int, int, Array] | None:
-        """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign."""
+    def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
+        """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign if it may."""
         everywhere = len(self.by_row)
-        for reach, steady in ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False)):
+        places = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
+        for reach, steady in places[: 2 if steadily else None]:
             near = [(r, c) for r in self.by_row.fewest(reach) for c in self.rows[r]]
             near += [(r, c) for c in self.by_column.fewest(reach) for r in sorted(self.columns[c])]
             best: tuple[float, float, int, int] | None = None
@@ -417,10 +490,12 @@ class _Counts:
         return keys
 
 
-def lu(graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search) -> Factors:
-    """Factors of A(rows, columns).
+def lu(
+    graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, squares: bool = False
+) -> Factors:
+    """Factors of A(rows, columns); where no pivot keeps its sign, the rest is squared, or one taken that does not.
 
     Raises:
         KernelError: no pivot is left that is usable at a fair share of the samples.
     """
-    return _Markowitz(graph, A, rows, columns, search).factors()
+    return _Markowitz(graph, A, rows, columns, search).factors(squares)

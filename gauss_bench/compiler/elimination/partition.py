@@ -7,11 +7,17 @@ Which rows may be dropped (bases of the left null space of J) and which coordina
 space) is one question: as many entries are wanted as a basis has columns, such that those rows of the basis are independent at all
 samples. They are picked one after another, each time the entry that is largest where it is smallest, and what is picked is
 projected out: a column-pivoted QR of the transposed bases, all at once.
+
+Where the left null space turns with the linkage, as in a parallelogram with a third crank, whichever row is dropped the others are
+singular somewhere on the way. There a combination w of two rows is dropped, which is the same question asked of more rows: those
+kept span what is normal to w, and are independent wherever l w, l the left null space, is not zero. Dropped rows leave then, and
+some of those kept take on a share of them.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations, product
 
 import numpy as np
 
@@ -57,7 +63,24 @@ SINGULAR = 0.02  # of the usual smallest singular value: nearer to a singular po
 USABLE = 0.02  # of the fastest coordinate: an independent coordinate that moves less at a sample cannot serve there
 ENOUGH, MOST = 5 * USABLE, 4  # where one choice is below, another is sought; choices
 NEAR = 0.5  # of the best conditioned partition: what is between is left to the costs
+RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # of two rows that are dropped together
 CANDIDATES = 6  # partitions that are tried; along a chain, where the middle is best, they are spread evenly
+
+
+@dataclass(frozen=True)
+class Drop:
+    """A choice of redundant rows: those that are left out, and (kept row, dropped row, factor) what others take on of them."""
+
+    rows: tuple[int, ...]
+    shares: tuple[tuple[int, int, float], ...] = ()
+
+    def directions(self, count: int) -> Array:
+        """(dropped, count) unit vectors of what is dropped among so many rows: normal to all that is kept."""
+        W = np.zeros((len(self.rows), count))
+        W[range(len(self.rows)), list(self.rows)] = 1.0
+        for kept, dropped, factor in self.shares:
+            W[self.rows.index(dropped), kept] = -factor
+        return np.asarray(W / np.linalg.norm(W, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +89,8 @@ class Study:
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
-        drops: choices of redundant rows, the best first. Where the left null space turns with the linkage, as in a parallelogram
-            with a third crank, every choice has positions at which the rows that are left are singular, and another serves there.
+        drops: choices of redundant rows, the best first. Where not even combinations serve everywhere, every choice has positions
+            at which the rows that are left are singular, and another serves there.
         free: degrees of freedom of the velocities.
         left: (k, m, redundant) left null space of J at each sample.
         bases: (k, n, free) null space of J in scaled coordinates at each sample.
@@ -75,23 +98,23 @@ class Study:
 
     mechanism: Mechanism
     states: States
-    drops: tuple[tuple[int, ...], ...]
+    drops: tuple[Drop, ...]
     free: int
     left: Array
     bases: Array
 
     def kept(self, choice: int) -> tuple[int, ...]:
         """Indices of the rows that are left under one of the choices."""
-        return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice])
+        return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
     def dropped(self, choice: int) -> tuple[str, ...]:
         """Names of the others."""
         names = row_names(self.mechanism)
-        return tuple(names[k] for k in self.drops[choice])
+        return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
         """(k,) how far the rows that are left are from being dependent at each sample; 0 is singular."""
-        return smallest(self.left, self.drops[choice])
+        return _soundness(self.left, self.drops[choice])
 
 
 def row_names(mechanism: Mechanism) -> list[str]:
@@ -114,7 +137,7 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     if mechanism.n > DENSE and mechanism.redundant == 0:
         free = mechanism.n - constraints.m
         bases = [_sparse_null_space(J, free) for J in jacobians]
-        return Study(mechanism, states, ((),), free, np.zeros((len(states), constraints.m, 0)), np.array(bases))
+        return Study(mechanism, states, (Drop(()),), free, np.zeros((len(states), constraints.m, 0)), np.array(bases))
     parts = [_subspaces(J) for J in jacobians]
     rank = max(part.rank for part in parts)
     usual = float(np.median([part.smallest for part in parts if part.rank == rank]))
@@ -125,8 +148,36 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     first = spread(left, left.shape[2], allowed)
     if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
-    drops = _covering(left, [first], allowed)
-    return Study(mechanism, states[regular], tuple(drops), mechanism.n - rank, left, null)
+    drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
+    mixed = _mixed(left, allowed) if len(drops) > 1 else None
+    return Study(mechanism, states[regular], tuple([mixed] if mixed else drops), mechanism.n - rank, left, null)
+
+
+def _soundness(left: Array, drop: Drop) -> Array:
+    if not drop.rows:
+        return np.ones(len(left))
+    values = np.linalg.svd(drop.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
+    return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
+
+
+def _mixed(left: Array, allowed: Iterable[int]) -> Drop | None:
+    """Combinations of two rows of the left null spaces (k, m, redundant) to drop at all samples, or None."""
+    m, redundant = left.shape[1:]
+    pairs = [(i, j, x) for (i, j), x in product(combinations(allowed, 2), RATIOS)]
+    W = np.zeros((len(pairs), m))
+    for row, (i, j, x) in zip(W, pairs, strict=True):
+        row[[i, j]] = np.array([1.0, x]) / np.hypot(1.0, x)
+    chosen = spread(W @ left, redundant, range(len(pairs)))
+    if chosen is None:
+        return None
+    dropped = W[list(chosen)]
+    rows = spread(dropped.T[None], redundant, allowed)
+    if rows is None:
+        return None
+    shares = -np.linalg.solve(dropped[:, list(rows)], dropped)
+    taken = [(k, r, float(shares[i, k])) for k in allowed if k not in rows for i, r in enumerate(rows) if shares[i, k]]
+    drop = Drop(rows, tuple(taken))
+    return drop if (_soundness(left, drop) >= ENOUGH).all() else None
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:

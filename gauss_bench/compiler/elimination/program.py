@@ -187,7 +187,8 @@ class Program:
         correcting_thresholds: of these guards.
         directions: (t, q, v, p) -> (n,) of each independent coordinate, the free motion along it; a guard of them alone.
         direction_thresholds: likewise.
-        multipliers: (t, q, v, p) -> lambda (all rows in the file's order; 0 where dropped) of M a + J^T lambda = Q.
+        multipliers: (t, q, v, p) -> lambda (all rows in the file's order; one that is dropped has 0, or what others take on of it)
+            of M a + J^T lambda = Q.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
         stabilized: as acceleration, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None unless asked for.
@@ -290,7 +291,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     correcting = algebra.correcting
     nearest = vector(graph, algebra.velocity(work.velocities), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
-    multipliers = {work.kept[k]: x for k, x in algebra.multipliers(work.terms.gamma).items()}
+    multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
     directions, apart = algebra.directions
     phi, phi_dot, energy = work.exact()
     shared = uses([*a, *(x for x, _ in guards), *dq, *nearest, *stabilized])

@@ -28,7 +28,7 @@ from gauss_bench.compiler.elimination.function import Function, numbered
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right, fewer
 from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
-from gauss_bench.compiler.equations.constraints import Row, rate_of, rows_of
+from gauss_bench.compiler.equations.constraints import Row, combined, rate_of, rows_of
 from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
@@ -370,9 +370,10 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
         KernelError: no pivots are usable.
     """
     work = workspace(known, wanted.open_parameters, plan)
-    rows = _starred(work.terms.graph, known.mechanism, work.kept, work.rows)
+    rows = _starred(work.terms.graph, known.mechanism, work.keeping(work.rows))
     made = _Functions(work, rows)
-    moved = _starred(work.terms.graph, known.mechanism, work.kept, rows_of(work.links_at_new())) if wanted.projection else []
+    there = work.keeping(rows_of(work.links_at_new())) if wanted.projection else {}
+    moved = _starred(work.terms.graph, known.mechanism, there) if there else []
     phi = {r: row.phi for r, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
     rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
@@ -499,9 +500,9 @@ def _bordered(mass: Sequence[Node], J: Matrix) -> Matrix:
     return A
 
 
-def _starred(graph: ExpressionGraph, mechanism: Mechanism, kept: Sequence[int], every: Sequence[Row]) -> list[Row]:
-    """The kept rows, those of a pin through several links relative to the one nearest to the ground."""
-    rows = {k: every[k] for k in kept}
+def _starred(graph: ExpressionGraph, mechanism: Mechanism, kept: dict[int, Row]) -> list[Row]:
+    """The kept rows by number, those of a pin through several links relative to the one nearest to the ground."""
+    rows = dict(kept)
     distance = _distances(mechanism)
     for pairs in _pins(mechanism).values():
         links = [pairs[0][1].a.link, *(j.b.link for _, j in pairs)]
@@ -544,12 +545,5 @@ def _relative(graph: ExpressionGraph, chain: list[Row], centre: int) -> list[Row
     for k in range(len(chain) + 1):
         if k != centre:
             part, sign = (chain[centre:k], 1.0) if k > centre else (chain[k:centre], -1.0)
-            entries: dict[int, list[Node]] = {}
-            for row in part:
-                for c, e in row.entries.items():
-                    entries.setdefault(c, []).append(e * sign)
-            sums = {c: graph.total(x) for c, x in entries.items()}
-            gamma = graph.total([row.gamma * sign for row in part])
-            phi = graph.total([row.phi * sign for row in part if row.phi is not None])
-            rows.append(Row(part[0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, graph.constant(0.0)))
+            rows.append(combined(graph, [(row, sign) for row in part]))
     return rows

@@ -12,6 +12,7 @@ and an offset in the place of the true distance would save three operations a st
 Motion laws are the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,6 +125,18 @@ def rows_of(links: Links) -> list[Row]:
         rows += _pin(links, joint) if isinstance(joint, Revolute) else _slide(links, joint)
     rows += [_held(links, x.name, x.coordinate, law_of_time(x.law, links.graph, links.time)) for x in links.mechanism.drivers]
     return rows + [_knife_edge(links, edge) for edge in links.mechanism.knife_edges]
+
+
+def combined(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
+    """The sum of some rows, each times a factor, under the name of the first; all have a position level."""
+    entries: dict[int, list[Node]] = {}
+    for row, factor in parts:
+        for c, e in row.entries.items():
+            entries.setdefault(c, []).append(e * factor)
+    sums = {c: graph.total(x) for c, x in entries.items()}
+    gamma, phi_t = (graph.total([getattr(row, x) * factor for row, factor in parts]) for x in ("gamma", "phi_t"))
+    phi = graph.total([row.phi * factor for row, factor in parts if row.phi is not None])
+    return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, phi_t)
 
 
 def rate_of(links: Links, row: Row) -> Node:

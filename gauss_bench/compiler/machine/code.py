@@ -28,6 +28,11 @@ class Code:
     def projected(self) -> bool:
         return self.stabilization == "projection"
 
+    @property
+    def settles(self) -> bool:
+        """Whether rows are redundant and nothing takes away what they are off: then now and then a step does."""
+        return self.stabilization == "none" and bool(self.program.dropped)
+
 
 def read_code(program: Program, stabilization: str) -> Code:
     """What is stepped of a program; its `stabilized` acceleration for Baumgarte."""
@@ -36,6 +41,6 @@ def read_code(program: Program, stabilization: str) -> Code:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
     position, velocity = program.position_correction, program.nearest_velocity
     angles = acceleration.angles(1)
-    if stabilization == "projection":
+    if stabilization == "projection" or program.dropped:
         angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
     return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))

@@ -29,6 +29,7 @@ and looped over.
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import (
@@ -52,6 +53,10 @@ from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Bui
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
+# steps after which what redundant rows are off is taken back where nothing else does: rows that have drifted apart count as
+# independent, and to who takes the rank for granted the linkage locks
+SETTLED = 32
+
 
 class Body:
     """One step.
@@ -61,6 +66,7 @@ class Body:
         arrays: what it works on beside y, samples and report.
         entry: statements before the loop; statements: of one step.
         carried: from step to step.
+        settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
         regular, regular_out, within: masks, as in Step.
         operations: of one step.
     """
@@ -71,6 +77,7 @@ class Body:
     entry: Sequence[Statement]
     statements: Sequence[Statement]
     carried: Carried
+    settled: Mapping[int, int] = MappingProxyType({})
     regular: int
     regular_out: int
     within: int
@@ -117,7 +124,9 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
-    carried: Carried = {x: (a, g.make("select", going, b, x) if many else b) for x, (a, b) in body.carried.items()}
+    settling, chosen, counted = _settling(body, following)
+    state = {x: (a, chosen.get(x, b)) for x, (a, b) in body.carried.items()}
+    carried: Carried = counted | {x: (a, g.make("select", going, b, x) if many else b) for x, (a, b) in state.items()}
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
     carried |= {alive: (always, going)} if many else {}
@@ -135,7 +144,22 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     complete = g.both([alive, body.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [*body.statements, sample, *kept], again), *body.ended(complete), report], complete, too_far
+    return [Loop(carried, [*body.statements, sample, *settling, *kept], again), *body.ended(complete), report], complete, too_far
+
+
+def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
+    """What a step that is due does to its end; leaf -> its next value; and the count of when it is due.
+
+    `following` is the number of the next step.
+    """
+    if not body.settled:
+        return [], {}, {}
+    g = body.graph
+    due, due_later = g.count("%settle"), g.count("%settle_later")
+    chosen = {x: g.leaf(f"%next{k}") for k, x in enumerate(body.settled)}
+    merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
+    merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
+    return [If(g.make("same", following, due), [], merged)], chosen, {due: (g.whole(SETTLED), due_later)}
 
 
 def _either(g: Graph, a: int, b: int) -> int:
@@ -158,6 +182,7 @@ class Registers(Body):
             for i in code.angles:
                 first[f"%s{i}"], first[f"%c{i}"] = sincos(g, self.y[i])
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
+        self.settled = {g.leaf(name): x for name, x in step.settled.items()}
         self.regular, self.regular_out, self.within = step.regular, step.regular_out, step.within
 
     def kept(self, alive: int) -> Sequence[Statement]:
@@ -189,11 +214,13 @@ class Staged(Registers):
     """
 
     def __init__(self, code: Code, staged: StagedStep, into: Timed | None = None):
-        graph, roots = rewrite(staged.graph, staged.roots(), into)
-        moved = dict(zip(staged.roots(), roots, strict=True))
+        every = [*staged.roots(), *staged.step.settled.values()]
+        graph, roots = rewrite(staged.graph, every, into)
+        moved = dict(zip(every, roots, strict=True))
         s = staged.step
-        masks = (moved[x] for x in (s.regular, s.regular_out, s.within))
-        step = Step(graph, {k: moved[x] for k, x in s.carried.items()}, [moved[x] for x in s.out], *masks)
+        regular, regular_out, within = (moved[x] for x in (s.regular, s.regular_out, s.within))
+        following, settled = ({k: moved[x] for k, x in leaves.items()} for leaves in (s.carried, s.settled))
+        step = Step(graph, following, [moved[x] for x in s.out], regular, regular_out, within, settled=settled)
         super().__init__(code, step)
         g = self.graph
         carried = {name: (moved[a], moved[b]) for name, (a, b) in staged.carried.items()}
@@ -217,7 +244,9 @@ class Staged(Registers):
         self.regular, self.within = g.both([even, step.regular]), g.both([near, step.within])
 
 
-WRITTEN_OUT = 4_000  # operations of a step: up to there a loop over its stages is 5 to 25 % slower
+# operations of a step: up to there a loop over its stages is 5 to 25 % slower; beyond, by 2 % (lagrange with projection of the
+# eight-bar, 4,166 operations), which its code, three times as soon there, makes up for over some fifty million steps
+WRITTEN_OUT = 4_000
 
 
 def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Registers:

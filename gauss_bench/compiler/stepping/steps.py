@@ -18,6 +18,9 @@ order of the method; what is stored and what the step goes on from is corrected.
 Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
 (1996), section VII.2 (projection).
 
+Where rows are redundant and nothing projects, every so many steps of the loop around it the end of a step is taken back onto the
+constraints in the same way (`Builder.settled`, `rollout.SETTLED`).
+
 Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
 which are found in a fixed number of passes. Whether that was enough is a guard like the others.
 
@@ -33,7 +36,7 @@ leaves: a loop goes on where a step in one piece does not reach.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import inf, isfinite
 
@@ -124,6 +127,7 @@ class Step:
         regular: mask where all pivots are; regular_out: those that `out` needs.
         within: mask where the reach holds and all is finite.
         error: an estimate of what the step is off, relative to what is allowed, to the power of its order, squared; if asked for.
+        settled: leaf -> the value it has at the next step where that is taken back onto the constraints; {} where none is.
     """
 
     graph: Graph
@@ -133,20 +137,22 @@ class Step:
     regular_out: int
     within: int
     error: int | None = None
+    settled: dict[str, int] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
-        """Everything that must be computed."""
+        """Everything that must be computed in every step."""
         error = [] if self.error is None else [self.error]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
 
     def rewritten(self, into: Timed | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
-        graph, roots = rewrite(self.graph, self.roots(), into)
-        moved = dict(zip(self.roots(), roots, strict=True))
-        carried = {name: moved[x] for name, x in self.carried.items()}
+        every = [*self.roots(), *self.settled.values()]
+        graph, roots = rewrite(self.graph, every, into)
+        moved = dict(zip(every, roots, strict=True))
+        carried, settled = ({name: moved[x] for name, x in leaves.items()} for leaves in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
-        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error)
+        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error, settled)
 
 
 class Builder:
@@ -349,12 +355,26 @@ class Builder:
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
         """The step whose results are q, v and sines."""
-        g = self.g
+        g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
+        regular, within = g.both(self.pivots), self.within(v)
+        settled = self.carried(*self.settled(q, v, pairs)) if self.code.settles else {}
+        return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
+
+    def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
+        """What the next step begins with, by leaf."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
-        regular_out = g.both(out_pivots if self.code.projected else [])
-        return Step(g, carried, [*self.q, *out_v], g.both(self.pivots), regular_out, self.within(v))
+        return carried
+
+    def settled(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
+        """The state at the end of the step, taken back onto the constraints by one correction; the next step has its guards."""
+        g, end = self.g, self.g.add(self.t, self.h)
+        dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
+        nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
+        pairs = self.turn(pairs, dq, self.reach.bend, nearest) if pairs else []
+        velocities, _ = inline(g, self.code.velocity, ([end], nearest, v, self.p), self.sincos)
+        return nearest, velocities, pairs
 
 
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
