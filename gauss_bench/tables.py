@@ -1027,12 +1027,14 @@ def read_file(
     """
     table = TABLES[name]
     head, lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    if not head:  # a table without rows has its columns
+        raise TableError(f"{path}: table {name}: is empty, without the names of its columns; it was cut off or never written")
     if form is None:
         form = _own_format(path, head, lines)
     if form < FORMAT:
         head, lines = migrated(name, head, lines, form)
     lacking = [c.name for c in (columns or table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
-    if head and lacking:
+    if lacking:
         raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
     rows = []
     for count, line in enumerate(lines, 1):

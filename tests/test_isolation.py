@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -96,11 +97,28 @@ def start_a_daemon() -> int:
     return subprocess.Popen(["sleep", "3600"], start_new_session=True).pid
 
 
-def test_what_hides_in_a_session_of_its_own_ends_with_its_worker() -> None:
-    with Worker() as one:
-        pid = one.call(start_a_daemon, (), 20.0)
-        assert Path(f"/proc/{pid}").exists()
+def start_a_daemon_further_in() -> int:
+    return int(Worker().call(start_a_daemon, (), 20.0))  # which nobody ends, as where its owner is killed
+
+
+def ends(pid: int) -> bool:
+    """Whether a process is gone soon."""
     deadline = time.monotonic() + 5.0
     while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert not Path(f"/proc/{pid}").exists()
+    return not Path(f"/proc/{pid}").exists()
+
+
+@pytest.mark.parametrize("start", [start_a_daemon, start_a_daemon_further_in])
+def test_what_hides_in_a_session_of_its_own_ends_with_its_worker(start: Callable[[], int]) -> None:
+    with Worker() as one:
+        pid = one.call(start, (), 30.0)
+        assert Path(f"/proc/{pid}").exists()
+    assert ends(pid)
+
+
+def test_what_a_worker_has_started_ends_with_whoever_started_the_worker() -> None:
+    code = "import os; from tests.test_isolation import start_a_daemon_further_in as f; os.write(1, b'%d' % f()); os._exit(1)"
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=False, timeout=60)
+    assert done.returncode == 1
+    assert ends(int(done.stdout))

@@ -121,7 +121,8 @@ def write_run(folder: Path, rows: list[dict[str, object]]) -> Path:
     """A folder as the runner leaves it."""
     folder.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(rows, columns=None if rows else [*KEYS, "status"]).to_csv(folder / "results.csv", index=False)
-    pd.DataFrame(histories(rows), columns=None if rows else [*KEYS, "t"]).to_csv(folder / "series.csv", index=False)
+    told = histories(rows)
+    pd.DataFrame(told, columns=None if told else [*KEYS, "t"]).to_csv(folder / "series.csv", index=False)
     reference = {"scenario": "torque", "t_end": 2.0, "method": "two integrations", "error_bar_q": BAR, "error_bar_v": 10 * BAR}
     angles = {"measured_t05": 1.0, "measured_t1": 4.0, "measured_t2": 26.9}
     references = [{"mechanism": name} | reference | angles for name in sorted({str(r["mechanism"]) for r in rows})]

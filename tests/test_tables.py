@@ -83,6 +83,25 @@ def test_a_column_that_somebody_added_to_a_file_is_left_alone(tmp_path: Path) ->
     assert build_report(tmp_path)
 
 
+@pytest.mark.parametrize("content", [b"", b"\n"])
+@pytest.mark.parametrize("name", ["agreement", "atlas", "baseline"])
+def test_a_file_without_even_its_columns_is_damaged(
+    name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables.write_table(name, [], tmp_path)
+    tables.write_schema(tmp_path)
+    assert tables.read_table(name, tmp_path) == ()
+    for path in (whole := tables.files_of(name, tmp_path)):
+        path.write_bytes(content)
+    with pytest.raises(TableError, match=f"{name}.*empty"):
+        tables.read_table(name, tmp_path)
+    if name != "baseline":
+        before = sorted(tmp_path.rglob("*"))
+        assert main(["report", "--out", str(tmp_path)]) == 2
+        assert whole[0].name in capsys.readouterr().err
+        assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_a_column_without_a_place_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="invented"):
         tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)

@@ -4,7 +4,7 @@ An engine that aborts, hangs, does not import or lacks a member is an offer with
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -171,10 +171,11 @@ def _told(name: str, answer: object) -> Offer:
     except ValidationError:
         return _broken(name, TypeError("it does not describe itself"))
     words = (found.version, found.reason, *found.settings, *found.integrators, *found.stabilizations, *found.adaptive)
-    whole = all(word.isprintable() for word in words) and (
-        found.status is not Status.OK or bool(found.settings and found.integrators and found.stabilizations)
-    )
-    return replace(found, name=name) if whole else _broken(name, TypeError("it does not describe itself"))
+    if odd := next((word for word in words if not word.isprintable()), ""):
+        return _broken(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
+    if found.usable and not (found.settings and found.integrators and found.stabilizations):
+        return _broken(name, TypeError("it does not describe itself"))
+    return replace(found, name=name)
 
 
 def describe(name: str) -> Offer:
@@ -192,6 +193,8 @@ def describe(name: str) -> Offer:
         told = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
         if told:
             raise TypeError(f"{told[0]} is a text, not names")
+        if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
+            raise TypeError("settings is no table of options by name")
         settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
         variants = {str(k): _variant(str(k), v) for k, v in dict(getattr(engine, "variants", {})).items()}
         integrators, stabilizations = (tuple(map(str, x)) for x in (engine.integrators, engine.stabilizations))
@@ -212,7 +215,8 @@ def _broken(name: str, error: Exception) -> Offer:
 
 def _version(asked: Callable[[], object]) -> str:
     try:
-        return in_a_sentence(asked())
+        told = asked()
+        return in_a_sentence(told) if isinstance(told, str) else f"unknown ({type(told).__name__}, not a text)"
     except ImportError:
         return "not installed"
     except Exception as error:

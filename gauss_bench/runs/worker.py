@@ -60,7 +60,8 @@ class Worker:
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[bytes] | None = None
-        self.mark = os.urandom(16).hex()
+        # of a worker within a worker the mark goes on that of the outer one, with which it ends
+        self.mark = "/".join(filter(None, (os.environ.get(MARK), os.urandom(16).hex())))
         self.log = tempfile.TemporaryFile()
 
     def __enter__(self) -> "Worker":
@@ -235,7 +236,7 @@ class _Clock:
 
 
 def _end_all(mark: str) -> None:
-    """End every process that a worker has started, by its mark: one in a session of its own outlives its group."""
+    """End every process that a worker or one within it has started, by its mark: one in a session of its own outlives its group."""
     sign, own = f"{MARK}={mark}".encode(), str(os.getpid())
     for _ in range(ROUNDS):
         found = 0
@@ -253,7 +254,7 @@ def _end_all(mark: str) -> None:
 def _has(pid: str, sign: bytes) -> bool:
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
-            return sign in file.read().split(b"\0")
+            return any(x == sign or x.startswith(sign + b"/") for x in file.read().split(b"\0"))
     except OSError:
         return False
 
@@ -312,6 +313,7 @@ def main() -> None:
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)
         answers.flush()
+    _end_all(os.environ.get(MARK, ""))  # a parent that was killed ends nothing itself
 
 
 def _refuse(sentence: str) -> None:

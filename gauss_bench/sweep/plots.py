@@ -11,7 +11,7 @@ from gauss_bench.terms import Array
 SHOWN = 500  # points of a panel: more only blacken it
 TICKS = 4  # intervals of an axis, at most: a small panel has no room for more, and they take most of the drawing
 MOST = 8  # figures that are drawn
-ROUNDING = 1e-12  # of the largest value
+ROUNDING, SMALLEST = 1e-12, 1e-300  # of the largest value, and anyhow
 
 
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
@@ -48,6 +48,6 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
 
 def _bins(y: Array) -> int:
     """Of a histogram of y (k,): one where its values differ by rounding alone, which is too little to be cut."""
-    if np.ptp(y) <= ROUNDING * np.abs(y).max():
+    if np.ptp(y) <= ROUNDING * np.abs(y).max() + SMALLEST:
         return 1
     return min(60, max(5, int(np.sqrt(len(y)))))
