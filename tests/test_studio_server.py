@@ -158,6 +158,8 @@ def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_pat
         job = ask(socket, "template", name="four_bar")["ok"] and ask(socket, "release", until=20.0, engine="gauss")["job"]
         assert job == 1
         kept = ask(socket, "set", path="title", value="Not saved")["scene"]["title"]
+        behind = {"url": "data:image/gif;base64,R0lGODlhAQABAAAAACw=", "at": [0.0, 0.0], "width": 0.2, "height": 0.1}
+        ask(socket, "picture", picture=behind)
     assert len(drawn) == 1
     workers = [int(x.name.split(".")[1]) for x in cache.glob("run.*")]
     assert workers == [first.process.pid]
@@ -167,7 +169,9 @@ def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_pat
     assert not [*cache.glob("run.*")]
     with second.socket() as socket:
         assert kept in ask(socket, "hello")["recovered"]["text"]
-        assert ask(socket, "recover", take=True)["scene"]["title"] == "Not saved"
+        found = ask(socket, "recover", take=True)["scene"]
+        assert (found["title"], found["picture"]["width"]) == ("Not saved", 0.2)
+        assert ask(socket, "behind")["url"] == behind["url"]
         assert ask(socket, "hello")["recovered"] is None
         ask(socket, "save", path="saved")
     assert ended(second) == 0

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from gauss_bench import __version__
-from gauss_bench.engines import all_names
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
-from gauss_bench.runs.offers import SAFE, ChoiceError, offers
+from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio import dragging, dynamics, exports, files, motion, templates
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.edits import steps
@@ -24,25 +23,23 @@ from gauss_bench.trajectory import in_a_sentence
 Reply = dict[str, Any]
 
 
-def engines_here() -> list[dict[str, Any]]:
-    """Every engine of the suite, with why it cannot be used where it cannot."""
-    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offers([x for x in all_names() if x in SAFE])]
-
-
 def hello(session: Session, message: Message) -> Reply:
-    left = session.autosave.left()
-    engines = engines_here()
     return {
         "version": __version__,
         "templates": templates.listed(),
         "linkages": [*built_in()],
         "files": files.listed(session.folder),
         "folder": session.folder.name,
-        "engines": engines,
-        "kernel": any(x["here"] for x in engines if x["name"] == "gauss-native"),
-        "recovered": None if left is None else {"text": left.text},
+        "engines": dynamics.engines_here(),
+        "recovered": left_of(session),
         "scene": session.scene(),
     }
+
+
+def left_of(session: Session) -> dict[str, str] | None:
+    """What a process that is no more had not saved of this document."""
+    left = session.autosave.left()
+    return None if left is None else {"text": left.text}
 
 
 def shown(session: Session) -> Reply:
@@ -70,7 +67,7 @@ def open_file(session: Session, message: Message) -> Reply:
         session.open(files.of_fragment(told(message, "fragment", str)))
     else:
         session.open(*files.opened(session.folder, told(message, "name", str)))
-    return shown(session)
+    return {"recovered": left_of(session)} | shown(session)
 
 
 def undo(session: Session, message: Message) -> Reply:

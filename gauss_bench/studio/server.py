@@ -9,6 +9,7 @@ import contextlib
 import json
 import signal
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
@@ -31,12 +32,14 @@ from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
 from gauss_bench.studio import files, templates
 from gauss_bench.studio.autosave import collect
+from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.requests import APART, answer, engines_here
+from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import BESIDE, LARGEST, SOCKETS, UNREAD, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
 PAUSE = 0.02  # [s]
+SWITCH = 5e-4  # [s] a thread computes on while another waits: a frame of a drag goes through three, beside a search of seconds
 PAGE = Path(__file__).parent / "page"
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -261,6 +264,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
     collect()
+    sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell

@@ -6,12 +6,13 @@ import { Linkage, Path } from "./drawing";
 import { apart, figure, middle } from "./geometry";
 import { target } from "./hit";
 import type { Target } from "./hit";
-import type { Poses, Scene, XY } from "./protocol";
+import type { Pin, Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
-  behind, centres, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
+  behind, centres, chosen, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
   shown, show, showCentres, still, take, trial,
 } from "./state";
+import type { Picked } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
 import { onGrid, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
@@ -76,6 +77,28 @@ function endDrag(keep: boolean): void {
   if (!drag) return;
   drag.ended = keep;
   if (drag.on) void pull(drag);
+}
+
+/** Whether a pin that is pulled takes the linkage along; else pulling it changes lengths. */
+const movable = (pin: Pin): boolean => !pin.ground && scene.value!.status.assembles && (scene.value!.status.dof ?? 0) > 0;
+
+// Arrow keys pull the chosen pin for as long as one is held: many steps, one drag.
+let led: { pin: string; at: XY } | null = null;
+
+function lead(pin: Pin, by: XY): void {
+  if (!led || led.pin !== pin.id || !drag) {
+    const at = placed.value!.pin(pin);
+    led = { pin: pin.id, at };
+    void beginDrag(pin.id, at);
+  }
+  led.at = [led.at[0] + by[0], led.at[1] + by[1]];
+  drag!.next = led.at;
+  if (drag!.on) void pull(drag!);
+}
+
+function leave(): void {
+  if (led) endDrag(true);
+  led = null;
 }
 
 // A pin that is put elsewhere: the links are shown as they would be, again the newest place only.
@@ -223,7 +246,7 @@ export function Canvas(): JSX.Element {
     const pin = scene.value!.pins.find((p) => p.id === grip)!;
     const status = scene.value!.status;
     selection.value = [{ kind: "pin", id: grip }];
-    if (!pin.ground && status.assembles && (status.dof ?? 0) > 0 && !e.shiftKey) {
+    if (movable(pin) && !e.shiftKey) {
       pressed!.mode = "drag";
       void beginDrag(grip, placed.value!.pin(pin));
     } else {
@@ -253,11 +276,7 @@ export function Canvas(): JSX.Element {
       if (joins) void edit("join", { pin, to: join.pin });
     } else if (mode === "draw" && far && apart(here(e), at) > 10 && picks.value.length) pick(look(e));
     else if (!far && tool.value === "select" && e.button === 0) {
-      const had = selection.value;
-      const same = hit.over && had.some((p) => p.kind === hit.over!.kind && p.id === hit.over!.id);
-      if (!hit.over) selection.value = e.shiftKey ? had : [];
-      else if (e.shiftKey) selection.value = same ? had.filter((p) => p.id !== hit.over!.id || p.kind !== hit.over!.kind) : [...had, hit.over];
-      else selection.value = [hit.over];
+      select(hit.over, e.shiftKey);
     }
   };
   const lost = (e: PointerEvent): void => {
@@ -267,6 +286,13 @@ export function Canvas(): JSX.Element {
     pressed = null;
   };
 
+  /** Chooses one thing or nothing; with `more` one thing more, or one less. */
+  const select = (over: Picked | null, more: boolean): void => {
+    const had = selection.value;
+    if (!over || !more) selection.value = over ? [over] : more ? had : [];
+    else selection.value = chosen(over.kind, over.id) ? had.filter((p) => p.id !== over.id || p.kind !== over.kind) : [...had, over];
+  };
+
   const key = (e: KeyboardEvent): void => {
     if (!placed.value || e.ctrlKey || e.metaKey) return;
     const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[e.key];
@@ -274,7 +300,8 @@ export function Canvas(): JSX.Element {
       e.preventDefault();
       const step = steps.value.fine * (e.shiftKey ? 5 : 1);
       const chosenPin = selection.value[0]?.kind === "pin" ? scene.value!.pins.find((p) => p.id === selection.value[0]!.id) : undefined;
-      if (tool.value === "select" && chosenPin) {
+      if (tool.value === "select" && chosenPin && movable(chosenPin)) return lead(chosenPin, [by[0]! * step, by[1]! * step]);
+      if ((tool.value === "select" || tool.value === "reshape") && chosenPin) {
         const round = (v: number): number => Number(v.toFixed(9));
         void edit("move", { pin: chosenPin.id, at: [round(chosenPin.at[0] + by[0]! * step), round(chosenPin.at[1] + by[1]! * step)] });
         return;
@@ -290,12 +317,13 @@ export function Canvas(): JSX.Element {
     } else if ((e.key === "Enter" || e.key === " ") && cursor.value) {
       e.preventDefault();
       const snap = target(placed.value, toScreen(cursor.value), 8, !lined.value);
-      if (tool.value === "select") selection.value = snap.over ? [snap.over] : [];
+      if (tool.value === "select" || tool.value === "reshape") select(snap.over, e.shiftKey);
       else pick(snap);
     } else if (e.key === "Delete" || e.key === "Backspace") {
       e.preventDefault();
       void remove();
     } else if (e.key === "Escape") {
+      led = null;
       if (drag) endDrag(false);
       else if (reshaped.value) {
         pressed = null;
@@ -336,6 +364,8 @@ export function Canvas(): JSX.Element {
       onDblClick={() => current().open && picks.value.length > 2 && finish()}
       onContextMenu={(e) => e.preventDefault()}
       onKeyDown={key}
+      onKeyUp={(e) => e.key.startsWith("Arrow") && leave()}
+      onBlur={leave}
     >
       <title>{title}</title>
       <Behind />

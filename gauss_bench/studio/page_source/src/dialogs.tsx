@@ -1,52 +1,27 @@
 // What opens over the page: gallery and files, save, export and share, other assemblies, help.
-
 import { signal } from "@preact/signals";
-import type { ComponentChildren, JSX } from "preact";
-import { useEffect, useRef, useState } from "preact/hooks";
+import type { JSX } from "preact";
+import { useEffect, useState } from "preact/hooks";
 import { canFilm, film } from "./film";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
-import { attempt, dialog, dragged, edit, hello, kept, motion, said, say, scene, show, touring } from "./state";
+import { Sheet } from "./sheet";
+import { anew, attempt, dialog, dragged, edit, hello, kept, leaving, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
 import { ask } from "./socket";
 import { fit, size, toWorld } from "./view";
 
-export function Sheet({ title, children, wide }: { title: string; children: ComponentChildren; wide?: boolean }): JSX.Element {
-  const ref = useRef<HTMLDialogElement>(null);
-  useEffect(() => {
-    if (!ref.current!.open) ref.current!.showModal();
-  }, []);
-  return (
-    <dialog
-      ref={ref}
-      class={wide ? "wide" : ""}
-      aria-label={title}
-      onClose={() => (dialog.value = "")}
-      onClick={(e) => e.target === ref.current && ref.current!.close()}
-    >
-      <header>
-        <h2>{title}</h2>
-        <button type="button" class="icon" aria-label="Close" onClick={() => ref.current!.close()}>
-          <Sign of="close" />
-        </button>
-      </header>
-      <div class="inner" tabIndex={-1}>
-        {children}
-      </div>
-    </dialog>
-  );
-}
-
 const close = (): void => void (dialog.value = "");
 
 async function opened(what: object, verb = "open"): Promise<void> {
-  if (scene.value?.unsaved && scene.value.links.length && !confirm(`${scene.value.name} has changes that are not saved. Leave them?`)) return;
-  if (await edit(verb, what)) {
-    close();
-    motion.value = null;
-    show();
-  }
+  if (!leaving()) return;
+  const reply = await edit(verb, what);
+  if (!reply) return;
+  close();
+  anew();
+  const lacking = (reply.left_out ?? []) as string[];
+  if (lacking.length) say(`Brought in without what a linkage file has no word for: ${lacking.join("; ")}.`);
 }
 
 function download(name: string, content: BlobPart, type: string): void {
@@ -127,14 +102,6 @@ function Open(): JSX.Element {
           </button>
         </p>
       )}
-      {known?.recovered && (
-        <p class="note">
-          What was drawn here before and not saved is kept.{" "}
-          <button type="button" class="quiet" onClick={() => void opened({ take: true }, "recover")}>
-            Recover it
-          </button>
-        </p>
-      )}
       {(known?.files ?? []).length > 0 && (
         <section>
           <h3>In the folder {known!.folder}</h3>
@@ -195,7 +162,7 @@ function Save(): JSX.Element {
         <label class="field">
           <span>File, in the folder the studio was started in</span>
           <span class="entry">
-            <input type="text" name="path" value={path} spellcheck={false} onInput={(e) => { setPath(e.currentTarget.value); setTaken(false); }} />
+            <input type="text" name="path" autofocus value={path} spellcheck={false} onInput={(e) => { setPath(e.currentTarget.value); setTaken(false); }} />
           </span>
         </label>
         {fault && <p class="refusal" role="alert">{fault}</p>}
@@ -251,7 +218,7 @@ function Export(): JSX.Element {
   };
   return (
     <Sheet title="Share and export">
-      <p class="note">A link carries the whole linkage in itself; nothing is sent anywhere. Whoever runs a studio opens it by pasting what follows the # sign to the address of his own.</p>
+      <p class="note">A link carries the whole linkage in itself; nothing is sent anywhere. Whoever runs a studio opens it by adding what begins with the # sign to the address of his own.</p>
       <div class="row">
         <button type="button" class="strong" onClick={() => void share()}>
           Make a link
@@ -312,8 +279,8 @@ function Branches(): JSX.Element {
 }
 
 const KEYS: [string, string][] = [
-  ["Arrows", "move the chosen pin, or the cross that draws; with Shift five steps"],
-  ["Enter", "click with the cross; end a link of three or more corners"],
+  ["Arrows", "move the cross that draws and chooses; with a pin chosen, pull the pin (Select) or put it elsewhere (Reshape); with Shift five steps"],
+  ["Enter", "click with the cross, with Shift to choose one thing more; end a link of three or more corners"],
   ["Esc", "let go, put the tool away, select nothing"],
   ["Space", "play and pause"],
   ["Del", "delete what is selected"],
@@ -359,8 +326,6 @@ function Help(): JSX.Element {
 }
 
 
-
-
 /** The tool for a picture: reads one, lays it across the window, and scales it by two points and their distance. */
 export function PictureBar(): JSX.Element | null {
   const [pair, setPair] = useState<[[number, number], [number, number]] | null>(null);
@@ -379,7 +344,6 @@ export function PictureBar(): JSX.Element | null {
         const [x1] = toWorld([w * 0.9, 0]);
         const width = x1 - x0;
         void edit("picture", { picture: { url: data, at: [x0, y0], width, height: (width * image.naturalHeight) / image.naturalWidth } });
-
       };
       image.onerror = () => say(`${file.name} is no picture that a browser shows.`, "error");
       image.src = data;

@@ -5,7 +5,7 @@ import { Canvas, shortcuts } from "./canvas";
 import { Dialogs, PictureBar } from "./dialogs";
 import { Properties, show } from "./properties";
 import { hear } from "./runs";
-import { dialog, drawn, hello, placed, said, scene, start, touring } from "./state";
+import { dialog, drawn, hello, placed, recover, said, scene, start, touring } from "./state";
 import { Timeline } from "./timeline";
 import { choose, picks, tool } from "./tools";
 import { Moving, Prompt, Tools, Top, ViewSwitches, paint } from "./top";
@@ -74,6 +74,22 @@ function Empty(): JSX.Element | null {
   );
 }
 
+/** What a server that was killed had not saved. */
+function Recovered(): JSX.Element | null {
+  if (!hello.value?.recovered || touring.value >= 0) return null;
+  return (
+    <div class="picturebar" role="region" aria-label="Kept">
+      <p>What was drawn here before and not saved is kept.</p>
+      <button type="button" class="strong" onClick={() => void recover(true)}>
+        Recover it
+      </button>
+      <button type="button" class="quiet" onClick={() => void recover(false)}>
+        Let it go
+      </button>
+    </div>
+  );
+}
+
 function Page(): JSX.Element {
   return (
     <>
@@ -89,6 +105,7 @@ function Page(): JSX.Element {
         <Empty />
         <ViewSwitches />
         <PictureBar />
+        <Recovered />
         <Prompt />
       </main>
       <Properties />

@@ -126,7 +126,7 @@ function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
       <div class="row">
         <Lock of="slide" on={slide.locked} set={(on) => edit("lock", { slide: slide.id, on })} /> <small class="note">Locked, a drag keeps it where it is.</small>
       </div>
-      <NumberField label="Offset" unit="m" value={null} empty="0" send={(v) => set(`joints.${slide.id}.offset`, v)} />
+      <NumberField label="Offset" unit="m" value={slide.offset} empty="0" send={(v) => set(`joints.${slide.id}.offset`, v)} />
     </>
   );
 }

@@ -32,6 +32,7 @@ export interface Slide {
   angle: number;
   block: string;
   block_at: XY;
+  offset: number;
   locked: boolean;
 }
 export interface Force {
@@ -120,7 +121,6 @@ export interface Hello {
   files?: string[];
   folder?: string;
   engines: { name: string; here: boolean; reason: string | null }[];
-  kernel: boolean;
   recovered: { text: string } | null;
   scene: Scene;
 }

@@ -2,9 +2,9 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
-import { Sheet } from "./dialogs";
 import { figure } from "./geometry";
 import type { Event, Motion, Pose } from "./protocol";
+import { Sheet } from "./sheet";
 import { attempt, clock, dialog, ghost, hello, motion, moving, play, playing, say } from "./state";
 
 interface Run {
@@ -88,12 +88,15 @@ const Engines = ({ of }: { of: { name: string; here: boolean }[] }): JSX.Element
   </>
 );
 
+/** The first of these engines that is installed, else the last of them. */
+const usable = (...names: string[]): string => names.find((name) => hello.value?.engines.some((e) => e.name === name && e.here)) ?? names.at(-1)!;
+
 export function Release(): JSX.Element {
   const engines = hello.value?.engines ?? [];
   const [until, setUntil] = useState("2");
-  const [engine, setEngine] = useState("gauss-native");
-  const [overlay, setOverlay] = useState("mujoco");
-  const missing = engines.find((e) => e.name === overlay && !e.here) ?? engines.find((e) => e.name === engine && !e.here);
+  const [engine, setEngine] = useState(() => usable("gauss-native", "gauss"));
+  const [overlay, setOverlay] = useState(() => usable("mujoco", ""));
+  const missing = engines.filter((e) => !e.here && [engine, overlay, "gauss-native", "mujoco"].includes(e.name));
   const go = async (): Promise<void> => {
     const seconds = Number(until.replace(",", "."));
     if (!(seconds > 0)) return say("The duration is a positive number of seconds.", "error");
@@ -128,7 +131,9 @@ export function Release(): JSX.Element {
           </select>
         </label>
       </div>
-      {missing && <p class="refusal">{missing.reason ?? `${missing.name} is not installed.`}</p>}
+      {missing.map((e) => (
+        <p key={e.name} class={e.name === engine || e.name === overlay ? "refusal" : "note"}>{`${e.name}: ${e.reason || "not installed"}`}</p>
+      ))}
       <div class="row">
         <button type="button" class="strong" disabled={job.value !== null} onClick={() => void go()}>
           Let it go

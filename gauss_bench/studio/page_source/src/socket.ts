@@ -60,7 +60,7 @@ export function connect(greet: () => void): void {
   };
   here.onclose = () => {
     connected.value = "gone";
-    const text = "The studio's server has gone. Start it again and this page goes on where it was.";
+    const text = "The studio's server has gone.";
     for (const asked of waiting.values()) asked.reject(new Refused({ text }));
     waiting.clear();
     pending.value = 0;

@@ -132,11 +132,37 @@ async function look(id: string | null): Promise<void> {
   if (reply && reply.picture === scene.value?.picture?.id) behind.value = { id, url: String(reply.url) };
 }
 
+/** Whether what is drawn may be left: it is saved, or whoever drew it says so. */
+export const leaving = (): boolean =>
+  !scene.value?.unsaved || !scene.value.links.length || confirm(`${scene.value.name} has changes that are not saved. Leave them?`);
+
+/** Another linkage is open: its motion is not here yet, and it is shown as a whole. */
+export function anew(): void {
+  motion.value = null;
+  show();
+}
+
+/** Opens the linkage that the address carries, which is taken out of it. */
+async function arrive(): Promise<void> {
+  const fragment = location.hash.slice(1);
+  if (!fragment) return;
+  history.replaceState(null, "", location.pathname + location.search);
+  if (leaving() && (await edit("open", { fragment }))) anew();
+}
+
+/** Takes up what was drawn before and lost with the server, or lets it go. */
+export async function recover(take: boolean): Promise<void> {
+  if (!(await edit("recover", { take }))) return;
+  hello.value = { ...hello.value!, recovered: null }; // it is offered once
+  if (take) anew();
+}
+
 /** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */
 export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
   fitting = false; // who draws keeps his window
   const reply = await attempt(verb, what);
   if (reply?.scene) newer(reply.scene);
+  if (reply && "recovered" in reply) hello.value = { ...hello.value!, recovered: reply.recovered as Hello["recovered"] };
   return reply;
 }
 
@@ -287,16 +313,11 @@ export function start(onEvent: (event: Event) => void): void {
       if (!reply) return;
       const known = reply as unknown as Hello;
       hello.value = known;
-      const shared = first && location.hash.length > 2 ? location.hash.slice(1) : "";
       take(known.scene);
-      if (shared) {
-        const opened = await edit("open", { fragment: shared });
-        if (opened) history.replaceState(null, "", location.pathname + location.search);
-      } else if (!first && scene.value && kept() && !known.scene.links.length) {
-        await edit("open", { text: kept() });
-      }
       if (!first) say("The server is back.");
       first = false;
+      await arrive();
     })();
   });
+  addEventListener("hashchange", () => void arrive());
 }

@@ -192,10 +192,8 @@ export function choose(id: ToolId): void {
     tool.value = id;
     picks.value = [];
     hover.value = null;
-    if (id !== "select") {
-      still();
-      selection.value = [];
-    }
+    if (id !== "select") still();
+    if (id !== "select" && id !== "reshape") selection.value = [];
   });
 }
 

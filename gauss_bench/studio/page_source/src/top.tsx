@@ -94,7 +94,7 @@ export function Top(): JSX.Element {
       </div>
       {connected.value === "gone" && (
         <p class="gone" role="alert">
-          The server has gone. Start it again, and this page goes on where it was.
+          The server has gone. Start it again and open the address that it prints: what was drawn here is kept, and offered there.
         </p>
       )}
     </header>

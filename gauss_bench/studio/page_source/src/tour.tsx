@@ -1,7 +1,7 @@
 // The tour of the first run: five steps, beside what they speak of. Once left it does not come back by itself.
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { edit, show, touring } from "./state";
+import { anew, edit, touring } from "./state";
 import { choose } from "./tools";
 
 const SEEN = "studio.tour";
@@ -65,5 +65,5 @@ export function Tour(): JSX.Element | null {
 
 /** On an empty drawing: three ways to begin. */
 export async function begin(name: string): Promise<void> {
-  if (await edit("template", { name })) show();
+  if (await edit("template", { name })) anew();
 }
