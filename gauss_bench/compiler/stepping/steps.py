@@ -372,7 +372,7 @@ class Builder:
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
         nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
-        pairs = self.turn(pairs, dq, self.reach.bend, nearest) if pairs else []
+        pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
         velocities, _ = inline(g, self.code.velocity, ([end], nearest, v, self.p), self.sincos)
         return nearest, velocities, pairs
 
