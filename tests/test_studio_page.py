@@ -392,6 +392,20 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 
 @pytest.mark.slow
+def test_a_damper_is_no_spring_and_a_spring_no_damper(page: Page) -> None:
+    page.use("Ground pivot", A)
+    page.use("Bar", A, B)
+    page.use("Damper", B, (0.2, 0.12))
+    page.use("Spring", B, (-0.2, 0.12))
+    page.button("Share").click()
+    _, text = page.download("Linkage file")
+    page.page.keyboard.press("Escape")
+    damper, spring = tomllib.loads(text.decode())["forces"].values()
+    assert damper["c"] > 0 == damper["k"]
+    assert spring["k"] > 0 == spring.get("c", 0.0)
+
+
+@pytest.mark.slow
 def test_a_length_that_does_not_close_is_said_in_place(page: Page) -> None:
     four_bar(page)
     page.button("Select").click()

@@ -166,7 +166,7 @@ export const TOOLS: Tool[] = [
     key: "d",
     help: "A damper between two points.",
     asks: ["Click one end of the damper", "Click its other end"],
-    make: (picks) => connectTwo("spring_damper", picks, { c: 5 }),
+    make: (picks) => connectTwo("damper", picks, {}),
   },
   { id: "torque", name: "Torque", key: "t", help: "A torque on a link, such as a motor's.", asks: ["Click the link that is turned"], make: torque },
   { id: "force", name: "Force", key: "f", help: "A force on a point of a link.", asks: ["Click the point it acts on", "Click where it pulls to"], make: force },
