@@ -426,11 +426,8 @@ def certify(options: argparse.Namespace) -> int:
 
 def verify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
-    from gauss_bench.api.files import writable
     from gauss_bench.bench.measurements import certificates
 
-    if options.out is not None:
-        writable(options.out, replace=True)
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     print_json(rows) if options.json else print(text.format_verification(rows))
     return 0 if rows and all(row.get("passed", False) for row in rows) else 1
