@@ -406,8 +406,11 @@ def atlas(options: argparse.Namespace) -> int:
 
 def certify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
+    from gauss_bench.api.files import writable
     from gauss_bench.bench.measurements import certificates
 
+    if options.out is not None:
+        writable(options.out, replace=True)
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
         print_json(rows) if options.json else print(text.format_certificates(rows))

@@ -517,6 +517,8 @@ def test_redundant_rows_are_taken_back_where_nothing_projects() -> None:
     np.testing.assert_array_equal(together, np.tile(np.concatenate(code.rollout(m.q0, m.v0, 1e-3, 200)), (2, 1)))
     plain = np.concatenate(kernel("parallelogram", backend="numpy").rollout(m.q0, m.v0, 1e-3, 200))
     np.testing.assert_allclose(together[0], plain, rtol=1e-12, atol=1e-12)
+    q, v = code.rollout(m.q0, m.v0, H, 32 * loops.SETTLED, every=loops.SETTLED, integrator="semi_implicit_euler")
+    assert residuals(m, q, v)[0].max() < 1e-14  # in between 2e-6
 
 
 @pytest.fixture
@@ -588,6 +590,16 @@ def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:
         assert np.abs(found[1][:, 2]).max() * 1e-2 > steps.REACHES["rk4"][1].step
         np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-9, atol=1e-9)  # rounding, grown by coarse steps
     assert m.n == q.size
+
+
+@pytest.mark.parametrize(("name", "h"), [("crank_slider", 1e-3), ("four_bar", 1e-3)])
+def test_a_projected_step_of_a_millisecond_is_corrected_once(name: str, h: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(programs, "reaches", lambda code, integrator: steps.reaches(code, integrator)[:2])
+    m, code = mechanism(name), compile_kernel(mechanism(name), "gauss", "projection")
+    assert code.alone(m.q0, m.v0, h, 500)
+    q, v = code.rollout(m.q0, m.v0, h, 500, every=1)
+    assert residuals(m, q, v)[0].max() < 1e-15
+    assert not code.alone(m.q0, m.v0, 20 * h, 25)  # which takes more
 
 
 def test_speeding_up_goes_through_all_reaches() -> None:

@@ -1,5 +1,6 @@
 """What is on disk may be torn, altered, locked, full or read-only: that is told, and no finished row is lost or doubled."""
 
+import fcntl
 import json
 import os
 import random
@@ -132,6 +133,7 @@ def test_folders_above_a_folder_of_results_are_not_invented(
 KILLS = 6
 ENGINES = ["lagrange", "schur", "yuan_ge_eq16"]
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
+SHORT = [*RUN[3:], "--engine", "gauss", "--steps", "0.01"]
 RUN += [x for name in ENGINES for x in ("--engine", name)]
 
 
@@ -194,3 +196,108 @@ def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, m
     with pytest.raises(OSError, match="No space left"):
         stored_reference(load("four_bar", "torque"), 0.0125, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+WITHOUT_PRIVILEGES = """
+import contextlib, ctypes, io, json, os, sys
+if os.geteuid() == 0:  # whom no mode keeps out of a folder, unless the two capabilities for it are gone
+    code = "import ctypes, os, sys; [ctypes.CDLL(None).prctl(24, x, 0, 0, 0) for x in (1, 2)]; "
+    code += "os.execv(sys.executable, sys.argv[1:])"
+    if "plain" not in sys.argv:
+        os.execv(sys.executable, [sys.executable, "-c", code, sys.executable, __file__, *sys.argv[1:], "plain"])
+from gauss_bench import cli
+found = []
+for arguments in json.loads(sys.argv[1]):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = cli.main(arguments)
+    found.append([code, err.getvalue()])
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow
+def test_a_folder_that_may_not_be_written_is_told_before_anything_is_run(tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    closed.chmod(0o555)
+    (tmp_path / "verbs.py").write_text(WITHOUT_PRIVILEGES, encoding="utf-8")
+    asked = [
+        [*RUN[3:], "--out", str(closed / "run")],
+        ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--out", str(closed / "sweep")],
+        ["simulate", "four_bar", "--at", "0.01", "--out", str(closed / "x.csv")],
+        ["show", "four_bar", "--svg", str(closed / "x.svg")],
+        ["export", "four_bar", "--engine", "mujoco", "--out", str(closed / "x.xml")],
+        ["certify", "pendulum", "--out", str(closed / "x.npz")],
+        ["atlas", "--out", str(closed)],
+        ["atlas", "--out", str(closed / "atlas")],
+    ]
+    command = [sys.executable, str(tmp_path / "verbs.py"), json.dumps(asked)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    for arguments, (code, said) in zip(asked, json.loads(done.stdout), strict=True):
+        assert code == 2, arguments
+        assert str(closed) in said.splitlines()[-1]
+        assert " steps up to " not in said, "it was found out after the work"
+    assert not list(closed.iterdir())
+
+
+@pytest.mark.slow
+def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the disk."""
+    vary = ["--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--step", "0.01", "--until", "0.05"]
+    for asked, most, results in (
+        ([*RUN[:3], *SHORT], 4000, "results.csv"),
+        ([*RUN[:3], "sweep", "crank_slider", *vary], 4000, "samples/part-00000.parquet"),
+    ):
+        whole, full = (tmp_path / f"{results[:3]} {x}" for x in ("whole", "full"))
+        subprocess.run([*asked, "--out", str(whole)], check=True, capture_output=True)
+        limited = ["-c", f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({most},) * 2); "]
+        limited[1] += "import sys; from gauss_bench import cli; sys.exit(cli.main())"
+        done = subprocess.run(
+            [sys.executable, *limited, *asked[3:], "--out", str(full)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2, done.stderr
+        assert "File too large" in done.stderr.splitlines()[-1]
+        assert "Traceback" not in done.stderr
+        assert not [x for x in full.rglob("*") if x.suffix == ".part"]
+        subprocess.run([*asked, "--out", str(full)], check=True, capture_output=True)
+        assert (full / results).read_bytes() == (whole / results).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_clock_that_goes_back_between_runs_changes_no_row_and_repeats_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Years back, and further at every look; what is on disk then comes from the future."""
+    asked = [*SHORT, "--out"]
+    assert cli.main([*asked, str(tmp_path / "usual")]) == 0
+    assert cli.main([*asked, str(tmp_path / "back")]) == 0
+    journal = (tmp_path / "back" / ".run" / "journal.jsonl").read_bytes()
+    now, looks = time.time(), iter(range(10**9))
+    monkeypatch.setattr(time, "time", lambda: now - 1e8 - 86400.0 * next(looks))
+    for path in tmp_path.rglob("*"):
+        os.utime(path, (now + 1e8, now + 1e8))
+    assert cli.main([*asked, str(tmp_path / "back")]) == 0
+    assert (tmp_path / "back" / ".run" / "journal.jsonl").read_bytes() == journal
+    assert cli.main([*asked, str(tmp_path / "anew")]) == 0
+    for name in ("back", "anew"):
+        assert (tmp_path / name / "results.csv").read_bytes() == (tmp_path / "usual" / "results.csv").read_bytes()
+
+
+def test_a_second_run_into_a_folder_is_refused_by_its_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    varied = ["--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01"]
+    for arguments, said in ((RUN[3:], "another run"), (["sweep", "crank_slider", *varied], "another sweep")):
+        folder = tmp_path / arguments[0]
+        (folder / ".run").mkdir(parents=True)
+        locked = folder / ".run" / "journal.jsonl" if arguments[0] == "run" else folder
+        if arguments[0] == "sweep":
+            (folder / ".run").rmdir()
+        else:
+            locked.touch()
+        held = os.open(locked, os.O_RDONLY)
+        fcntl.flock(held, fcntl.LOCK_EX)
+        before = sorted(folder.rglob("*"))
+        assert cli.main([*arguments, "--out", str(folder)]) == 2
+        assert said in capsys.readouterr().err
+        assert [x for x in sorted(folder.rglob("*")) if x.name != "samples"] == before
+        os.close(held)

@@ -120,6 +120,7 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
         ("simulate four_bar --at 1,x", "'1,x' is not a list of numbers"),
         ("show pendulums_400 --svg drawing.txt", "the ending says what to write: .svg"),
         ("kinematics four_bar --intervals 1000000000000", "at most 100000"),
+        ("kinematics four_bar --driver constant:speed=1e6 --intervals 20", "goes 1e+06 (rad or m) in 1 s"),
         ("kinematics four_bar --driver constant:speed=1e300", "driver.speed: 1e+300 is larger than 1e+06"),
         ("diagnose four_bar --engine gauss --dt 1e-300", "steps of 1e-300 s"),
         ("export four_bar --engine c --out new.c --step 1e-300", "steps of 1e-300 s"),

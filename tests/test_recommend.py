@@ -335,7 +335,7 @@ def test_processes_that_it_has_started_are_asked() -> None:
 def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
     spaces = {name: variants(offer(name)) for name in ("schur", "lagrange", "gauss")}
-    with Recommender(SHORT, {"position": 1e-4}, spaces, Budget(60.0), quiet) as recommender:
+    with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(60.0), quiet) as recommender:
         left = recommender.budget.left
         monkeypatch.setattr(
             recommender.budget, "left", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
@@ -344,6 +344,7 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
         answers = recommender.answers({})
     assert [x.tried for x in answers] == [1, 1, 1]
     assert all(x.evaluations >= 1 and x.errors and not x.complete for x in answers), answers
+    assert all(SHORT.until / x.steps <= recommender.first / 2 for x in answers if x.steps), "rather too fine than not enough"
 
 
 def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:

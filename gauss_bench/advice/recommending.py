@@ -261,7 +261,8 @@ class Recommender:
             return seen[size]
 
         try:
-            start = scale if adaptive else no_coarser(scale, self.first)
+            late = len(engine.trials) == 1 and self.budget.left(SEARCHED) <= 0  # one run is all: rather too fine
+            start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)

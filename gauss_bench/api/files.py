@@ -1,5 +1,6 @@
 """Which files a verb may write: looked at before anything is run."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +12,7 @@ def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
     """The path of a file that may be written.
 
     Raises:
-        ExchangeError: it is a folder, lies in no folder, or is there already and may not be replaced.
+        ExchangeError: it is a folder, lies in none that may be written, or is there already and may not be replaced.
     """
     path = Path(out)
     if path.is_dir() or not path.name:
@@ -20,6 +21,7 @@ def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
         raise ExchangeError(f"{out}: there is no folder {path.parent}")
     if path.exists() and not replace:
         raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+    _checked(path.parent, str(out))
     return path
 
 
@@ -27,13 +29,21 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
     """The path of a folder that may be written: those above it are there, but for that which is usual.
 
     Raises:
-        ExchangeError: it is a file, or lies in no folder.
+        ExchangeError: it is a file, lies in no folder, or may not be written.
     """
     if out.exists() and not out.is_dir():
         raise ExchangeError(f"--out {out}: is a file; it takes a folder")
     if out != usual and not out.absolute().parent.is_dir():
         raise ExchangeError(f"--out {out}: there is no folder {out.absolute().parent}")
+    if (nearest := next((x for x in (out, out.absolute().parent) if x.is_dir()), None)) is not None:
+        _checked(nearest, f"--out {out}")
     return out
+
+
+def _checked(folder: Path, asked: str) -> None:
+    """Refuse a folder in which nothing can be made: else it would be found out after the work."""
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ExchangeError(f"{asked}: nothing may be written into the folder {folder}")
 
 
 def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool) -> dict[str, Path]:

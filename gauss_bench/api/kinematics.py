@@ -26,6 +26,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 MOST_INTERVALS = 100_000
+LONGEST_WAY = 2e4  # [rad, m] of a driver: it is followed in parts of a fraction of a radian, some thousand a second
 
 
 def observed(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
@@ -76,7 +77,7 @@ def kinematics(
         told: is told that it begins, once the file and the driver are sound.
 
     Raises:
-        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used.
+        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, or the driver goes too far.
     """
     if method not in METHODS:
         raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
@@ -89,6 +90,7 @@ def kinematics(
     _all_driven(mechanism)
     chosen, inputs = observed(mechanism, points), inputs_of(mechanism)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
+    _followed(mechanism, times)
     status, message = "ok", ""
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     try:
@@ -121,6 +123,22 @@ def kinematics(
         branch_changes=_changes(mechanism, inputs, states),
         observed=observed_names(mechanism, chosen),
     )
+
+
+def _followed(mechanism: Mechanism, times: Array) -> None:
+    """No driver goes further between these times (k,) than can be followed.
+
+    Raises:
+        ChoiceError: one does.
+    """
+    for driver in mechanism.drivers:
+        with np.errstate(all="ignore"):
+            way = float(np.abs(np.diff(driver.law(times)[0])).sum())
+        if not way <= LONGEST_WAY:
+            raise ChoiceError(
+                f"{mechanism.name}: driver {driver.name} goes {way:.3g} (rad or m) in {mechanism.duration:g} s; {LONGEST_WAY:g} "
+                f"are the most that are followed: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
+            )
 
 
 def _all_driven(mechanism: Mechanism) -> None:

@@ -18,7 +18,7 @@ from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.variants import Variant
-from gauss_bench.exchange.snippets import holds, snippet
+from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.asked import checked_budget, duration
 from gauss_bench.runs.offers import ChoiceError, Offer, offers
@@ -127,7 +127,7 @@ def recommend(
 
 
 def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
-    """The answer with its program, written where the engine is, or with why there is none."""
+    """The answer with its program, or with why there is none; where the engine is, if it needs its library to be written."""
     if answer.status != "ok":
         return answer
     run, limits = recommender.run, " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in recommender.wanted.items())
@@ -136,7 +136,8 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
     arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
     try:
-        found = recommender.asked(answer.engine, snippet_there, arguments)
+        needs_library = answer.engine in WRITERS
+        found = recommender.asked(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
     except WorkerFailure as failure:
         found = {"refused": str(failure)}
     match found:
@@ -147,7 +148,7 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     return answer
 
 
-def snippet_there(linkage: str, scenario: str, engine: str, choice: list[Any], until: float, remark: str) -> dict[str, Any]:
+def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
     """`snippet` as plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
     return told_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})

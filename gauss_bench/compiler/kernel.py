@@ -347,7 +347,7 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q, 0 for rows that are left out as redundant.
+        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; what is left out as redundant carries nothing.
 
         A looped program has none: there they are the shortest, by rank decision.
 

@@ -117,6 +117,16 @@ REACHES = {
 }
 
 
+# steps of a millisecond turn farther than the first reach and are corrected no more than within it: there one correction is enough
+ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
+
+
+def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
+    """Those that a program's steps go through, the shortest first."""
+    first, *others = REACHES[integrator]
+    return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """The values of a step.
@@ -372,7 +382,7 @@ class Builder:
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
         nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
-        pairs = self.turn(pairs, dq, self.reach.bend, nearest) if pairs else []
+        pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
         velocities, _ = inline(g, self.code.velocity, ([end], nearest, v, self.p), self.sincos)
         return nearest, velocities, pairs
 

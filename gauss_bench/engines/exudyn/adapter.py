@@ -139,8 +139,8 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Leg:
-    """Steps that Exudyn takes in one go: from, to [s], how many; until when what varies goes on; the sample at its end, if any."""
+class SolverRun:
+    """One run of Exudyn's solver: from, to [s], how many; until when what varies goes on; the sample at its end, if any."""
 
     begin: float
     end: float
@@ -187,10 +187,10 @@ class ExudynModel:
         sizes = np.array([size for _, size in counts])
         parts = list(stretches(times, self.choice.step, self.mechanism.kinks))
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
-            self.legs = [Leg(float(times[0]), float(times[-1]), int(self.last_steps[-1]), np.inf, len(times) - 1)]
+            self.solver_runs = [SolverRun(float(times[0]), float(times[-1]), int(self.last_steps[-1]), np.inf, len(times) - 1)]
         else:
             ends = [*(part.begin for part in parts[1:]), float(times[-1])]
-            self.legs = [Leg(x.begin, end, x.steps, x.last, x.row) for x, end in zip(parts, ends, strict=False)]
+            self.solver_runs = [SolverRun(x.begin, end, x.steps, x.last, x.row) for x, end in zip(parts, ends, strict=False)]
         self.q, self.v, self.a = np.full((3, len(times), self.mechanism.n), np.nan)
         self.failure: RunFailure | None = None
         self.log.open()
@@ -216,8 +216,8 @@ class ExudynModel:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _record(self) -> None:
-        """Have samples inside a leg kept after their steps; without any, nothing is called from the loop."""
-        if len(self.legs) != 1 or len(self.times) == 2:
+        """Have samples inside a run of the solver kept after their steps; without any, nothing is called from the loop."""
+        if len(self.solver_runs) != 1 or len(self.times) == 2:
             self.system.mbs.SetPostStepUserFunction(0)
             return
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
@@ -242,13 +242,13 @@ class ExudynModel:
     def run(self) -> None:
         settings, mbs = self.simulation, self.system.mbs
         clock, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
-        for leg in self.legs:
+        for part in self.solver_runs:
             if self.failure:
                 return
-            clock.startTime, clock.endTime, clock.numberOfSteps = leg.begin, leg.end, leg.steps
-            self.system.last = leg.last
+            clock.startTime, clock.endTime, clock.numberOfSteps = part.begin, part.end, part.steps
+            self.system.last = part.last
             try:
-                done = mbs.SolveDynamic(settings, updateInitialValues=len(self.legs) > 1)
+                done = mbs.SolveDynamic(settings, updateInitialValues=len(self.solver_runs) > 1)
             except self.exu.ExudynError as error:
                 t = mbs.systemData.GetTime()
                 self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step")
@@ -260,24 +260,24 @@ class ExudynModel:
                 self._fail(Status.ERROR, f"Exudyn took {steps} steps where {clock.numberOfSteps} were asked for")
             if self.failure:
                 return
-            if leg.row is not None:
-                self._keep(leg.row)
-            alpha.computeInitialAccelerations = False  # a further leg goes on with the accelerations it is given
-            if leg.last != np.inf:
-                self._restart(leg)
+            if part.row is not None:
+                self._keep(part.row)
+            alpha.computeInitialAccelerations = False  # a further run goes on with the accelerations it is given
+            if part.last != np.inf:
+                self._restart(part)
 
-    def _restart(self, leg: "Leg") -> None:
+    def _restart(self, part: SolverRun) -> None:
         """Let what follows a kink begin with its own accelerations."""
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:
-            a = self.acceleration(leg.end, q, v)
+            a = self.acceleration(part.end, q, v)
         except RunFailure as failure:
             self.failure = failure
             return
         data.SetODE2Coordinates_tt(a, self.exu.ConfigurationType.Initial)
-        if leg.row is not None:
-            self.a[leg.row] = a
+        if part.row is not None:
+            self.a[part.row] = a
 
     def read(self) -> Trajectory:
         warning = self.log.close()
@@ -285,7 +285,7 @@ class ExudynModel:
         q = self.mechanism.q0 + self.q
         laws = self.mechanism.drivers or self.mechanism.varying
         note = "the motion law is evaluated in Python in every Newton iteration" if laws else ""
-        trajectory = Trajectory(self.times, q, self.v, self.a, sum(leg.steps for leg in self.legs), note=note)
+        trajectory = Trajectory(self.times, q, self.v, self.a, sum(x.steps for x in self.solver_runs), note=note)
         if self.failure:
             self.failure.reached = trajectory
             raise self.failure

@@ -99,7 +99,7 @@ class System:
             self._driver(driver)
         for load in loads(f for f in mechanism.forces if not factor_of(f)):
             self._load(load)
-        self.last = np.inf  # [s] until which what varies goes on as it is: what jumps at the end of a leg jumps after it
+        self.last = np.inf  # [s] until which what varies goes on as it is: what jumps at the end of a run jumps after it
         for force in mechanism.varying:
             self._varying(force)
         self.mbs.Assemble()
