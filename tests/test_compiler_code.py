@@ -592,6 +592,16 @@ def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:
     assert m.n == q.size
 
 
+@pytest.mark.parametrize(("name", "h"), [("crank_slider", 1e-3), ("four_bar", 1e-3)])
+def test_a_projected_step_of_a_millisecond_is_corrected_once(name: str, h: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(programs, "reaches", lambda code, integrator: steps.reaches(code, integrator)[:2])
+    m, code = mechanism(name), compile_kernel(mechanism(name), "gauss", "projection")
+    assert code.alone(m.q0, m.v0, h, 500)
+    q, v = code.rollout(m.q0, m.v0, h, 500, every=1)
+    assert residuals(m, q, v)[0].max() < 1e-15
+    assert not code.alone(m.q0, m.v0, 20 * h, 25)  # which takes more
+
+
 def test_speeding_up_goes_through_all_reaches() -> None:
     """From rest to 50 rad/s at h = 1e-3: the shortest reach is left on the way, alone and in a batch."""
     m, code = mechanism("crank_slider"), kernel("crank_slider")

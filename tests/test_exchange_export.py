@@ -19,6 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gauss_bench
+from gauss_bench.advice.recommending import Recommender, Searched
+from gauss_bench.advice.truth import NoTruth
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -272,6 +274,33 @@ def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> N
     assert rows[-1, -1] < 1e-6
     assert found.tuning.loops_open == pytest.approx(rows[-1, -1], rel=0.2)  # the largest at 200 times a second
     assert f"{found.tuning.loops_open:.1e}" in file.read_text()
+
+
+@pytest.mark.slow
+def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("casadi")
+    search = Recommender.search
+
+    def known_for_a_second(recommender: Recommender) -> Searched:
+        if recommender.run.until > 1.0:
+            raise NoTruth("nobody knows")
+        return search(recommender)
+
+    monkeypatch.setattr(Recommender, "search", known_for_a_second)
+    file = tmp_path / "script.py"
+    found = gauss_bench.export("four_bar", "casadi", file, scenario="torque", tuned=True)
+    assert found.tuning
+    assert found.tuning.met
+    assert found.tuning.until == 5.0 / 16
+    assert "Measured over 0.3125 s" in file.read_text()
+
+    def known_never(recommender: Recommender) -> Searched:
+        raise NoTruth("nobody knows")
+
+    monkeypatch.setattr(Recommender, "search", known_never)
+    with pytest.raises(ExchangeError, match=r"no step can be judged over 0\.3125 s, give one: nobody knows"):
+        gauss_bench.export("four_bar", "casadi", tmp_path / "other.py", scenario="torque", tuned=True)
+    assert [x.name for x in tmp_path.iterdir()] == ["script.py"]
 
 
 def test_what_cannot_be_held_is_said_to_be_missed() -> None:

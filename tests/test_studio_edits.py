@@ -317,3 +317,17 @@ def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, m
     assert not list((tmp_path / "cache").rglob(pen.session.autosave.file.stem + "*")), "what was taken is let go"
     assert after.scene("new")["picture"] is None
     assert not list((tmp_path / "cache").rglob("*.picture"))
+
+
+def test_an_edit_that_continues_another_is_undone_with_it(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.pin(0.0, 0.0, ground=True)
+    alone = pen.session.text
+    held = pen.pin(0.3, 0.0, ground=True)
+    pen.ask("add_bar", **{"from": {"pin": held}, "to": {"at": [0.3, 0.2]}, "continues": True})
+    drawn = pen.session.text
+    assert len(pen.now["links"]) == 1
+    pen.ask("undo")
+    assert pen.session.text == alone
+    pen.ask("redo")
+    assert pen.session.text == drawn

@@ -392,6 +392,25 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 
 @pytest.mark.slow
+def test_a_damper_is_no_spring_and_a_spring_no_damper(page: Page) -> None:
+    page.use("Ground pivot", A)
+    page.use("Bar", A, B)
+    page.use("Damper", B, (0.2, 0.12))
+    page.use("Spring", B, (-0.2, 0.12))
+    page.button("Share").click()
+    _, text = page.download("Linkage file")
+    page.page.keyboard.press("Escape")
+    damper, spring = tomllib.loads(text.decode())["forces"].values()
+    assert damper["c"] > 0 == damper["k"]
+    assert spring["k"] > 0 == spring.get("c", 0.0)
+    drawn = page.places()
+    page.button("Undo").click()  # the spring and the pivot that was made for it
+    page.settled()
+    assert page.page.locator("[data-force]").count() == 1
+    assert len(page.places()) == len(drawn) - 1
+
+
+@pytest.mark.slow
 def test_a_length_that_does_not_close_is_said_in_place(page: Page) -> None:
     four_bar(page)
     page.button("Select").click()
@@ -433,19 +452,23 @@ def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, fo
     go("v", "R6", "U3")  # the joint of the first bar and the coupler
     assert page.page.locator(".properties h2").inner_text() == "Pin"
     before, revision = page.places(), page.revision()
-    page.page.keyboard.down("ArrowLeft")
-    for _ in range(4):
-        press("ArrowLeft")
+    for _ in range(5):
+        page.page.keyboard.down("ArrowLeft")
+    page.page.keyboard.up("ArrowLeft")
     page.changed(revision)
     moved = page.places()
     assert sum(moved[x] != before[x] for x in before) == 2
     assert page.revision() == revision + 1
+    for _ in range(3):  # however fast one is after the other
+        press("ArrowRight")
+    page.changed(revision + 3)
     press("m")
+    moved = page.places()
     press("ArrowUp")
-    page.changed(revision + 1)
+    page.changed(revision + 4)
     assert sum(page.places()[x] != moved[x] for x in moved) == 1
     press("Control+z")
-    page.changed(revision + 2)
+    page.changed(revision + 5)
     assert page.places() == moved
     press("v")
 

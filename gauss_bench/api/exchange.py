@@ -175,22 +175,28 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:
     """The largest step that holds OPEN and MOTION by half, or else the one that comes nearest, by the search of `recommend`.
 
+    A motion that cannot be known for so long, as a chaotic one, is judged over a quarter of the time, and a quarter of that.
+
     Raises:
         ExchangeError: no run comes to an end, or the motion is not known well enough to judge by.
     """
-    until = min(max(mechanism.duration, SHORTEST), LONGEST)
-    own, named = Budget(budget / SEARCHED), f"{mechanism.source}: {mechanism.name}"  # what is for the race is searched too
+    until, own = min(max(mechanism.duration, SHORTEST), LONGEST), Budget(budget / SEARCHED)  # what is for the race is searched too
+    shortest, named = until / 16, f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
     wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}
-    try:
-        with Recommender(Run(linkage, mechanism, until), wanted, space, own, told) as recommender:
-            truth = recommender.search().truth
-            (answer,) = recommender.answers({})
-    except NoTruth as reason:
-        raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
+    while True:
+        try:
+            with Recommender(Run(linkage, mechanism, until), wanted, space, own, told) as recommender:
+                truth = recommender.search().truth
+                (answer,) = recommender.answers({})
+            break
+        except NoTruth as reason:
+            if until <= shortest or own.left() <= 0:
+                raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
+            told(f"not known over {until:g} s: {reason}")
+            until, own = until / 4, Budget(own.left())
     if not (answer.steps and answer.errors):
         raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
     errors, bar = answer.errors, max(truth.bars["position"], truth.bars["angle"])
-    motion = max(errors["position"], errors["angle"])
-    step = until / answer.steps
+    motion, step = max(errors["position"], errors["angle"]), until / answer.steps
     return Tuning(kind.settings, kind.integrator, step, until, errors[LOOPS], motion, truth.told, bar, OPEN, MOTION)

@@ -127,7 +127,10 @@ def share(session: Session, message: Message) -> Reply:
 def make_edit(session: Session, message: Message) -> Reply:
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.tried(session, message), session.locks)}
-    made = steps.edit(session, message)
+    before = session.text
+    made = steps.edit(session, {k: x for k, x in message.items() if k != "continues"})
+    if message.get("continues") is True and session.text != before:
+        session.join()
     return {"made": made} | shown(session)
 
 

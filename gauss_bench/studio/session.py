@@ -104,6 +104,11 @@ class Session:
         self.text, self.locks = text, locks
         self._changed()
 
+    def join(self) -> None:
+        """Make one step of the last two of the history."""
+        if len(self.done) > 1:
+            self.done.pop()
+
     def undo(self) -> None:
         if self.done:
             self.undone.append((self.text, self.locks))

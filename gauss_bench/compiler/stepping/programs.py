@@ -18,7 +18,7 @@ from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, alig
 from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
-from gauss_bench.compiler.stepping.steps import REACHES
+from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
 
 
@@ -186,16 +186,17 @@ class StraightLinePrograms:
         return self.runners.get((k, integrator)) or self._made(k, integrator)
 
     def _made(self, k: int, integrator: str) -> Stepper:
-        code, reaches = self.codes[k], REACHES[integrator]
+        code = self.codes[k]
+        every = reaches(code, integrator)
 
         def loaded(count: int) -> Loaded:
-            made = cache(lambda: bodies(code, integrator, reaches[:count]))
+            made = cache(lambda: bodies(code, integrator, every[:count]))
             return Loaded(lambda many: rollout(made(), many), self.target)
 
         if self.target.backend == "numpy":
             stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
         else:
-            stepper = Stepper(loaded(1), loaded(len(reaches)) if len(reaches) > 1 else None)
+            stepper = Stepper(loaded(1), loaded(len(every)) if len(every) > 1 else None)
         self.runners[k, integrator] = stepper
         return stepper
 

@@ -117,6 +117,16 @@ REACHES = {
 }
 
 
+# steps of a millisecond turn farther than the first reach and are corrected no more than within it: there one correction is enough
+ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
+
+
+def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
+    """Those that a program's steps go through, the shortest first."""
+    first, *others = REACHES[integrator]
+    return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """The values of a step.

@@ -21,19 +21,32 @@ const cursor = signal<XY | null>(null); // the keyboard's cross, in the world
 const reshaped = signal<{ pin: string; at: XY } | null>(null);
 
 // Dragging: the newest place only, the next one when the last answer has come.
-let drag: { on: boolean; next: XY | null; waiting: boolean; ended: null | boolean } | null = null;
+let drag: { on: boolean; next: XY | null; waiting: boolean; ended: null | boolean; over: () => void } | null = null;
+let going = 0; // drags that are not over
+let last = Promise.resolve(); // until the drag before is over: the server knows one at a time
 
 async function beginDrag(pin: string, at: XY): Promise<void> {
   still();
-  const mine = { on: false, next: null as XY | null, waiting: true, ended: null as boolean | null };
+  const before = last;
+  let over = (): void => undefined;
+  going += 1;
+  last = new Promise((done) => {
+    over = () => {
+      going -= 1;
+      done();
+    };
+  });
+  const mine = { on: false, next: null as XY | null, waiting: true, ended: null as boolean | null, over };
   drag = mine;
   frames.value = { solved: 0, ms: 0, jump: 0 };
+  await before;
   try {
     await ask("drag_begin", { pin, at });
     mine.on = true;
   } catch (error) {
     say((error as Error).message, "error");
     if (drag === mine) drag = null;
+    over();
     return;
   }
   mine.waiting = false;
@@ -69,7 +82,8 @@ async function pull(mine: NonNullable<typeof drag>): Promise<void> {
     } catch (error) {
       say((error as Error).message, "error");
     }
-    dragged.value = null;
+    if (!drag) dragged.value = null;
+    mine.over();
   }
 }
 
@@ -83,12 +97,12 @@ function endDrag(keep: boolean): void {
 const movable = (pin: Pin): boolean => !pin.ground && scene.value!.status.assembles && (scene.value!.status.dof ?? 0) > 0;
 
 // Arrow keys pull the chosen pin for as long as one is held: many steps, one drag.
-let led: { pin: string; at: XY } | null = null;
+let led: { pin: string; at: XY; held: boolean } | null = null;
 
 function lead(pin: Pin, by: XY): void {
-  if (!led || led.pin !== pin.id || !drag) {
-    const at = placed.value!.pin(pin);
-    led = { pin: pin.id, at };
+  if (!led?.held || led.pin !== pin.id || !drag) {
+    const at = going && led?.pin === pin.id ? led.at : placed.value!.pin(pin); // what was tapped before may not be on show yet
+    led = { pin: pin.id, at, held: true };
     void beginDrag(pin.id, at);
   }
   led.at = [led.at[0] + by[0], led.at[1] + by[1]];
@@ -97,8 +111,9 @@ function lead(pin: Pin, by: XY): void {
 }
 
 function leave(): void {
-  if (led) endDrag(true);
-  led = null;
+  if (!led?.held) return;
+  endDrag(true);
+  led.held = false;
 }
 
 // A pin that is put elsewhere: the links are shown as they would be, again the newest place only.

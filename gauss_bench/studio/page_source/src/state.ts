@@ -83,9 +83,11 @@ export const ghosted = computed(() =>
 );
 export const chosen = (kind: Picked["kind"], id: string): boolean => selection.value.some((p) => p.kind === kind && p.id === id);
 
-/** Says a sentence in the status line, which screen readers read aloud. */
+/** Says a sentence in the status line, which screen readers read aloud; what is no error goes by itself. */
 export function say(text: string, level: "error" | "info" = "info"): void {
-  said.value = { text, level };
+  const word = { text, level };
+  said.value = word;
+  if (level === "info") setTimeout(() => said.value === word && (said.value = null), 6000);
 }
 
 /** Runs a request and says its refusal instead of throwing it. */

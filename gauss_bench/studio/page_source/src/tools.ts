@@ -2,7 +2,7 @@
 import { batch, signal } from "@preact/signals";
 import { apart, direction, fromSegment } from "./geometry";
 import type { Target } from "./hit";
-import type { XY } from "./protocol";
+import type { Reply, XY } from "./protocol";
 import { edit, placed, say, scene, selection, still } from "./state";
 
 export type ToolId = "select" | "reshape" | "ground" | "bar" | "link" | "slider" | "spring" | "damper" | "torque" | "force" | "cylinder" | "observe" | "picture";
@@ -17,9 +17,17 @@ export interface Tool {
   make?: (picks: Target[]) => Promise<unknown>;
 }
 
+let begun = false; // of several edits that one tool makes the later ones continue the first: they are undone together
+
+async function change(verb: string, what: object): Promise<Reply | null> {
+  const reply = await edit(verb, begun ? { ...what, continues: true } : what);
+  begun ||= reply !== null;
+  return reply;
+}
+
 /** The pin that an edit makes; null where it was refused. */
 async function made(verb: string, what: object): Promise<string | null> {
-  const reply = await edit(verb, what);
+  const reply = await change(verb, what);
   const ids = (reply?.made ?? []) as string[];
   return ids.find((id) => id.startsWith("pins."))?.slice(5) ?? null;
 }
@@ -62,7 +70,7 @@ async function connectTwo(type: string, picks: Target[], values: object): Promis
     }
     held.push(at.pin);
   }
-  return edit("add_force", { type, a: held[0], b: held[1], ...values });
+  return change("add_force", { type, a: held[0], b: held[1], ...values });
 }
 
 async function slider(picks: Target[]): Promise<unknown> {
@@ -76,10 +84,10 @@ async function slider(picks: Target[]): Promise<unknown> {
     const bars = body.bars.map(([a, b]) => [points.get(a)!, points.get(b)!] as [XY, XY]);
     bars.sort((p, q) => fromSegment(guide.at, ...p).distance - fromSegment(guide.at, ...q).distance);
     const [a, b] = bars[0] ?? [guide.at, block.at];
-    return edit("add_slide", { ...what, guide: on, through: a, angle_deg: (direction(a, b) * 180) / Math.PI });
+    return change("add_slide", { ...what, guide: on, through: a, angle_deg: (direction(a, b) * 180) / Math.PI });
   }
   const turned = (direction(block.at, guide.at) * 180) / Math.PI;
-  return edit("add_slide", { ...what, guide: "ground", through: block.at, angle_deg: Number(turned.toFixed(6)) });
+  return change("add_slide", { ...what, guide: "ground", through: block.at, angle_deg: Number(turned.toFixed(6)) });
 }
 
 async function force(picks: Target[]): Promise<unknown> {
@@ -92,12 +100,12 @@ async function force(picks: Target[]): Promise<unknown> {
     say("A force needs a point of a moving link: click on a bar or a pin first.", "error");
     return null;
   }
-  return edit("add_force", { type: "force", point, value });
+  return change("add_force", { type: "force", point, value });
 }
 
 async function torque(picks: Target[]): Promise<unknown> {
   const link = linkOf(picks[0]!);
-  if (link) return edit("add_force", { type: "torque", link, value: 1 });
+  if (link) return change("add_force", { type: "torque", link, value: 1 });
   say("A torque needs a link: click on one of its bars.", "error");
   return null;
 }
@@ -110,7 +118,7 @@ async function observe(picks: Target[]): Promise<unknown> {
     return null;
   }
   const point = pointOf(pick.pin ?? (await made("add_point", { link, at: pick.at })) ?? "");
-  return point && edit("observe", { point, on: !scene.value!.observe.includes(point) });
+  return point && change("observe", { point, on: !scene.value!.observe.includes(point) });
 }
 
 export const TOOLS: Tool[] = [
@@ -122,7 +130,7 @@ export const TOOLS: Tool[] = [
     key: "g",
     help: "A pin that is fixed to the ground. Click a place, or a pin that shall be fixed.",
     asks: ["Click where the ground holds a pin"],
-    make: ([pick]) => (pick!.pin !== null ? edit("ground", { pin: pick!.pin, on: true }) : edit("add_pin", { at: pick!.at, ground: true })),
+    make: ([pick]) => (pick!.pin !== null ? change("ground", { pin: pick!.pin, on: true }) : change("add_pin", { at: pick!.at, ground: true })),
   },
   {
     id: "bar",
@@ -132,7 +140,7 @@ export const TOOLS: Tool[] = [
     asks: ["Click where the bar starts", "Click where it ends"],
     make: async (picks) => {
       const [from, to] = await ends(picks);
-      return edit("add_bar", { from, to });
+      return change("add_bar", { from, to });
     },
   },
   {
@@ -142,7 +150,7 @@ export const TOOLS: Tool[] = [
     help: "A rigid link with three or more joints. Click its corners; Enter or a click on the first ends it.",
     asks: ["Click the first corner", "Click the second corner", "Click the third corner", "Another corner, or Enter to end"],
     open: true,
-    make: async (picks) => edit("add_link", { points: await ends(picks) }),
+    make: async (picks) => change("add_link", { points: await ends(picks) }),
   },
   {
     id: "slider",
@@ -166,7 +174,7 @@ export const TOOLS: Tool[] = [
     key: "d",
     help: "A damper between two points.",
     asks: ["Click one end of the damper", "Click its other end"],
-    make: (picks) => connectTwo("spring_damper", picks, { c: 5 }),
+    make: (picks) => connectTwo("damper", picks, {}),
   },
   { id: "torque", name: "Torque", key: "t", help: "A torque on a link, such as a motor's.", asks: ["Click the link that is turned"], make: torque },
   { id: "force", name: "Force", key: "f", help: "A force on a point of a link.", asks: ["Click the point it acts on", "Click where it pulls to"], make: force },
@@ -223,7 +231,12 @@ export function finish(): void {
   }
   picks.value = [];
   if (hand.id === "picture") pictureScaled.value?.(list[0]!.at, list[1]!.at);
-  else busy = busy.then(() => hand.make?.(list));
+  else {
+    busy = busy.then(() => {
+      begun = false;
+      return hand.make?.(list);
+    });
+  }
 }
 
 /** Esc: first the pick in hand, then the tool, then the selection. */
