@@ -17,7 +17,7 @@ from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
 from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
 from gauss_bench.atlas.table import page, row, rows_of
-from gauss_bench.atlas.verdict import PASSES, Found, Verdict, decided
+from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decided
 from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import load_document
@@ -129,7 +129,7 @@ def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tu
 def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family = FAMILIES["size"]
     verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
-    answer = {value: Found(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
+    answer = {value: RunVerdict(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
     monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: answer[value])
     found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
     ends = min(passing + degraded, 7)
@@ -142,7 +142,7 @@ def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypat
 
 def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
-    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: Found(said.get(value, Verdict.OPEN), 0.0, "no time"))
+    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time"))
     found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
     assert row(found)["breaks_at"] is None
@@ -152,7 +152,7 @@ def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.Monk
 
 def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["redundancy"], {0.0: Verdict.PASS}
-    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: Found(said.get(value, Verdict.CANNOT), 0.0, "rows"))
+    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.CANNOT), 0.0, "rows"))
     found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
     assert (found.passes_to, found.last) == (0.0, Verdict.CANNOT)
     assert sentence(found) == "passes to 0; then cannot: rows"

@@ -50,14 +50,14 @@ class Budget:
 def waited() -> dict[str, float]:
     """Thread of this process and of those that it has started -> seconds in which it was ready to run and did not."""
     own = Path(f"/proc/{os.getpid()}/task")
-    found: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     with contextlib.suppress(OSError):
         threads = [own / name for name in os.listdir(own)]
         children = [Path("/proc", name) for x in threads for name in _read(x / "children").split()]
         for place in (*threads, *children):
             with contextlib.suppress(ValueError, IndexError):
-                found[place.name] = int(_read(place / "schedstat").split()[1]) * 1e-9
-    return found
+                seconds[place.name] = int(_read(place / "schedstat").split()[1]) * 1e-9
+    return seconds
 
 
 def _read(path: Path) -> str:

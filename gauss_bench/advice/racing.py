@@ -50,6 +50,6 @@ def raced_there(
         else:
             round_time += taken
     rounds = int(min(max((deadline - time.time()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
-    found = race.run(rounds).samples
-    told = [{"way": list(way), "seconds": x.tolist()} for way, x in found.items() if isinstance(way, Way)]
+    measured = race.run(rounds).samples
+    told = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.items() if isinstance(way, Way)]
     return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

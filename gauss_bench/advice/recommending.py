@@ -93,10 +93,10 @@ class _Engine:
 
     def passing(self) -> dict[Way, Trial]:
         """Ways that hold, by their work from small to large; ties in the order of trying."""
-        found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
+        holding = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         return {
             way._replace(size=trial.size): trial
-            for way, trial in sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
+            for way, trial in sorted(holding.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
         }
 
     def next(self) -> Variant:
@@ -174,15 +174,15 @@ class Recommender:
         Raises:
             NoTruth: there is nothing good enough to judge by.
         """
-        found = self._truth()
+        truth = self._truth()
         for kind, limit in self.wanted.items():
-            if kind in found.bars and not found.bars[kind] <= KNOWN * limit:
-                known = f"the true motion is known to {found.bars[kind]:.1e} {UNITS[kind]} only"
-                raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {found.told}")
-        self.truth = found
-        self.longest = TURNED / max(float(np.abs(found.reference.v[:, 2::3]).max()), 1e-9)
-        share = max(found.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in found.halving)
-        self.first = self.run.until / (found.steps * (share / HALF.limit) ** (1 / ORDER))
+            if kind in truth.bars and not truth.bars[kind] <= KNOWN * limit:
+                known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
+                raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
+        self.truth = truth
+        self.longest = TURNED / max(float(np.abs(truth.reference.v[:, 2::3]).max()), 1e-9)
+        share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
         self._failures = failures
@@ -193,7 +193,7 @@ class Recommender:
                 lane.join(0.2)
         if not failures.empty():
             raise failures.get()
-        return Searched(found, {name: x.trials for name, x in self.engines.items()})
+        return Searched(truth, {name: x.trials for name, x in self.engines.items()})
 
     def _truth(self) -> Truth:
         """What runs are judged by, found in the worker of the engine that is compiled for it anyway."""
@@ -299,13 +299,13 @@ class Recommender:
         limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
         engine.ran = True
         request = request_of(self.run, way, adaptive, wanted)
-        found = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
-        trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, found)
+        ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
+        trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
         if trial.status is not Status.OK:
             return trial
         errors = dict(trial.errors)
-        if LOOPS in self.wanted and found.trajectory is not None:
-            errors[LOOPS] = float(drift(self.judge, found.trajectory).position.max())
+        if LOOPS in self.wanted and ran.trajectory is not None:
+            errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
         shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
         return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)

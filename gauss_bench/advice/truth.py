@@ -107,8 +107,8 @@ def truth(
     """
     budget = left()
 
-    def serves(found: "_Followed | None") -> bool:
-        return found is not None and found.best is not None and all(found.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
+    def serves(followed: "_Followed | None") -> bool:
+        return followed is not None and followed.best is not None and all(followed.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
 
     with Worker() as aside:
         compiled = None
@@ -204,13 +204,13 @@ class _Followed(threading.Thread):
 
     def _compared(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
         """Take the finer run where it is better; whether there is no need to go on, or no use."""
-        found = _compared(self._run, judge, coarse, finer, steps, self._engine)
-        known = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in found.bars)
+        truth = _compared(self._run, judge, coarse, finer, steps, self._engine)
+        known = ", ".join(f"{truth.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in truth.bars)
         self._told(f"truth: {2 * steps} steps by {self._engine}, known to {known}")
-        if self.best is not None and all(found.bars[k] >= self.best.bars[k] for k in ("position", "angle")):
+        if self.best is not None and all(truth.bars[k] >= self.best.bars[k] for k in ("position", "angle")):
             return True  # rounding
-        self.best = found
-        served = all(found.bars.get(k, 0.0) <= x for k, x in self._wanted.items())
+        self.best = truth
+        served = all(truth.bars.get(k, 0.0) <= x for k, x in self._wanted.items())
         self.quick = served and steps == COARSEST[self._engine]
         self.looked.set()
         return served
@@ -220,11 +220,11 @@ class _Followed(threading.Thread):
         left = self._left()
         if self.enough or left <= 0:
             return None
-        found = _run(self._run, self._engine, steps, left, self._worker)
-        if isinstance(found, str):
-            self.reason = found
+        ran = _run(self._run, self._engine, steps, left, self._worker)
+        if isinstance(ran, str):
+            self.reason = ran
             return None
-        return found
+        return ran
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
@@ -234,8 +234,8 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
     request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, steps, 0))
-    found = run_apart(request, run.mechanism, limit, worker, again=True)
-    return found.trajectory or found.message
+    ran = run_apart(request, run.mechanism, limit, worker, again=True)
+    return ran.trajectory or ran.message
 
 
 def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
@@ -249,19 +249,19 @@ def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, 
     none = np.zeros(len(kept[0]))
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
     t, q, v, _ = kept
-    found = Reference(t, q, v, true, none, none, none, none, none, none, how)
-    errors, gaps = state_errors(run.mechanism, coarse, found), _gaps(judge, fine)
+    reference = Reference(t, q, v, true, none, none, none, none, none, none, how)
+    errors, gaps = state_errors(run.mechanism, coarse, reference), _gaps(judge, fine)
     bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
-    force = float(joint_force_errors(judge, coarse, found).max())
+    force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    bars = {kind: x + _between_bar(found, kind) + gaps for kind, x in bars.items()}
-    return Truth(found, halving | bars, halving, steps, False, how)
+    bars = {kind: x + _between_bar(reference, kind) + gaps for kind, x in bars.items()}
+    return Truth(reference, halving | bars, halving, steps, False, how)
 
 
 def _gaps(judge: Evaluator, fine: Trajectory) -> float:
     """How far joints have opened [m, rad]."""
-    found: Drift = drift(judge, fine)
-    return float(found.position.max())
+    opened: Drift = drift(judge, fine)
+    return float(opened.position.max())
 
 
 def _between_bar(known: Reference, kind: str) -> float:
@@ -274,7 +274,7 @@ def _between_bar(known: Reference, kind: str) -> float:
     return float(missed[:, columns if kind == "angle" else ~columns].max(initial=0.0)) / SIXTH
 
 
-def _certified(run: Run, judge: Evaluator, found: Truth) -> Truth:
+def _certified(run: Run, judge: Evaluator, truth: Truth) -> Truth:
     """The same truth with what a certificate says of it.
 
     Raises:
@@ -282,12 +282,12 @@ def _certified(run: Run, judge: Evaluator, found: Truth) -> Truth:
     """
     certificate = certified_reference(run.mechanism, run.until)
     if certificate is None:
-        return found
-    q, v = between(found.reference, certificate.t)
+        return truth
+    q, v = between(truth.reference, certificate.t)
     errors = state_errors(run.mechanism, Trajectory(certificate.t, q, v, certificate.a, 0), certificate)
     own = float(np.fmax(certificate.error_q, certificate.floor_q).max())
     off = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
-    if max(off.values()) > 1e3 * max(found.bars["position"], found.bars["angle"], own):
+    if max(off.values()) > 1e3 * max(truth.bars["position"], truth.bars["angle"], own):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
-    bars = {**found.bars, **{kind: max(x, found.bars[kind] / 256) + own for kind, x in off.items()}}
-    return replace(found, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {found.told}")
+    bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + own for kind, x in off.items()}}
+    return replace(truth, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {truth.told}")

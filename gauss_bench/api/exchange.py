@@ -76,21 +76,21 @@ def export(
     mechanism = load(linkage, scenario)
     countable(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    found = written(linkage, mechanism.scenario, engine, step or STEP)
+    model = written(linkage, mechanism.scenario, engine, step or STEP)
     tuning = None
     if tuned:
         tuning = tune(linkage, mechanism, KINDS[engine], seconds, told)
-        found = written(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
-    write_text(path, found["text"])
+        model = written(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
+    write_text(path, model["text"])
     return Export(
         engine=engine,
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
         file=str(path),
         what=KINDS[engine].what,
-        bytes=len(found["text"].encode()),
+        bytes=len(model["text"].encode()),
         step=tuning.step if tuning else step or STEP,
-        left_out=tuple(found["left_out"]),
+        left_out=tuple(model["left_out"]),
         tuning=tuning,
     )
 
@@ -114,16 +114,16 @@ def answered(
         ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
     """
     try:
-        found = worker.call(function, arguments, limit)
+        answer = worker.call(function, arguments, limit)
     except WorkerFailure as failure:
         raise ExchangeError(f"{file}: {failure}") from failure
-    match found:
+    match answer:
         case {"refused": str(sentence)}:
             raise ExchangeError(sentence)
         case {"missing": str(sentence), "library": str(library)}:
             raise MissingExtra(sentence, name=library)
         case dict():
-            return found
+            return answer
     raise ExchangeError(f"{file}: the process that should answer did not")
 
 
@@ -162,9 +162,9 @@ def import_model(
     path = writable(out, replace)
     told(f"{model}")
     with Worker() as worker:
-        found = answered(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
-    write_text(path, found["text"])
-    return Import(str(model), found["kind"], str(path), path.stem, found["links"], found["dof"], tuple(found["left_out"]))
+        linkage = answered(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
+    write_text(path, linkage["text"])
+    return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], tuple(linkage["left_out"]))
 
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:

@@ -107,7 +107,7 @@ def recommend(
     spaces = {x.name: variants(x, settings) for x in offered}
     run = Run(linkage, mechanism, end)
     with Recommender(run, wanted, spaces, seconds, told, better) as recommender:
-        found = recommender.search()
+        searched = recommender.search()
         answers = recommender.answers(recommender.race())
         with ThreadPoolExecutor(LANES) as lanes:
             answers = list(lanes.map(lambda x: with_snippet(recommender, x), answers))
@@ -116,9 +116,9 @@ def recommend(
         scenario=mechanism.scenario,
         until=end,
         required=wanted,
-        truth=found.truth.told,
-        certified=found.truth.certified,
-        known=found.truth.bars,
+        truth=searched.truth.told,
+        certified=searched.truth.certified,
+        known=searched.truth.bars,
         answers=tuple(answers),
         advice=advice(answers, wanted),
         remarks=tuple(remarks(run, answers)),
@@ -137,10 +137,10 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
     try:
         needs_library = answer.engine in WRITERS
-        found = recommender.asked(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
+        program = recommender.asked(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
     except WorkerFailure as failure:
-        found = {"refused": str(failure)}
-    match found:
+        program = {"refused": str(failure)}
+    match program:
         case {"text": str(text)}:
             return replace(answer, snippet=text)
         case {"refused": str(reason)} | {"missing": str(reason)}:
@@ -160,13 +160,13 @@ def required(**limits: float | None) -> dict[str, float]:
     Raises:
         ChoiceError: nothing is, or an error that is no positive number.
     """
-    found = {kind: x for kind, x in limits.items() if x is not None}
-    if not found:
+    wanted = {kind: x for kind, x in limits.items() if x is not None}
+    if not wanted:
         raise ChoiceError("say what is required: --position, --angle or --force")
-    for kind, x in found.items():
+    for kind, x in wanted.items():
         if not (math.isfinite(x) and x > 0):
             raise ChoiceError(f"the {kind} error that is allowed must be a positive number of {UNITS[kind]}, not {x:g}")
-    return found
+    return wanted
 
 
 def ordered() -> list[str]:
@@ -183,29 +183,29 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         engine.require_settings(settings)
         own = Known(engine.settings | {k: dict(x.options) for k, x in engine.variants.items()}, [*engine.options], engine.options)
         options = own.resolved(settings)
-        found = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
+        tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
-        found = space(engine)
-    found = [x for x in found if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
+        tried = space(engine)
+    tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
     rank = {name: k for k, name in enumerate(engine.first)}
     if rank:
-        return sorted(found, key=lambda x: rank.get(x.name, len(rank)))
+        return sorted(tried, key=lambda x: rank.get(x.name, len(rank)))
     return sorted(
-        found, key=lambda x: (FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none")
+        tried, key=lambda x: (FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none")
     )
 
 
 def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
     """What has to be known besides."""
-    found = []
+    sentences = []
     if run.mechanism.drivers:
         names = ", ".join(d.name for d in run.mechanism.drivers)
         free = "nothing is left to move freely" if run.mechanism.dof == len(run.mechanism.drivers) else "the rest moves freely"
-        found.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
+        sentences.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
     short = [x.engine for x in answers if not x.complete]
     if short:
-        found.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
-    return found
+        sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
+    return sentences
 
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:

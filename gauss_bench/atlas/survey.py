@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family
-from gauss_bench.atlas.verdict import Found, Verdict, decided
+from gauss_bench.atlas.verdict import RunVerdict, Verdict, decided
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.toml import toml
@@ -178,9 +178,9 @@ def performed(request: Request, mechanism: Mechanism, limit: float, worker: Work
 
 def reach(way: Way, family: Family, course: Course, worker: Worker, until: float) -> Reach:
     """How far one way goes along one axis, as far as that can be told before the time `until` of the monotonic clock [s]."""
-    runs: dict[int, Found] = {}
+    runs: dict[int, RunVerdict] = {}
 
-    def at(i: int) -> Found:
+    def at(i: int) -> RunVerdict:
         if i not in runs:
             runs[i] = looked_at(way, family, family.values[i], course, worker, until)
         return runs[i]
@@ -219,14 +219,14 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, until: float
     )
 
 
-def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, until: float) -> Found:
+def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, until: float) -> RunVerdict:
     """One run of one way at one value."""
     left = until - time.monotonic()
     if left <= 0:
-        return Found(Verdict.OPEN, reason="not reached within the budget")
+        return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
     mechanism, reference = course.at(family, value, worker)
     if isinstance(reference, str):
-        return Found(Verdict.OPEN, reason=reference)
+        return RunVerdict(Verdict.OPEN, reason=reference)
     choice = Choice(way.settings, way.integrator, way.stabilization, family.step(value))
     request = Request(mechanism.source, SCENARIO, way.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
     run = performed(request, mechanism, LIMIT, worker)

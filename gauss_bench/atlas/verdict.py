@@ -40,7 +40,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Found:
+class RunVerdict:
     """The verdict on one run.
 
     Attributes:
@@ -53,16 +53,16 @@ class Found:
     reason: str = ""
 
 
-def decided(mechanism: Mechanism, run: Run, reference: Reference) -> Found:
+def decided(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
     """The verdict on a run against a reference."""
     if run.status is Status.SKIP:
-        return Found(Verdict.CANNOT, reason=run.message)
+        return RunVerdict(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:
-        return Found(Verdict.FAILED, reason=f"{run.status}: {run.message}")
+        return RunVerdict(Verdict.FAILED, reason=f"{run.status}: {run.message}")
     size = mechanism.size
     bar = float(np.max(reference.error_q, initial=0.0))
     if not bar <= KNOWN * PASSES * min(1.0, size):
-        return Found(Verdict.OPEN, reason=f"the reference is known to {bar:.1e} alone")
+        return RunVerdict(Verdict.OPEN, reason=f"the reference is known to {bar:.1e} alone")
     with np.errstate(all="ignore"):
         evidence = examine(Evaluator(mechanism), run.trajectory, reference, acceleration_error(mechanism, run.trajectory))
     errors = evidence.errors
@@ -70,7 +70,7 @@ def decided(mechanism: Mechanism, run: Run, reference: Reference) -> Found:
     error = max(float(errors.length.max(initial=0.0)) / size, float(errors.angle.max(initial=0.0)))
     verdict = judge(evidence)
     if not verdict.valid:
-        return Found(Verdict.FAILED, error, verdict.sentence)
+        return RunVerdict(Verdict.FAILED, error, verdict.sentence)
     if error > PASSES:
-        return Found(Verdict.DEGRADED, error, f"off by {error:.1e} of the size or rad")
-    return Found(Verdict.PASS, error)
+        return RunVerdict(Verdict.DEGRADED, error, f"off by {error:.1e} of the size or rad")
+    return RunVerdict(Verdict.PASS, error)

@@ -22,7 +22,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import Offer, offer
-from gauss_bench.runs.one_run import Run as OneRun
+from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.processor_time import timed as processor_time
 from gauss_bench.terms import Array
@@ -91,7 +91,7 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
-def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: OneRun) -> Trial:
+def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
     """The largest errors of a run at the times that it has in common with the truth."""
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)

@@ -71,17 +71,17 @@ def told(reference: Reference) -> Trajectory:
     return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
 
 
-def off(found: float, expected: float, tolerance: float) -> bool:
+def off(figure: float, expected: float, tolerance: float) -> bool:
     """Whether a figure is not what it must be; what is no number is not."""
-    return not abs(found - expected) <= tolerance * max(1.0, abs(expected))
+    return not abs(figure - expected) <= tolerance * max(1.0, abs(expected))
 
 
 def acceleration_error(which: tuple[str, str], altered: Mechanism, engine: str = "gauss") -> float:
     """Median relative error of a formulation on a linkage, at states of the true one."""
     x = states(which)
     model = Interpreted(engine).build(altered, Choice(integrator="rk4"))
-    found = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
-    return float(np.median(metrics.relative_acceleration_error(found, x.a)))
+    accelerations = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
+    return float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))
 
 
 def gated(figures: dict[str, float | str], baseline: dict[str, float | str]) -> str | None:
@@ -134,16 +134,16 @@ def formulations() -> str | None:
                 continue
             for k in range(4):
                 terms = evaluator.terms(0.0, x.q[k], x.v[k])
-                found = solve(terms)
+                solution = solve(terms)
                 scale = float(np.abs(x.a[k]).max())
-                if not np.abs(found.a - x.a[k]).max() <= AGREES * scale:
+                if not np.abs(solution.a - x.a[k]).max() <= AGREES * scale:
                     return f"{name}: accelerations are not those of {which[0]}"
-                if found.multipliers is not None:
-                    left = terms.M @ found.a + terms.J.T @ found.multipliers - terms.Q
+                if solution.multipliers is not None:
+                    left = terms.M @ solution.a + terms.J.T @ solution.multipliers - terms.Q
                     if not np.abs(left).max() <= AGREES * max(1.0, float(np.abs(terms.Q).max()), scale):
                         return f"{name}: multipliers do not balance the forces"
-                if found.rank != len(terms.J):
-                    return f"{name}: rank {found.rank} of {len(terms.J)} independent rows"
+                if solution.rank != len(terms.J):
+                    return f"{name}: rank {solution.rank} of {len(terms.J)} independent rows"
     return None
 
 
@@ -158,9 +158,9 @@ def integrators() -> str | None:
 
     for name, order in ORDERS.items():
         few = 3 if order > 4 else 20
-        found = math.log2(max(run(fixed_step.STEPS[name], few), 1e-300) / max(run(fixed_step.STEPS[name], 2 * few), 1e-300))
-        if off(found, order, 0.1):
-            return f"{name} converges by order {found:.2f}, not {order}"
+        observed = math.log2(max(run(fixed_step.STEPS[name], few), 1e-300) / max(run(fixed_step.STEPS[name], 2 * few), 1e-300))
+        if off(observed, order, 0.1):
+            return f"{name} converges by order {observed:.2f}, not {order}"
     return None
 
 
@@ -229,7 +229,7 @@ def forces() -> str | None:
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = linkage(which), truth(which)
         evaluator, sound = Evaluator(mechanism), told(reference)
-        found = metrics.joint_forces(evaluator, sound)
+        by_joint = metrics.joint_forces(evaluator, sound)
         own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
         for link in range(len(mechanism.links)):
             total, moment = np.zeros((len(reference.t), 2)), np.zeros(len(reference.t))
@@ -238,7 +238,7 @@ def forces() -> str | None:
                 for point, sign in ((first, -1.0), (second, 1.0)):
                     if point.link != link:
                         continue
-                    given = found[joint.name]
+                    given = by_joint[joint.name]
                     force = sign * np.stack([given["fx"], given["fy"]], axis=1)
                     theta = reference.q[:, 3 * link + 2]
                     arm = np.exp(1j * theta) * complex(*second.local) if point is second else _arm(reference.q, link, second, first)
@@ -283,8 +283,8 @@ def judged() -> str | None:
         judging.Subject.COMPLETENESS: judging.completeness(replace(sound, t=sound.t + 1e-6), sound.t, mechanism.n),
         judging.Subject.NUMBERS: judging.completeness(replace(sound, v=sound.v * np.nan), sound.t, mechanism.n),
     }
-    for subject, found in spoilt.items():
-        if subject not in [x.subject for x in found.objections]:
+    for subject, judgement in spoilt.items():
+        if subject not in [x.subject for x in judgement.objections]:
             return f"the judge does not object to {subject}"
     short = judging.completeness(replace(sound, q=sound.q[:, :-1]), sound.t, mechanism.n)
     return "the judge takes a state without its last coordinate" if short.valid else None
@@ -319,10 +319,10 @@ def recipe() -> str | None:
 
 def certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificate], alter: Alteration) -> str | None:
     """The first samples of a certificate, verified against a linkage."""
-    found = verify(spoilt(opening(certificate(which))), alter(linkage(which)))
-    if found.passed:
+    verification = verify(spoilt(opening(certificate(which))), alter(linkage(which)))
+    if verification.passed:
         return None
-    return f"the certificate of {which[0]} does not hold: states {found.state_error:.1e}, balance {found.balance_error:.1e}"
+    return f"the certificate of {which[0]} does not hold: states {verification.state_error:.1e}, balance {verification.balance_error:.1e}"
 
 
 def opening(whole: Certificate) -> Certificate:

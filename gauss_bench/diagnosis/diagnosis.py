@@ -141,11 +141,11 @@ def diagnose_runs(
     told("the differences")
     with np.errstate(all="ignore"):
         case = Case(run, own, Truth(own, reference), seen, choices, adaptive, projected)
-        cause, sentence, found = case.verdict()
+        cause, sentence, explanations = case.verdict()
         numbers = case.numbers()
         failed = next((f"{status}: {message}" for status, message in ended if status is not Status.OK), "")
         sentence = f"{sentence} (a run ended early: {failed})" if failed else sentence
-        return Verdict(cause, sentence, case.parts(cause, numbers), numbers, tuple(found), ended)
+        return Verdict(cause, sentence, case.parts(cause, numbers), numbers, tuple(explanations), ended)
 
 
 class Case:
@@ -188,8 +188,8 @@ class Case:
         if not matters:
             return self._small()
         for asked in (self._turns, self._order, self._still, self._jump, self._velocities, self._length, self._other_times):
-            if found := asked():
-                return (*found, [])
+            if answer := asked():
+                return (*answer, [])
         return self._by_steps()
 
     def _small(self) -> tuple[Cause, str, list[Explained]]:
@@ -200,13 +200,13 @@ class Case:
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
             return Cause.NONE, said + self._what_there_is(), []
-        found = self._explained(last.told, self.sound[-1])
+        explanations = self._explained(last.told, self.sound[-1])
         wrong = f"the motion is right to {self.error:.1e} (m, rad), but the accelerations told are off by {last.relative_told:.1e}"
-        if found and found[0].share >= EXPLAINS:
-            return found[0].cause, f"{wrong}: {found[0].sentence}", found
+        if explanations and explanations[0].share >= EXPLAINS:
+            return explanations[0].cause, f"{wrong}: {explanations[0].sentence}", explanations
         if self.closure.held > 0.8:
-            return Cause.SOFTNESS, f"{wrong}, as forces are that yield in soft constraints", found
-        return Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", found
+            return Cause.SOFTNESS, f"{wrong}, as forces are that yield in soft constraints", explanations
+        return Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations
 
     def _what_there_is(self) -> str:
         return f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
@@ -227,8 +227,8 @@ class Case:
         start = self.first.start
         told = States(*(np.concatenate(x) for x in zip(_arrays(start), _arrays(self.first.at[early]), strict=True)))
         true = self.truth.at(told.t)
-        found = samples.order(self.own.mechanism, true, told)
-        return None if found is None else (Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left")
+        order = samples.order(self.own.mechanism, true, told)
+        return None if order is None else (Cause.ORDER, f"{order.sentence}; in order, {order.left:.1%} of the error is left")
 
     def _velocities(self) -> tuple[Cause, str] | None:
         """Velocities that are not those by which the positions told move from step to step."""
@@ -244,9 +244,9 @@ class Case:
         if samples.stands_still(self.true, self.first.at):
             last = self.local[-1]
             if self.own.mechanism.drivers and last is not None:  # an engine may stand still because it knows of no acceleration
-                found = self._explained(last.told, self.sound[-1])
-                if found and found[0].share >= EXPLAINS and found[0].cause is Cause.SECOND_RATE:
-                    return Cause.SECOND_RATE, f"{found[0].sentence}, so that the linkage stands still"
+                explanations = self._explained(last.told, self.sound[-1])
+                if explanations and explanations[0].share >= EXPLAINS and explanations[0].cause is Cause.SECOND_RATE:
+                    return Cause.SECOND_RATE, f"{explanations[0].sentence}, so that the linkage stands still"
             return Cause.STATIONARY, "the samples stand still while the linkage moves"
         return None
 
@@ -274,27 +274,27 @@ class Case:
         """A pin elsewhere than in the file: gaps that turn with its link, whatever the step."""
         if len(self.bursts) < 2 or not self.closure.opened[-1] > SMALL / 10:
             return None
-        found = misplaced(self.own, self.bursts[0].at, self.bursts[-1].at)
-        if found is None or self.closure.held**2 >= found.share:
+        pin = misplaced(self.own, self.bursts[0].at, self.bursts[-1].at)
+        if pin is None or self.closure.held**2 >= pin.share:
             return None
         gap = f"loops stay open by {self.closure.opened[-1]:.1e} (m, rad) by the file's dimensions, whatever the step"
-        return Cause.LENGTH, f"{found.sentence}: {gap}; that explains {share_words(found.share)} of it"
+        return Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {share_words(pin.share)} of it"
 
     def _other_times(self) -> tuple[Cause, str] | None:
         """A start that is another, or samples of other times: both with steps that are sound."""
         h = self.first.step
         for stretch in (False, True):
-            found = samples.time_map(self.truth, self.first.at, stretch)
-            if found is None or not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
+            time_map = samples.time_map(self.truth, self.first.at, stretch)
+            if time_map is None or not (self._as_steps_go(time_map, stretch) and self._steps_are_sound(time_map)):
                 continue
-            left = f"so read, {found.left:.1%} of the error is left"
-            if not stretch and abs(found.shift) > 1e-3 * h:
-                self.map, when = found, "later" if found.shift > 0 else "earlier"
-                said = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
+            left = f"so read, {time_map.left:.1%} of the error is left"
+            if not stretch and abs(time_map.shift) > 1e-3 * h:
+                self.map, when = time_map, "later" if time_map.shift > 0 else "earlier"
+                said = f"the samples are those of {abs(time_map.shift):.3g} s {when} ({abs(time_map.shift) / h:.3g} steps)"
                 return Cause.SHIFT, f"{said}; {left}"
-            if stretch and abs(found.rate - 1) > 1e-6:
-                self.map = found
-                return Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}"
+            if stretch and abs(time_map.rate - 1) > 1e-6:
+                self.map = time_map
+                return Cause.STRETCH, f"the samples are those of {time_map.rate:.6g} times their time; {left}"
         if by := self._late_from_the_first_step():
             said = f"the first step leads {abs(by):.3g} s too {'far' if by > 0 else 'short'} and no other does"
             return Cause.SHIFT, f"{said}: later samples are those of {abs(by) / h:.3g} steps {'later' if by > 0 else 'earlier'}"
@@ -304,7 +304,7 @@ class Case:
             return Cause.START, f"the run begins at another state, {off:.1e} (m, rad, or as much a second times the run) off"
         return None
 
-    def _as_steps_go(self, found: samples.TimeMap, stretch: bool) -> bool:
+    def _as_steps_go(self, time_map: samples.TimeMap, stretch: bool) -> bool:
         """Whether a finer run is off in time as much as a map says, or by as many steps; an integrator is not."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -313,15 +313,15 @@ class Case:
         if again is None:
             return False
         if stretch:
-            return abs(again.rate - 1) > abs(found.rate - 1) / 2
-        return abs(again.shift) > 0.8 * abs(found.shift) * finest.step / self.first.step
+            return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
+        return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _late_from_the_first_step(self) -> float:
         """The shift [s] of all samples but the start, told by the first step of every run; 0 where there is none.
 
         It shows where the integrator's error hides it from a map of time: a first step that leads too far, and no other.
         """
-        found = []
+        shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
@@ -332,19 +332,19 @@ class Case:
             left = float(np.linalg.norm(off - steps * slope)) / max(float(np.linalg.norm(off)), 1e-300)
             if not (LEAST_LATE < abs(steps) < MOST_LATE and left < MOST and x.relative_moved < abs(steps) / 5):
                 return 0.0
-            found.append(steps * b.step)
-        same = abs(found[-1]) > 0.8 * abs(found[0]) * self.bursts[-1].step / self.bursts[0].step
-        return found[0] if same else 0.0
+            shifts.append(steps * b.step)
+        same = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
+        return shifts[0] if same else 0.0
 
-    def _steps_are_sound(self, found: samples.TimeMap) -> bool:
+    def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
         """Whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
 
         Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
         """
         last = self.local[-1]
-        if found.left < NOTHING or last is None:
-            return found.left < NOTHING
-        by_rate = abs(found.rate - 1)
+        if time_map.left < NOTHING or last is None:
+            return time_map.left < NOTHING
+        by_rate = abs(time_map.rate - 1)
         return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
 
     def _by_steps(self) -> tuple[Cause, str, list[Explained]]:
@@ -379,26 +379,26 @@ class Case:
         if last is None:
             return Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at", []
         y = last.told if last.relative_told > 0.3 * last.relative_moved else last.moved
-        found = self._explained(y, states)
-        if found and found[0].share >= EXPLAINS:
-            share = share_words(found[0].share)
-            said = f"{found[0].sentence}; that explains {share} of its wrong accelerations{self._alike(found)}"
-            return found[0].cause, said, found
+        explanations = self._explained(y, states)
+        if explanations and explanations[0].share >= EXPLAINS:
+            share = share_words(explanations[0].share)
+            said = f"{explanations[0].sentence}; that explains {share} of its wrong accelerations{self._alike(explanations)}"
+            return explanations[0].cause, said, explanations
         stays = f"{limit:.1e} (m, rad) of error stay however short the step is"
         if self.closure.stays and self.closure.opened[-1] > SMALL / 10:
             gap = f"the loops stay open by {self.closure.opened[-1]:.1e} (m, rad) at {self.closure.joint} however short the step is"
             yields = f", yielding {self.closure.compliance:.1e} m/N" if self.closure.held > 0.8 else ""
-            return Cause.SOFTNESS, f"soft constraints: {gap}{yields}", found
+            return Cause.SOFTNESS, f"soft constraints: {gap}{yields}", explanations
         off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
         several = self._several(y, states)
         if several >= EXPLAINS:
             said = f"several parameters together explain {share_words(several)} of it, none alone"
-            return Cause.SEVERAL, f"{stays}: {off}; {said}", found
-        return Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", found
+            return Cause.SEVERAL, f"{stays}: {off}; {said}", explanations
+        return Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations
 
-    def _alike(self, found: list[Explained]) -> str:
-        left = max(1 - found[0].share, 1e-12)
-        others = [x.sentence for x in found[1:] if 1 - x.share <= AS_GOOD * left][:3]
+    def _alike(self, explanations: list[Explained]) -> str:
+        left = max(1 - explanations[0].share, 1e-12)
+        others = [x.sentence for x in explanations[1:] if 1 - x.share <= AS_GOOD * left][:3]
         return f" (this motion does not tell it from: {'; '.join(others)})" if others else ""
 
     def _explained(self, y: Array, b: Burst) -> list[Explained]:
@@ -456,9 +456,9 @@ class Case:
         """What there is besides, where the step hides it."""
         last, limit = self.local[-1], split.size(self.steps.limit)
         if last is not None and last.relative_told > SOUND:
-            found = self._explained(last.told, self.sound[-1])
-            if found and found[0].share >= EXPLAINS:
-                return f"; beside it, {found[0].sentence}"
+            explanations = self._explained(last.told, self.sound[-1])
+            if explanations and explanations[0].share >= EXPLAINS:
+                return f"; beside it, {explanations[0].sentence}"
         if limit > max(SMALL, split.size(self.steps.by_step) / 10):
             return f"; {limit:.1e} (m, rad) would stay however short the step is"
         return ""
@@ -468,10 +468,10 @@ class Case:
         if self.projected is None:
             return 1.0
         at = self.first.at.t[: self.steps.horizon]
-        found = self.run(self.projected, sampled(self.first.step, at)).trajectory
-        if found is None:
+        trajectory = self.run(self.projected, sampled(self.first.step, at)).trajectory
+        if trajectory is None:
             return 1.0
-        b = burst(self.projected, at, found)
+        b = burst(self.projected, at, trajectory)
         return split.size(b.at.q - self.truth.at(b.at.t).q) / split.size(self.off[: self.steps.horizon])
 
     def _stale(self) -> Explained | None:

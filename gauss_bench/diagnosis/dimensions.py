@@ -48,8 +48,7 @@ class Misplaced:
 
 def misplaced(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
     """The pin that explains all gaps of two runs alike, whose steps differ; None where none does."""
-    found = [_explained(own, x) for x in (coarse, fine)]
-    one, other = found
+    one, other = (_explained(own, x) for x in (coarse, fine))
     if one is None or other is None or (one.joint, one.link) != (other.joint, other.link):
         return None
     apart = np.hypot(*(np.array(one.off) - np.array(other.off)))
@@ -82,6 +81,6 @@ def _turning(gap: Array, theta: Array) -> tuple[Array, float]:
     b = np.concatenate([gap[:, 0], gap[:, 1]])
     if np.ptp(theta) < TURNS:
         return np.zeros(2), float(b @ b)
-    found = np.linalg.lstsq(A, b, rcond=None)[0]
-    left = b - A @ found
-    return found[:2], float(left @ left)
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    left = b - A @ solution
+    return solution[:2], float(left @ left)

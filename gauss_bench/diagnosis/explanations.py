@@ -75,8 +75,8 @@ def explained(y: Array, mass: Array, some: Iterator[Explanation]) -> list[Explai
     """All explanations of differences y (k, n) of accelerations, the best first; none of what has no effect."""
     root = np.sqrt(mass)
     target = (y * root).ravel()
-    found = [x for one in some if (x := _fitted(one, target, root)) is not None]
-    return sorted(found, key=lambda x: -x.share)
+    explanations = [x for one in some if (x := _fitted(one, target, root)) is not None]
+    return sorted(explanations, key=lambda x: -x.share)
 
 
 def _fitted(one: Explanation, target: Array, root: Array) -> Explained | None:

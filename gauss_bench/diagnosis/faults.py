@@ -114,8 +114,8 @@ class FaultyModel(InterpretedModel):
             self.q[k + 1], self.v[k + 1] = q, v
 
     def read(self) -> Trajectory:
-        found = replace(super().read(), t=self.asked)
-        return self.fault.read(found, self.true)
+        trajectory = replace(super().read(), t=self.asked)
+        return self.fault.read(trajectory, self.true)
 
 
 class Faulty(Interpreted):
@@ -260,29 +260,29 @@ def stretched(times: Array, step: float) -> Array:
     return times * 1.01
 
 
-def standing_still(found: Trajectory, mechanism: Mechanism) -> Trajectory:
-    return replace(found, q=0 * found.q + found.q[0], v=0 * found.v, a=0 * found.a)
+def standing_still(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+    return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
-def within_a_turn(found: Trajectory, mechanism: Mechanism) -> Trajectory:
-    q = found.q.copy()
+def within_a_turn(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+    q = trajectory.q.copy()
     q[:, 2::3] = (q[:, 2::3] + np.pi) % (2 * np.pi) - np.pi
-    return replace(found, q=q)
+    return replace(trajectory, q=q)
 
 
-def backwards(found: Trajectory, mechanism: Mechanism) -> Trajectory:
-    return replace(found, v=-found.v)
+def backwards(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+    return replace(trajectory, v=-trajectory.v)
 
 
-def links_in_another_order(found: Trajectory, mechanism: Mechanism) -> Trajectory:
+def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """The first two links change places."""
     order = np.arange(mechanism.n).reshape(-1, 3)
     order[[0, 1]] = order[[1, 0]]
     columns = order.ravel()
-    return replace(found, q=found.q[:, columns], v=found.v[:, columns], a=found.a[:, columns])
+    return replace(trajectory, q=trajectory.q[:, columns], v=trajectory.v[:, columns], a=trajectory.a[:, columns])
 
 
-def breadth_first_joints(found: Trajectory, mechanism: Mechanism) -> Trajectory:
+def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """Joint coordinates of a library that lists joints level by level, read as if it listed them branch by branch."""
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
@@ -291,9 +291,9 @@ def breadth_first_joints(found: Trajectory, mechanism: Mechanism) -> Trajectory:
     order = sorted(range(tree.n), key=lambda k: depth[tree.branches[k].link])
     if order == list(range(tree.n)):
         order = order[::-1]
-    y, dy = tree.relative(found.q, found.v)
+    y, dy = tree.relative(trajectory.q, trajectory.v)
     q, v, a = tree.absolute(y[:, order], dy[:, order], 0 * dy)
-    return replace(found, q=q, v=v, a=a)
+    return replace(trajectory, q=q, v=v, a=a)
 
 
 CRANK_SLIDER, DRIVEN = ("crank_slider", "paper"), ("four_bar", "cycloid")

@@ -79,14 +79,14 @@ def sampled(step: float, at: Array) -> Sampling:
     return sampling_at(step, whole * step)
 
 
-def burst(choice: Choice, at: Array, found: Trajectory) -> Burst:
+def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
     """The bursts around those checkpoints that a trajectory has reached."""
-    whole = np.round(found.t / choice.step).astype(int)
+    whole = np.round(trajectory.t / choice.step).astype(int)
     wanted = np.round(at / choice.step).astype(int)
     wanted = wanted[wanted + 1 <= whole[-1]]
-    x = States(found.t, found.q, found.v)
+    x = States(trajectory.t, trajectory.q, trajectory.v)
     before, here, after = (np.searchsorted(whole, wanted + k) for k in (-1, 0, 1))
-    return Burst(choice.step, choice.tolerance, x[:1], x[1:2], x[before], x[here], x[after], found.a[here])
+    return Burst(choice.step, choice.tolerance, x[:1], x[1:2], x[before], x[here], x[after], trajectory.a[here])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +112,10 @@ def observe(run: Runner, choices: Sequence[Choice], until: float, told: Callable
     for choice in choices:
         told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
         runs.append(run(choice, sampled(choice.step, at)))
-        found = runs[-1].trajectory or runs[-1].reached
-        if found is None and not bursts:
+        trajectory = runs[-1].trajectory or runs[-1].reached
+        if trajectory is None and not bursts:
             break
-        made = None if found is None else burst(choice, at, found)
+        made = None if trajectory is None else burst(choice, at, trajectory)
         if made is None or not len(made.at):
             if not bursts:
                 break

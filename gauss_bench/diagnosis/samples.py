@@ -120,11 +120,11 @@ def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
     best: Order | None = None
     for words, told_columns, true_columns, names in _columns(mechanism, truth, told):
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in told_columns])
-        _, found = linear_sum_assignment(cost)
-        straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), found].sum())
-        wrong = [k for k, x in enumerate(found) if x != k]
+        _, assigned = linear_sum_assignment(cost)
+        straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
+        wrong = [k for k, x in enumerate(assigned) if x != k]
         if wrong and left <= LEFT * straight and (best is None or left / straight < best.left):
-            listed = ", ".join(f"{names[k]} holds {names[found[k]]}" for k in wrong)
+            listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
             best = Order(f"{words} are in another order: {listed}", left / straight)
     return best
 

@@ -96,8 +96,8 @@ def sound_engine(where: tuple[str, str]) -> Check:
     """The diagnosis of an engine without a fault."""
 
     def checked() -> str | None:
-        found = diagnosed(CLEAN, where)
-        return None if found.cause in SOUND else f"an engine without a fault: {found.sentence}"
+        verdict = diagnosed(CLEAN, where)
+        return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
     return checked
 
@@ -135,8 +135,8 @@ def _finding(kind: str, sentence: str, said: str | None) -> Finding:
 
 def _adapters() -> Iterator[Finding]:
     for fault in ENGINES:
-        found = diagnosed(fault)
-        yield Finding(ADAPTERS, fault.sentence, found.cause is fault.cause, f"{found.cause}: {found.sentence}")
+        verdict = diagnosed(fault)
+        yield Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
 def _asked(check: Check) -> str | None:

@@ -88,9 +88,9 @@ def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, .
 def left_out(mechanism: Mechanism) -> tuple[str, ...]:
     """What of the linkage file no exported file holds."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
-    found = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
+    scenarios = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
     still = [f.name for f in mechanism.frictions if f.mu == 0]
-    return (*found, *(f"force {name}, dry friction without a coefficient" for name in still))
+    return (*scenarios, *(f"force {name}, dry friction without a coefficient" for name in still))
 
 
 def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:

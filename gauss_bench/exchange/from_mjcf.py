@@ -87,7 +87,7 @@ class Reader:
         )
 
     def _joints(self) -> tuple[Joint, ...]:
-        x, found = self.x, []
+        x, joints = self.x, []
         for k in range(x["njnt"]):
             kind, element = x["types"]["jnt"][str(int(x["jnt_type"][k]))], self.called("jnt", k, "joint")
             if kind not in ("hinge", "slide"):
@@ -102,8 +102,8 @@ class Reader:
             start, speed = (x["key_qpos"][self.key][at], x["key_qvel"][self.key][dof]) if x["nkey"] else (x["qpos0"][at], 0.0)
             numbers = (float(y) for y in (x["qpos0"][at], start, speed, x["dof_armature"][dof]))
             body = int(x["jnt_bodyid"][k])
-            found.append(Joint(self.name("jnt", k), kind, body, x["xanchor"][k], x["xaxis"][k], *numbers))
-        return tuple(found)
+            joints.append(Joint(self.name("jnt", k), kind, body, x["xanchor"][k], x["xaxis"][k], *numbers))
+        return tuple(joints)
 
     def _site(self, k: int) -> Spot:
         return Spot(self.name("site", k), int(self.x["site_bodyid"][k]), self.x["site_xpos"][k])
@@ -151,13 +151,13 @@ class Reader:
             raise self.refuse(element, "its bodies are not in the pose that it holds, where joints have their reference")
 
     def _springs(self) -> list[Acting]:
-        x, found = self.x, list[Acting]()
+        x, springs = self.x, list[Acting]()
         for k in range(x["njnt"]):
             stiffness, damping = float(x["jnt_stiffness"][k]), float(x["dof_damping"][int(x["jnt_dofadr"][k])])
             if stiffness or damping:
                 rest = float(x["qpos_spring"][int(x["jnt_qposadr"][k])])
-                found.append(OnJoint(f"spring_{self.name('jnt', k)}", k, Straight(stiffness, damping, rest)))
-        return found
+                springs.append(OnJoint(f"spring_{self.name('jnt', k)}", k, Straight(stiffness, damping, rest)))
+        return springs
 
     def _tendon(self, k: int) -> tuple[Spot, Spot] | dict[int, float]:
         """What a tendon goes along: two sites, or joints with their coefficients.
@@ -182,7 +182,7 @@ class Reader:
         return OnSum(name, way, law) if isinstance(way, dict) else Between(name, *way, law)
 
     def _tendons(self) -> list[Acting]:
-        x, found = self.x, list[Acting]()
+        x, tendons = self.x, list[Acting]()
         for k in range(x["ntendon"]):
             element, (low, high) = self.called("tendon", k, "tendon"), x["tendon_lengthspring"][k]
             stiffness, damping = float(x["tendon_stiffness"][k]), float(x["tendon_damping"][k])
@@ -194,8 +194,8 @@ class Reader:
             if x["tendon_limited"][k]:
                 self.dropped.append(f"the range of tendon {self.name('tendon', k)}")
             if stiffness or damping:
-                found.append(self._on_tendon(k, self.name("tendon", k), Straight(stiffness, damping, float(low))))
-        return found
+                tendons.append(self._on_tendon(k, self.name("tendon", k), Straight(stiffness, damping, float(low))))
+        return tendons
 
     def _actuators(self) -> list[Acting]:
         return [self._actuator(k) for k in range(self.x["nu"])]

@@ -62,13 +62,13 @@ class Robot:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
-        found: dict[str, Element] = {}
+        elements: dict[str, Element] = {}
         for node in self.root.findall(tag):
             name = node.get("name")
-            if not name or name in found:
+            if not name or name in elements:
                 raise self.refuse(called(node), "needs a name of its own")
-            found[name] = node
-        return found
+            elements[name] = node
+        return elements
 
     def _end(self, joint: Element, which: str) -> str:
         node = joint.find(which)
@@ -126,11 +126,11 @@ class Robot:
 
     def _dropped(self) -> list[str]:
         counted = {tag: sum(1 for _ in self.root.iter(tag)) for tag in IGNORED}
-        found = [f"{n} <{tag}>" for tag, n in counted.items() if n]
+        ignored = [f"{n} <{tag}>" for tag, n in counted.items() if n]
         limits = [
             name for name, joint in self.joints.items() if joint.find("limit") is not None and joint.get("type") != "continuous"
         ]
-        return [", ".join(found)] * bool(found) + [f"the limits of joint {name}" for name in limits]
+        return [", ".join(ignored)] * bool(ignored) + [f"the limits of joint {name}" for name in limits]
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
         node = self.links[name].find("inertial")

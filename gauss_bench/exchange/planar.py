@@ -309,10 +309,10 @@ class Flattened:
             raise self.refuse(name, "a sum with a slide in it")
         groups = [WORLD, *self.index]
         pairs = ((a, b, sign) for a in groups for b in groups for sign in (1.0, -1.0) if a != b)
-        found = next((x for x in pairs if self._turn(x[0], x[1]) == {k: x[2] * c for k, c in wanted.items()}), None)
-        if found is None:
+        angle = next((x for x in pairs if self._turn(x[0], x[1]) == {k: x[2] * c for k, c in wanted.items()}), None)
+        if angle is None:
             raise self.refuse(name, "a sum of joints that is no angle between two links")
-        a, b, sign = found
+        a, b, sign = angle
         refs = sum(c * self.spatial.joints[k].ref for k, c in joints.items())
         here = self.frame(b)[1] - self.frame(a)[1]
         rest, links = here + sign * (law.rest - refs), [self.names[a], self.names[b]]
@@ -529,15 +529,15 @@ def plane_of(spatial: Spatial) -> Plane:
 
 def named(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
     """Names of letters, digits and underscores, each new."""
-    found: list[str] = []
+    names: list[str] = []
     for name in wanted:
         base = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "x"
         k, chosen = 1, base
-        while chosen in taken or chosen in found:
+        while chosen in taken or chosen in names:
             k += 1
             chosen = f"{base}_{k}"
-        found.append(chosen)
-    return found
+        names.append(chosen)
+    return names
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:

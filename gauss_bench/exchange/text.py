@@ -64,7 +64,7 @@ def _code_point(c: str) -> str:
 
 def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
     """Name -> an identifier of C and Python, each once, and none of the reserved words (blanks between them)."""
-    found: dict[str, str] = {}
+    by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:
         base = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -74,5 +74,5 @@ def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
             k += 1
             chosen = f"{base}_{k}"
         taken.add(chosen)
-        found[name] = chosen
-    return found
+        by_name[name] = chosen
+    return by_name
