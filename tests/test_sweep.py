@@ -174,6 +174,7 @@ def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None
     assert sensitivities(some, -(some.values[:, 1] ** 3))["rank_correlation"]["b"] == pytest.approx(-1.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) -> None:
     """Blocks let go by a stiff spring are at rest after 0.3 ms, of which samples a millisecond apart see nothing."""
     path = tmp_path / "oscillator.toml"

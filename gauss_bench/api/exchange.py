@@ -9,7 +9,7 @@ import numpy as np
 
 from gauss_bench.advice.answer import LOOPS
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SEARCHED, TRUTH, Recommender
+from gauss_bench.advice.recommending import SEARCHED, Recommender
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import writable
 from gauss_bench.api.results import Export, Import, Tuning
@@ -191,10 +191,10 @@ def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: To
                 (answer,) = recommender.answers({})
             break
         except NoTruth as reason:
-            if until <= shortest or own.left(TRUTH) <= 0:
+            if until <= shortest or own.left() <= 0:
                 raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
             told(f"not known over {until:g} s: {reason}")
-            until /= 4
+            until, own = until / 4, Budget(own.left())
     if not (answer.steps and answer.errors):
         raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
     errors, bar = answer.errors, max(truth.bars["position"], truth.bars["angle"])
