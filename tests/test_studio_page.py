@@ -126,6 +126,11 @@ class Page:
             self.page.wait_for_timeout(50)
         raise AssertionError("the server does not answer")
 
+    def fitted(self) -> None:
+        """Waits until the window is fitted to the motion, and once more to the room that its curves leave."""
+        self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
+        self.page.wait_for_timeout(600)
+
     def pixel(self, at: XY) -> XY:
         scale = float(self.canvas.get_attribute("data-scale"))
         x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
@@ -352,8 +357,7 @@ def test_dragging_goes_on_from_where_it_is_and_jumps_to_no_branch(page: Page, ca
     """
     page.template("eight bar")
     page.button("Select").click()
-    page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
-    page.page.wait_for_timeout(600)  # the window is fitted to the motion, and once more to the room that its curves leave
+    page.fitted()
     for moves, answered in ((90, True), (180, False)):
         way = [page.pixel((0.08, 0.0)), page.pixel((0.0, 0.0)), moves, answered]
         found = page.page.evaluate(DRAG, way)
@@ -632,6 +636,7 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
 @pytest.mark.slow
 def test_branches_are_shown_and_taken(page: Page) -> None:
     page.template("four bar")
+    page.fitted()
     before = page.places()
     page.button("Other assemblies").click()
     choices = page.page.locator("dialog ul.chips button")
