@@ -107,8 +107,8 @@ def truth(
     """
     budget = left()
 
-    def serves(followed: "_Followed | None") -> bool:
-        return followed is not None and followed.best is not None and all(followed.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
+    def serves(lane: "_Followed | None") -> bool:
+        return lane is not None and lane.best is not None and all(lane.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
 
     with Worker() as aside:
         compiled = None
@@ -203,7 +203,7 @@ class _Followed(threading.Thread):
             fine, steps = finer, 2 * steps
 
     def _compared(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
-        """Take the finer run where it is better; whether there is no need to go on, or no use."""
+        """Take the finer run where it is better; True where finer ones are not needed, or rounding makes them no better."""
         truth = _compared(self._run, judge, coarse, finer, steps, self._engine)
         known = ", ".join(f"{truth.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in truth.bars)
         self._told(f"truth: {2 * steps} steps by {self._engine}, known to {known}")
@@ -216,7 +216,7 @@ class _Followed(threading.Thread):
         return served
 
     def _taken(self, steps: int) -> Trajectory | None:
-        """So many steps, where there is time and they come to an end."""
+        """The trajectory of so many steps; None where time ends before them, or they fail: `reason` says how."""
         left = self._left()
         if self.enough or left <= 0:
             return None
@@ -228,7 +228,7 @@ class _Followed(threading.Thread):
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """So many steps, or why not; samples at most SAMPLES, every so many whole steps."""
+    """The trajectory of so many steps, every so many of them kept (SAMPLES at most); or a sentence why there is none."""
     every = max(1, math.ceil(steps / SAMPLES))
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)

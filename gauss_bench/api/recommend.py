@@ -196,7 +196,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
 
 
 def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
-    """What has to be known besides."""
+    """Sentences on what the answers do not say: that motion is prescribed, and of which engines not every variant was tried."""
     sentences = []
     if run.mechanism.drivers:
         names = ", ".join(d.name for d in run.mechanism.drivers)

@@ -453,7 +453,7 @@ class Case:
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
     def _beside(self) -> str:
-        """What there is besides, where the step hides it."""
+        """What is wrong beside the error of the step, which hides it: the end of a sentence, empty where nothing is."""
         last, limit = self.local[-1], split.size(self.steps.limit)
         if last is not None and last.relative_told > SOUND:
             explanations = self._explained(last.told, self.sound[-1])

@@ -74,7 +74,7 @@ def fault(kind: str, sentence: str, owner: Any, name: str, made: Callable[[Any],
 
 
 def constant(value: Any) -> Callable[[Any], Any]:
-    """Whatever stood there."""
+    """What makes of anything this value."""
     return lambda _: value
 
 
