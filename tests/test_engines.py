@@ -12,6 +12,7 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.engines import DERIVED, FOREIGN, get, names
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.worker import Worker
@@ -105,6 +106,12 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     found = measure(case, store)["row"]
     assert found["status"] == "skip"
     assert "not installed" in found["message"]
+
+
+def test_what_is_missing_is_said_once_however_often_it_is_told_on() -> None:
+    missing = not_installed(ImportError("no package mujoco", name="mujoco"))
+    assert missing == "not installed: no package mujoco; pip install 'gauss-bench[mujoco]'"
+    assert not_installed(MissingExtra(missing, name="mujoco")) == missing
 
 
 @pytest.mark.parametrize("engine", SOME)

@@ -25,31 +25,32 @@ def raced_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Ways, each with its steps, raced in the process of a worker until `deadline` (time.time); those that matter come first.
+    """Ways, each with its steps, raced in the process of a worker until `deadline`; those that matter come first.
 
     Args:
         samples: of a run by steps of its own choice.
+        deadline: of time.monotonic, which is one clock for all processes and goes on evenly where the time of day jumps.
     """
     run = Run(linkage, load(linkage, scenario), until)
     race, round_time = Race(watching(path)), 0.0
     slow: dict[str, tuple[Way, float]] = {}
     for row in (r for r in rows if r[0] in engines):
         way, steps = Way(*row[:5]), row[5]
-        left = deadline - time.time() - ROUNDS[0] * round_time
+        left = deadline - time.monotonic() - ROUNDS[0] * round_time
         if (race.blocks and left <= 0) or way.engine in slow:
             continue
         race.add(way, paced_run, run, way, int(steps), LEAD, samples)
         if not (race.blocks and race.blocks[-1].entry == way):
             continue
-        begun = time.time()
+        begun = time.monotonic()
         seconds = race.blocks[-1].seconds()
-        taken = time.time() - begun
+        taken = time.monotonic() - begun
         if taken > SLOW:  # far behind all that a race could tell apart: once is enough
             slow[way.engine] = way, seconds
             race.blocks.pop()
         else:
             round_time += taken
-    rounds = int(min(max((deadline - time.time()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
+    rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds).samples
     told = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.items() if isinstance(way, Way)]
     return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

@@ -350,7 +350,7 @@ class Recommender:
         self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
         rows = [[*way, steps] for way, steps in chosen.items()]
         place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
-        deadline = time.time() + self.budget.left(RACED)
+        deadline = time.monotonic() + self.budget.left(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
         try:
             tables, lost = survived(

@@ -22,6 +22,8 @@ class MissingExtra(ImportError):
 
 def not_installed(error: ImportError) -> str:
     """What is missing, and how to install it where one of the extras has it."""
+    if isinstance(error, MissingExtra):
+        return str(error)
     library = (error.name or "").partition(".")[0]
     how = f"; pip install 'gauss-bench[{EXTRAS[library]}]'" if library in EXTRAS else ""
     return f"not installed: {error}{how}"

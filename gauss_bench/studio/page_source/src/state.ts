@@ -207,7 +207,7 @@ async function compute(mine: number): Promise<void> {
       clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
       motionNote.value = motion.value.note ?? "";
     });
-    if (fitting) {
+    if (fitting && !dragged.value) { // whoever has begun to pull keeps the window under the pointer
       fit(scene.value, swept());
       fitted = performance.now();
     }
