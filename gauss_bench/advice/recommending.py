@@ -379,9 +379,9 @@ class Recommender:
             elif ways:
                 chosen[engine.name] = next(iter(ways.items()))
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=lambda x: float(np.quantile(x, 0.25)), default=None)
-        found = [self._held(self.engines[e], *pair, times.get(pair[0]), fastest) for e, pair in chosen.items()]
-        found.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
-        return found + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
+        held = [self._held(self.engines[e], *pair, times.get(pair[0]), fastest) for e, pair in chosen.items()]
+        held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
+        return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
     def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """What a function answers where the engine is, within what is left of the budget and a quarter of it more.

@@ -535,7 +535,7 @@ class Case:
         What the step adds is drift as far as it leaves the constraints, else the integrator's; what is left without a step belongs
         to the cause found, else to the model. Samples of other times, and round-off, are the whole error or none of it.
         """
-        found = dict.fromkeys(Part, 0.0)
+        by_part = dict.fromkeys(Part, 0.0)
         whole = split.size(self.off[: self.steps.horizon])
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in (
             Cause.RESET,
@@ -546,18 +546,18 @@ class Case:
         ):
             part = cause.part or Part.MODEL
             left = self.map.left if self.map and cause.part is Part.SAMPLING else 0.0
-            found[part], found[Part.INTEGRATOR] = whole * (1 - left), whole * left
-            return found
+            by_part[part], by_part[Part.INTEGRATOR] = whole * (1 - left), whole * left
+            return by_part
         drift = min(self.closure.share * whole, numbers.step_error) if not self.closure.stays else 0.0
-        found[Part.DRIFT] = drift
-        found[Part.INTEGRATOR] = float(np.sqrt(max(0.0, numbers.step_error**2 - drift**2)))
+        by_part[Part.DRIFT] = drift
+        by_part[Part.INTEGRATOR] = float(np.sqrt(max(0.0, numbers.step_error**2 - drift**2)))
         if cause is Cause.SOFTNESS and numbers.step_error > numbers.limit_error:
-            found[Part.SOFTNESS], found[Part.INTEGRATOR], found[Part.DRIFT] = numbers.step_error, 0.0, 0.0
+            by_part[Part.SOFTNESS], by_part[Part.INTEGRATOR], by_part[Part.DRIFT] = numbers.step_error, 0.0, 0.0
         rest = Part.SOFTNESS if cause is Cause.SOFTNESS else Part.MODEL
         told = max(3 * numbers.bar, numbers.step_error / 4)  # less than this is what Richardson's extrapolation leaves
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or numbers.limit_error > told:
-            found[rest] += numbers.limit_error
-        return found
+            by_part[rest] += numbers.limit_error
+        return by_part
 
 
 def _arrays(x: States) -> tuple[Array, Array, Array]:

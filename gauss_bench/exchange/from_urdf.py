@@ -87,12 +87,12 @@ class Robot:
         if node is None or text is None:
             return np.array(usual, dtype=float)
         try:
-            found = np.array([float(x) for x in text.split()])
+            parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
             raise self.refuse(called(node), f"{key}={text!r}: no numbers") from error
-        if len(found) != count or not np.isfinite(found).all():
+        if len(parsed) != count or not np.isfinite(parsed).all():
             raise self.refuse(called(node), f"{key}={text!r}: {count} finite number{'s' * (count > 1)} wanted")
-        return found
+        return parsed
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
         """Shift (3,) and turn (3, 3) of an element's <origin>."""

@@ -191,11 +191,11 @@ def simulate(end=END, step=STEP):
     def rate(t, x):
         return np.concatenate([x[n:], acceleration(t, x[:n], x[n:])])
 
-    found = solve_ivp(rate, (0.0, end), np.concatenate([Y0, DY0]), "DOP853", times, rtol={rtol!r}, atol={atol!r})
-    if not found.success:
-        raise RuntimeError(found.message)
+    solution = solve_ivp(rate, (0.0, end), np.concatenate([Y0, DY0]), "DOP853", times, rtol={rtol!r}, atol={atol!r})
+    if not solution.success:
+        raise RuntimeError(solution.message)
     rows = []
-    for t, x in zip(times, found.y.T):
+    for t, x in zip(times, solution.y.T):
         q, T = absolute(x[:n])
         rows.append([t, *q, *(T @ x[n:])])
     return rows

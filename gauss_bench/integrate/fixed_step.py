@@ -128,12 +128,12 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
 
     Where the times are multiples of `step`, as exactly as times can be told, the size is `step`; elsewhere a little less.
     """
-    found = []
+    counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
         count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))
         whole = abs(gap - count * step) <= ROUNDING * end
-        found.append((count, step if whole else float(gap) / count))
-    return found
+        counts.append((count, step if whole else float(gap) / count))
+    return counts
 
 
 class Stretch(NamedTuple):

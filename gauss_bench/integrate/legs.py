@@ -50,16 +50,16 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
 
 def _met(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
     """The kinks that the steps meet: the step that one begins, or the one that it is in, with all that are in it."""
-    found: dict[int, list[float]] = {}
+    met: dict[int, list[float]] = {}
     for kink in kinks:
         nearest = round((kink - t0) / h)
         at = t0 + nearest * h
         if abs(kink - at) <= ROUNDING * max(abs(kink), abs(t0), h):
             if 0 < nearest < n:
-                found.setdefault(nearest, [])
+                met.setdefault(nearest, [])
         elif t0 < kink < t0 + n * h:
-            found.setdefault(nearest - (kink < at), []).append(kink)
-    return sorted(found.items())
+            met.setdefault(nearest - (kink < at), []).append(kink)
+    return sorted(met.items())
 
 
 def _whole(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:

@@ -63,9 +63,9 @@ def unpacked(content: bytes) -> Any:
         size = math.prod(shape) * dtype.itemsize
         if size > len(left):
             raise NoAnswer("it holds less than its arrays need")
-        found = np.frombuffer(left[:size], dtype).reshape(shape).copy()
+        array = np.frombuffer(left[:size], dtype).reshape(shape).copy()
         left = left[size:]
-        return found
+        return array
 
     try:
         return json.loads(text.decode(), object_hook=restored)

@@ -140,10 +140,10 @@ def _told(request: Request, engine: Any, mechanism: Mechanism) -> dict[str, Any]
 
 def plain_run(run: Run) -> dict[str, Any]:
     """A run as plain data, as `outcome_of` takes it."""
-    found = run.trajectory or run.reached
+    trajectory = run.trajectory or run.reached
     told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
-    return told | {"answer": answer, "trajectory": None if found is None else asdict(found)}
+    return told | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
 def outcome_of(answer: object) -> Outcome:
@@ -151,9 +151,9 @@ def outcome_of(answer: object) -> Outcome:
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             told = rest.get("answer")
-            found = told if isinstance(told, np.ndarray) else None
+            said = told if isinstance(told, np.ndarray) else None
             built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
-            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), found, built, seconds)
+            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), said, built, seconds)
     return Outcome(Status.ERROR, "what the engine's process answered is no run")
 
 
@@ -164,7 +164,7 @@ def _seconds(x: object) -> float:
 def _trajectory(x: object) -> Trajectory | None:
     match x:
         case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
-            found = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
-            if len(found) == 1 + len(LEVELS):
-                return Trajectory(found[0], found[1], found[2], found[3], steps, evaluations, note)
+            samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
+            if len(samples) == 1 + len(LEVELS):
+                return Trajectory(samples[0], samples[1], samples[2], samples[3], steps, evaluations, note)
     return None

@@ -19,10 +19,10 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     """
     if until is not None and until > (most := MOST_SAMPLES * 1e-3):
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
-    found = next(x for x in (until, suite, own) if x is not None)
-    if not (math.isfinite(found) and found > 0):
-        raise ChoiceError(f"the end of a run must be a positive number of seconds, not {found:g}")
-    return found
+    end = next(x for x in (until, suite, own) if x is not None)
+    if not (math.isfinite(end) and end > 0):
+        raise ChoiceError(f"the end of a run must be a positive number of seconds, not {end:g}")
+    return end
 
 
 def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:

@@ -167,15 +167,15 @@ def _told(name: str, answer: object) -> Offer:
     from pydantic import TypeAdapter, ValidationError  # which an engine's process, where offers are made, does not need
 
     try:
-        found = TypeAdapter(Offer).validate_python(answer)
+        offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
         return _broken(name, TypeError("it does not describe itself"))
-    words = (found.version, found.reason, *found.settings, *found.integrators, *found.stabilizations, *found.adaptive)
+    words = (offer.version, offer.reason, *offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive)
     if odd := next((word for word in words if not word.isprintable()), ""):
         return _broken(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
-    if found.usable and not (found.settings and found.integrators and found.stabilizations):
+    if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _broken(name, TypeError("it does not describe itself"))
-    return replace(found, name=name)
+    return replace(offer, name=name)
 
 
 def describe(name: str) -> Offer:

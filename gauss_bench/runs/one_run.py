@@ -92,10 +92,10 @@ def _sampled(step: float, grid: Array, more: Sequence[float]) -> Sampling:
         k = int(np.searchsorted(grid, x))
         if all(abs(x - y) > near + 1e-14 * x for y in [*grid[max(0, k - 1) : k + 1], times[-1]]):
             times.append(x)
-    found = np.unique(times)
-    counts = step_counts(found, step)
+    distinct = np.unique(times)
+    counts = step_counts(distinct, step)
     short = sum(count for count, h in counts if h < step * (1 - 1e-6))
-    return Sampling(found, step, sum(count for count, _ in counts), short)
+    return Sampling(distinct, step, sum(count for count, _ in counts), short)
 
 
 Asked = Callable[[Model], object]

@@ -45,7 +45,7 @@ def decides(truth: Reference, mechanism: Mechanism) -> bool:
 def evidence_of(
     mechanism: Mechanism,
     choice: Choice,
-    found: Trajectory,
+    trajectory: Trajectory,
     truth: Reference | None,
     finer: Run | None,
     acceleration_off: float | None = None,
@@ -56,45 +56,45 @@ def evidence_of(
         finer: the same run at half the step, where no truth decides.
         acceleration_off: median relative error of its accelerations at given states; found at the run's own where not given.
     """
-    off = acceleration_error(mechanism, found) if acceleration_off is None else acceleration_off
-    evidence = examine(Evaluator(mechanism), found, truth, off)
+    off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
+    evidence = examine(Evaluator(mechanism), trajectory, truth, off)
     if truth is not None or (finer is not None and finer.trajectory is not None):  # else nothing would decide
-        evidence = replace(evidence, seen=seen(mechanism, found, evidence))
+        evidence = replace(evidence, seen=seen(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
-        evidence = replace(evidence, disagreement=disagreement(mechanism, found))
+        evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
     if finer is None:
         return evidence, ""
-    rate = fastest_rate(mechanism, found)
+    rate = fastest_rate(mechanism, trajectory)
     evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
     if finer.trajectory is None:
         return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
     other = as_truth(finer.trajectory)
-    part = "" if len(other.t) == len(found.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
-    return replace(evidence, halving=metrics.state_errors(mechanism, found, other)), part
+    part = "" if len(other.t) == len(trajectory.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
+    return replace(evidence, halving=metrics.state_errors(mechanism, trajectory, other)), part
 
 
-def as_truth(found: Trajectory) -> Reference:
+def as_truth(trajectory: Trajectory) -> Reference:
     """A second run in the place of a truth, without error bars of its own."""
-    none = np.zeros(len(found.t))
-    return Reference(found.t, found.q, found.v, found.a, none, none, none, none, none, none, "half the step")
+    none = np.zeros(len(trajectory.t))
+    return Reference(trajectory.t, trajectory.q, trajectory.v, trajectory.a, none, none, none, none, none, none, "half the step")
 
 
-def seen(mechanism: Mechanism, found: Trajectory, evidence: Evidence) -> Array | None:
+def seen(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
     """Energy gained beyond the work (k,) [J] as far as samples can tell it, where that changes what is said of it; else None.
 
     Samples further apart than the quickest damping takes to act do not see what it takes.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
-    modes = modes_along(mechanism, found)
+    modes = modes_along(mechanism, trajectory)
     fastest = max((float(-x.real.min(initial=0.0)) for x in modes), default=0.0)
-    return metrics.without_loss(found.t, evidence.energy, 1.0 / fastest) if fastest > 0 else None
+    return metrics.without_loss(trajectory.t, evidence.energy, 1.0 / fastest) if fastest > 0 else None
 
 
 def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Angular frequency [rad/s] of the fastest oscillation that a linkage can make about its motion, or None if not to be told."""
-    found = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
-    return float(np.median(found)) if found else None
+    rates = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
+    return float(np.median(rates)) if rates else None
 
 
 def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
@@ -103,7 +103,7 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
-    found = []
+    modes = []
     for k in np.unique(np.linspace(0, len(trajectory.t) - 1, LOOKED_AT).round().astype(int)):
         t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
         try:
@@ -113,10 +113,10 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
             a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
             parts = [N.T @ np.array(x).T / (2 * MOVED) for x in (a_q, a_v)] if N.size else [np.zeros((0, 0))] * 2
-            found.append(_modes(*parts))
+            modes.append(_modes(*parts))
         except FAILURES:
             continue
-    return found
+    return modes
 
 
 def _free(J: Array, n: int) -> Array:

@@ -138,8 +138,8 @@ class Worker:
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise WorkerFailure(Status.CRASHED, f"the process died with {how}{said}") from error
         match answer:
-            case ["ok", found]:
-                return found
+            case ["ok", returned]:
+                return returned
             case ["raised", str(text)]:
                 raise WorkerFailure(Status.ERROR, in_a_sentence(text))
         raise WorkerFailure(Status.ERROR, "the worker gave no answer")
@@ -200,8 +200,8 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
             raise EOFError
         buffer += part
         if not headed and len(buffer) >= HEADER.size:
-            found, length = HEADER.unpack(buffer[: HEADER.size])
-            if found != token:
+            received, length = HEADER.unpack(buffer[: HEADER.size])
+            if received != token:
                 raise SpoiltAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
                 raise SpoiltAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
@@ -239,14 +239,14 @@ def _end_all(mark: str) -> None:
     """End every process that a worker or one within it has started, by its mark: one in a session of its own outlives its group."""
     sign, own = f"{MARK}={mark}".encode(), str(os.getpid())
     for _ in range(ROUNDS):
-        found = 0
+        ended = 0
         with contextlib.suppress(OSError):
             for name in os.listdir("/proc"):
                 if name.isdigit() and name != own and _has(name, sign):
                     with contextlib.suppress(ProcessLookupError, PermissionError):
                         os.kill(int(name), signal.SIGKILL)
-                        found += 1
-        if not found:
+                        ended += 1
+        if not ended:
             return
         time.sleep(0.01)  # until they are gone, and none has started another meanwhile
 

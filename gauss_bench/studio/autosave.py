@@ -94,7 +94,7 @@ class Autosave:
 
     def left(self) -> Left | None:
         """What a process that is no more left of this document: the newest; whatever is spoilt is as if it were not there."""
-        found = []
+        saved = []
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
                 with suppress(OSError, ValueError, KeyError, TypeError):
@@ -105,8 +105,8 @@ class Autosave:
                     text, locks, process = said["text"], said["locks"], int(said["process"])
                     sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
-                        found.append((status.st_mtime, Left(path, text, tuple(locks), _picture(pictured(path)))))
-        return max(found, key=lambda x: x[0])[1] if found else None
+                        saved.append((status.st_mtime, Left(path, text, tuple(locks), _picture(pictured(path)))))
+        return max(saved, key=lambda x: x[0])[1] if saved else None
 
 
 def pictured(file: Path) -> Path:

@@ -54,9 +54,9 @@ def written(text: str, document: Document) -> str:
     try:
         kept = tomlkit.parse(text)
         _change(kept, tomllib.loads(text), document, 0)
-        found = tomlkit.dumps(kept)
-        if tomllib.loads(found) == document:
-            return found
+        changed = tomlkit.dumps(kept)
+        if tomllib.loads(changed) == document:
+            return changed
     except (TOMLKitError, ValueError, KeyError, TypeError, AttributeError, IndexError):
         pass  # a spelling of tables that cannot be changed in place: it is written anew below
     return tomlkit.dumps(_fresh(document, 0))

@@ -60,10 +60,10 @@ def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
     """Where the linkage goes with the pointer."""
     target, began = np.array(place(message.get("at"))), time.perf_counter()
     with np.errstate(all="ignore"):
-        found = dragging.drag.to(target, STEPS)
+        moved = dragging.drag.to(target, STEPS)
     ms = 1e3 * (time.perf_counter() - began)
-    poses = dragging.reading.poses(found.q)
-    return {"poses": poses, "reached": found.reached, "apart": found.apart, "ms": ms, "note": found.note or None}
+    poses = dragging.reading.poses(moved.q)
+    return {"poses": poses, "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": moved.note or None}
 
 
 def assembled(reading: Reading, word: str) -> Mechanism:

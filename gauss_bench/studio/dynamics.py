@@ -20,8 +20,8 @@ BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] to look for a recommendation
 
 def engines_here() -> list[dict[str, Any]]:
     """Every engine of the suite, with why it cannot be used where it cannot."""
-    found = {x.name: x.reason or lacking(x.name) for x in offers([x for x in all_names() if x in SAFE])}
-    return [{"name": name, "here": not reason, "reason": reason} for name, reason in found.items()]
+    reasons = {x.name: x.reason or lacking(x.name) for x in offers([x for x in all_names() if x in SAFE])}
+    return [{"name": name, "here": not reason, "reason": reason} for name, reason in reasons.items()]
 
 
 def lacking(name: str) -> str:

@@ -41,8 +41,8 @@ def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
             told = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
-            found = film(".gif", told, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
-            return {"name": f"{name}.gif", "base64": base64.b64encode(found).decode("ascii")}
+            gif = film(".gif", told, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
+            return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
             return _model(text, reading, kind, name, message.get("scenario"))
     raise Refused(f"there is no export {str(kind)[:40]!r}; there are {', '.join(FORMS)}", field="kind")
@@ -63,7 +63,7 @@ def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> 
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:
         try:
-            found = written(str(path), chosen, kind, STEP)
+            model = written(str(path), chosen, kind, STEP)
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
-        return {"name": f"{name}{KINDS[kind].suffix}", "text": str(found["text"]).replace(str(path), path.name)}
+        return {"name": f"{name}{KINDS[kind].suffix}", "text": str(model["text"]).replace(str(path), path.name)}

@@ -101,10 +101,10 @@ def imported(text: str) -> tuple[str, list[str]]:
     with workplace(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
-                found = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
+                linkage = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{model}: ", "")) from error
-        return str(found["text"]).replace(str(model), "model.xml"), [str(x) for x in found["left_out"]]
+        return str(linkage["text"]).replace(str(model), "model.xml"), [str(x) for x in linkage["left_out"]]
 
 
 def fragment(text: str) -> str:

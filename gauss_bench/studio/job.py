@@ -100,7 +100,7 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
     try:
-        found = recommended(
+        recommendation = recommended(
             request["path"],
             request.get("position"),
             request.get("angle"),
@@ -115,8 +115,8 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
     except NoTruth as error:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
-    more = {"advice": found.advice, "truth": found.truth, "remarks": found.remarks, "complete": found.complete}
-    say({"event": "recommend", "answers": [as_shown(x) for x in found.answers]} | more)
+    more = {"advice": recommendation.advice, "truth": recommendation.truth, "remarks": recommendation.remarks, "complete": recommendation.complete}
+    say({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers]} | more)
 
 
 WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release, "recommend": recommend}

@@ -81,13 +81,13 @@ def moved(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Tra
     inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
     with np.errstate(all="ignore"):
         try:
-            found = METHODS["loop"](mechanism, inputs, times)
+            states = METHODS["loop"](mechanism, inputs, times)
         except MotionError as error:
-            found, stopped = error.reached, str(error)
+            states, stopped = error.reached, str(error)
         except ValueError as error:
             raise Refused(str(error)) from error
-    n = len(found.q)
-    return mechanism, Trajectory(times[:n], found.q, found.v, found.a, n - 1), stopped
+    n = len(states.q)
+    return mechanism, Trajectory(times[:n], states.q, states.v, states.a, n - 1), stopped
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
@@ -151,10 +151,10 @@ def gained(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     """Velocity ratios and mechanical advantages; none, where more than one coordinate is driven."""
     try:
         with np.errstate(all="ignore"):
-            found = advantages(mechanism, q)
+            pairs = advantages(mechanism, q)
     except ValueError:
         return {"advantage": []}
-    told = [{"input": x.input, "output": x.output, "units": x.units, "values": x.mechanical, "velocity": x.velocity} for x in found]
+    told = [{"input": x.input, "output": x.output, "units": x.units, "values": x.mechanical, "velocity": x.velocity} for x in pairs]
     return {"advantage": told}
 
 
@@ -162,7 +162,7 @@ def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
     """Limits and dead centres, or why they cannot be listed."""
     try:
         with np.errstate(all="ignore"):
-            found = singular_positions(mechanism)
+            positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     told = [
@@ -173,7 +173,7 @@ def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
             "input": x.input,
             "poses": poses(mechanism.whole, of_links(mechanism, x.q)),
         }
-        for x in found
+        for x in positions
     ]
     return told, ""
 
@@ -190,10 +190,10 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     q = reading.q if given is None else state_of(reading, given)
     try:
         with np.errstate(all="ignore"):
-            found = centres(mechanism, q)
+            of_pairs = centres(mechanism, q)
     except ValueError as error:
         raise Refused(str(error)) from error
-    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in found]
+    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in of_pairs]
 
 
 def state_of(reading: Reading, given: Any) -> Array:

@@ -106,16 +106,16 @@ def of_links(mechanism: Mechanism, q: Array) -> Array:
 
 def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
     """Link -> [x, y, theta] of its own frame in the world, at a state q (n,) of the links of the file."""
-    found = {}
+    by_link = {}
     for i, link in enumerate(whole.links):
         x, y, theta = q[3 * i : 3 * i + 3]
         c, s = np.cos(theta), np.sin(theta)
-        found[link.name] = [
+        by_link[link.name] = [
             float(x - c * link.com[0] + s * link.com[1]),
             float(y - s * link.com[0] - c * link.com[1]),
             float(theta),
         ]
-    return found
+    return by_link
 
 
 def read(document: Document, starts: bool = True) -> Reading:
@@ -143,14 +143,14 @@ def read(document: Document, starts: bool = True) -> Reading:
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         closed = False
         problems.append(Problem("error", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
-    found = Reading(document, rest, mechanism, q, closed, unplaced)
+    reading = Reading(document, rest, mechanism, q, closed, unplaced)
     problems += [*_lone(document), *_loose(mechanism)]
-    if closed and found.rank == mechanism.n:
+    if closed and reading.rank == mechanism.n:
         problems.append(Problem("hint", "nothing can move: the links hold each other fast, with no degree of freedom"))
     if starts and not any(x.level == "error" for x in problems):
         problems += _scenarios(document)
     order = ("error", "warning", "hint")
-    return replace(found, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
+    return replace(reading, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
 
 
 def place(document: Document, path: str) -> tuple[str, ...]:
@@ -298,15 +298,15 @@ def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
             return [Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)]
-    found = []
+    gaps = []
     for joint in mechanism.joints:
         if isinstance(joint, Revolute):
             apart = float(np.hypot(*(position(q, joint.b) - position(q, joint.a))))
             if apart > 1e-9:
-                found.append((apart, joint))
-    if not found:
+                gaps.append((apart, joint))
+    if not gaps:
         return [Problem("error", "this does not assemble: the slides do not close")]
-    apart, joint = max(found, key=lambda x: x[0])
+    apart, joint = max(gaps, key=lambda x: x[0])
     where = (f"pins.{joint.joint}",)
     return [Problem("error", f"this does not assemble: pin {joint.joint} stays open by {apart:.4g} m", where, None, apart)]
 

@@ -170,8 +170,8 @@ def drag_end(session: Session, message: Message) -> Reply:
 def branches(session: Session, message: Message) -> Reply:
     session.branches = session.reading, dragging.found_branches(session.reading)
     names = ["as drawn", *(f"branch {k}" for k in range(1, len(session.branches[1])))]
-    found = zip(names, session.branches[1], strict=True)
-    return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in found]}
+    named = zip(names, session.branches[1], strict=True)
+    return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in named]}
 
 
 def branch(session: Session, message: Message) -> Reply:
@@ -188,7 +188,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
     """The motion at once; what is singular along it in an event, because looking for that takes seconds."""
     with session.lock:
         text, reading = session.text, session.reading
-    mechanism, found = motion.motion(text, reading, message)
+    mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
     job = -session.motions  # of no process that could be stopped
 
@@ -203,7 +203,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
         session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
 
     threading.Thread(target=look, daemon=True).start()
-    return found | {"singular": [], "job": job}
+    return reply | {"singular": [], "job": job}
 
 
 def centres(session: Session, message: Message) -> Reply:

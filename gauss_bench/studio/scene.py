@@ -67,25 +67,25 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 def where(reading: Reading) -> dict[str, list[float]]:
     """Reference -> place in the world of every point of the ground and of the links."""
-    found = {f"ground.{name}": x for name, x in _ground(reading).items()}
+    places = {f"ground.{name}": x for name, x in _ground(reading).items()}
     poses = reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
         x, y, theta = poses[link.name]
         c, s = np.cos(theta), np.sin(theta)
         for name, (px, py) in link.points.items():
-            found[f"{link.name}.{name}"] = [float(x + c * px - s * py), float(y + s * px + c * py)]
-    return found
+            places[f"{link.name}.{name}"] = [float(x + c * px - s * py), float(y + s * px + c * py)]
+    return places
 
 
 def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     if reading.mechanism is None:
         return []
     poses, given = reading.poses(reading.q), table(reading.document, "links")
-    found = []
+    shown = []
     for link in reading.mechanism.whole.links:
         lengths = [x.split(":")[1].split("-") for x in sorted(locked) if x.startswith(f"links.{link.name}:")]
         per_metre = table(given, link.name).get("kg_per_m")
-        found.append(
+        shown.append(
             {
                 "name": link.name,
                 "pose": poses[link.name],
@@ -99,7 +99,7 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                 "drawn": link.name in given,
             }
         )
-    return found
+    return shown
 
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
@@ -116,7 +116,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
         if reference not in of:
             grouped[reference] = [reference]
     joints = table(reading.document, "joints")
-    found = [
+    shown = [
         {
             "id": id,
             "at": _middle([places[x] for x in members]),
@@ -130,7 +130,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
         if members
     ]
     return [
-        *found,
+        *shown,
         *(
             {
                 "id": name,
@@ -154,11 +154,11 @@ def _middle(places: list[list[float]]) -> list[float]:
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     if (mechanism := reading.mechanism) is None:
         return []
-    found = []
+    shown = []
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic):
             turn = 0.0 if joint.guide.link == GROUND else float(reading.q[3 * joint.guide.link + 2])
-            found.append(
+            shown.append(
                 {
                     "id": joint.name,
                     "guide": as_written(mechanism, joint.guide),
@@ -170,7 +170,7 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                     "locked": f"slides.{joint.name}" in locked,
                 }
             )
-    return found
+    return shown
 
 
 def as_written(mechanism: Mechanism, point: Point) -> str:
@@ -182,18 +182,18 @@ def as_written(mechanism: Mechanism, point: Point) -> str:
 def forces(reading: Reading) -> list[dict[str, Any]]:
     places, poses = where(reading), reading.poses(reading.q)
     at_joints = dict(pins_of(reading.rest))
-    found = []
+    shown = []
     for name, entry in items(reading.document, "forces"):
         kind = str(entry.get("type"))
         ends = [entry.get("point"), entry.get("origin"), *sequence(entry, "between")]
         at = [places[x] for x in ends if isinstance(x, str) and x in places]
         at += [poses[x][:2] for x in (entry.get("link"), *sequence(entry, "links")) if isinstance(x, str) and x in poses]
         at += [places[x] for x in at_joints.get(str(entry.get("joint")), [])[:1] if x in places]
-        found.append({"id": name, "type": kind, "table": entry, "at": at, "label": label(name, kind, entry)})
+        shown.append({"id": name, "type": kind, "table": entry, "at": at, "label": label(name, kind, entry)})
     for name, entry in items(reading.document, "cylinders"):
         at = [places[x] for x in sequence(entry, "between") if isinstance(x, str) and x in places]
-        found.append({"id": name, "type": "cylinder", "table": entry, "at": at, "label": f"cylinder {name}"})
-    return found
+        shown.append({"id": name, "type": "cylinder", "table": entry, "at": at, "label": f"cylinder {name}"})
+    return shown
 
 
 def label(name: str, kind: str, entry: dict[str, Any]) -> str:
@@ -206,14 +206,14 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
 
 def drivers_possible(document: Document) -> list[dict[str, str]]:
     """What a law can prescribe: links that turn on the ground, slides, cylinders among them."""
-    found: dict[str, str] = {}
+    kinds: dict[str, str] = {}
     for name, joint in items(written_out(document) if _cylinders_are_sound(document) else document, "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:
-            found |= {x: "angle" for x in owners if x != "ground"}
+            kinds |= {x: "angle" for x in owners if x != "ground"}
         if joint.get("type") == "prismatic":
-            found[name] = "slide"
-    return [{"name": name, "kind": kind} for name, kind in found.items()]
+            kinds[name] = "slide"
+    return [{"name": name, "kind": kind} for name, kind in kinds.items()]
 
 
 def _cylinders_are_sound(document: Document) -> bool:

@@ -156,14 +156,14 @@ class Studio:
 
     async def _answer(self, message: dict[str, Any], page: "Page") -> None:
         """Answer the page, and tell the others what it has changed."""
-        found = UNHEARD
+        reply = UNHEARD
         if message is not UNHEARD:
             try:
-                found = await asyncio.to_thread(answer, self.session, message)
+                reply = await asyncio.to_thread(answer, self.session, message)
             except RuntimeError:  # the studio ends
                 return
-        await page.unread.put(as_json(found))
-        scene = found.get("scene")
+        await page.unread.put(as_json(reply))
+        scene = reply.get("scene")
         if scene is not None and scene["revision"] > self.revision:
             self.revision = scene["revision"]
             others = self.pages - {page}

@@ -137,7 +137,7 @@ class Session:
 
     def scene(self) -> dict[str, Any]:
         """What the page draws."""
-        found = scene(self.reading, self.locks)
+        drawn = scene(self.reading, self.locks)
         state = {
             "revision": self.revision,
             "path": None if self.path is None else self.path.name,
@@ -146,7 +146,7 @@ class Session:
             "can_redo": bool(self.undone),
             "picture": None if self.picture is None else self.picture.as_named(),
         }
-        return state | found
+        return state | drawn
 
     def stop(self) -> None:
         """End what still runs."""

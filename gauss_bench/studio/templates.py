@@ -43,11 +43,11 @@ def text_of(name: str) -> str:
 @cache
 def listed() -> tuple[dict[str, Any], ...]:
     """Every template with its title and whether it is built in; drawings are asked for one by one."""
-    found = []
+    templates = []
     for name, path in files().items():
         title = str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
-        found.append({"name": name, "title": title or name, "kind": "classic" if path.parent == FOLDER else "built-in"})
-    return tuple(found)
+        templates.append({"name": name, "title": title or name, "kind": "classic" if path.parent == FOLDER else "built-in"})
+    return tuple(templates)
 
 
 @cache

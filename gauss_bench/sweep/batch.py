@@ -170,8 +170,8 @@ def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
         own = {name: x[part] for name, x in columns.items()}
         forces = _multipliers(code, t, q[part], v[part], p[part])
         some_q, some_v = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
-        found, evidence = figures(family_of(some.nominal, own), Motions(t, some_q, some_v, forces), some.nominal.size)
-        for name, x in found.items():
+        by_name, evidence = figures(family_of(some.nominal, own), Motions(t, some_q, some_v, forces), some.nominal.size)
+        for name, x in by_name.items():
             rows[name][there[part]] = x
         for k, one in zip(part.tolist(), evidence, strict=True):
             motion = Trajectory(t, q[k], v[k], np.zeros_like(q[k]), count)
@@ -194,24 +194,24 @@ def _judged(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traj
 
 
 def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
-    """(samples, batch, rows)."""
+    """Multipliers (samples, batch, rows) of motions q, v (batch, samples, n) of linkages with numbers p (batch, d)."""
     batch, k, n = q.shape
     states = [np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)]
     parts = [[x[i : i + CHUNK] for x in states] for i in range(0, batch * k, CHUNK)]
     with np.errstate(all="ignore"):
         try:
-            found = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
+            multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
         except KernelError:  # of loops with other numbers than the file's
             mechanism = code.mechanism
-            found = np.full((batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
-    return found.reshape(batch, k, -1).swapaxes(0, 1)
+            multipliers = np.full((batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
+    return multipliers.reshape(batch, k, -1).swapaxes(0, 1)
 
 
 def _one_by_one(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
     rows = _empty(asked, len(values))
     for k, one in enumerate(values):
-        rows["status"][k], rows["message"][k], found = _single(asked, engine, one, parts)
-        for name, x in found.items():
+        rows["status"][k], rows["message"][k], by_name = _single(asked, engine, one, parts)
+        for name, x in by_name.items():
             rows[name][k] = np.ravel(x)[0]
     return rows
 
@@ -244,9 +244,9 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
-    found, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
+    by_name, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
     status, sentence = _judged(evidence, lambda: mechanism, x)
-    return status, "; ".join(filter(None, (run.message, sentence))), found
+    return status, "; ".join(filter(None, (run.message, sentence))), by_name
 
 
 def performed_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:

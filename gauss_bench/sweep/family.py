@@ -115,10 +115,10 @@ class Family:
                 for path in (self.paths[k] for k in places):
                     old = number_at(self.document, path)
                     try:
-                        found = self._numbers(head, changed(self.document, {path: old * factor if old else factor - 1.0}))
+                        numbers = self._numbers(head, changed(self.document, {path: old * factor if old else factor - 1.0}))
                     except (BuildError, ValidationError):
                         continue
-                    moved |= {name for name, x in found.items() if x != self._parameters[name]}
+                    moved |= {name for name, x in numbers.items() if x != self._parameters[name]}
         return tuple(name for name in self._parameters if name in moved)
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
@@ -139,21 +139,21 @@ class Family:
         form.validate_python({name: table[name]})
         if kind == "links":
             link = build_link(name, table[name])
-            found = {f"links.{name}.mass": float(link.mass), f"links.{name}.inertia": float(link.inertia)}
-            found |= {f"links.{name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
-            return found | _places(f"points.{name}", link.points)
+            numbers = {f"links.{name}.mass": float(link.mass), f"links.{name}.inertia": float(link.inertia)}
+            numbers |= {f"links.{name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
+            return numbers | _places(f"points.{name}", link.points)
         if kind == "joints":
             return {f"joints.{name}.offset": float(table[name]["offset"])}
         if kind != "forces" or all(f.name != name for f in self.nominal.forces):
             return {}
-        found = {}
+        numbers = {}
         for key, x in force_numbers(self._resolver.force(name, table[name])).items():  # type: ignore[arg-type]
-            found |= (
+            numbers |= (
                 {f"forces.{name}.{key}": float(x)}
                 if np.ndim(x) == 0
                 else {f"forces.{name}.{key}.{axis}": float(y) for axis, y in zip("xy", np.ravel(x), strict=True)}
             )
-        return found
+        return numbers
 
     def starts(self, values: Array) -> Starts:
         """Numbers and starts of samples (k, d)."""
@@ -162,19 +162,19 @@ class Family:
         for head, places in self.heads.items():
             # a table is read once for each of its contents: a grid has few, and what varies elsewhere does not change them
             contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
-            which, found = which.ravel(), list[dict[str, float] | None]()
+            which, numbers = which.ravel(), list[dict[str, float] | None]()
             for j, row in enumerate(contents.tolist()):
                 document = changed(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
                 try:
-                    found.append(self._numbers(head, document))
+                    numbers.append(self._numbers(head, document))
                     if head[0] == "scenarios":
                         goals[which == j] = self._goals(document)
                 except (ValidationError, BuildError):
-                    found.append(None)
-            wrong = np.array([x is None for x in found])[which]
+                    numbers.append(None)
+            wrong = np.array([x is None for x in numbers])[which]
             reasons |= dict.fromkeys(np.flatnonzero(wrong).tolist(), "")
-            for name in columns.keys() & next((x.keys() for x in found if x is not None), ()):
-                each = np.array([np.nan if x is None else x[name] for x in found])
+            for name in columns.keys() & next((x.keys() for x in numbers if x is not None), ()):
+                each = np.array([np.nan if x is None else x[name] for x in numbers])
                 columns[name] = np.where(wrong, columns[name], each[which])
         for k in reasons:
             reasons[k] = self._reason(values[k])
@@ -278,10 +278,10 @@ def _solution(J: Array, right: Array) -> Array:
         except np.linalg.LinAlgError:
             pass
     whole = np.isfinite(J).all(axis=(1, 2))
-    found = np.full((len(J), J.shape[2]), np.nan)
+    x = np.full((len(J), J.shape[2]), np.nan)
     if whole.any():
-        found[whole] = (np.linalg.pinv(J[whole], rcond=1e-9) @ right[whole][..., None])[..., 0]
-    return found
+        x[whole] = (np.linalg.pinv(J[whole], rcond=1e-9) @ right[whole][..., None])[..., 0]
+    return x
 
 
 def family_of(mechanism: Mechanism, columns: Columns) -> Mechanism:

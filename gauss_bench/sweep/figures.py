@@ -74,21 +74,21 @@ def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[s
         def at(coordinate: Coordinate) -> Array:
             return np.asarray(state(coordinate, x).value)
 
-        found = {"measured": at(mechanism.measured.coordinate)[-1]}
+        by_name = {"measured": at(mechanism.measured.coordinate)[-1]}
         for p in mechanism.observed_points:
             place = _place(x, p)
             for axis, way in (("x", place.real), ("y", place.imag)):
-                found |= {f"{p.name}.{axis}_min": way.min(axis=0), f"{p.name}.{axis}_max": way.max(axis=0)}
-        found |= _forces(mechanism, motions.multipliers)
+                by_name |= {f"{p.name}.{axis}_min": way.min(axis=0), f"{p.name}.{axis}_max": way.max(axis=0)}
+        by_name |= _forces(mechanism, motions.multipliers)
         opened = _opened(mechanism, x, motions.t)
         gain, bar, scale = _energy(mechanism, motions, x)
-    found |= {"loops": opened.max(axis=0), "energy_error": np.abs(gain).max(axis=0), "energy_bar": bar, "energy_scale": scale}
+    by_name |= {"loops": opened.max(axis=0), "energy_error": np.abs(gain).max(axis=0), "energy_bar": bar, "energy_scale": scale}
     still = np.zeros(len(motions.t))
     evidence = [
         Evidence(size, metrics.Drift(opened[:, k], still, still), gain[:, k], float(bar[k]), float(scale[k]))
         for k in range(motions.q.shape[1])
     ]
-    return found, evidence
+    return by_name, evidence
 
 
 def _place(x: _Placed, point: Point) -> Vector:
@@ -100,11 +100,11 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     """Largest force of each joint [N]; nothing where redundant rows leave it open."""
     if mechanism.redundant:
         return {}
-    found = {}
+    largest = {}
     for k, joint in enumerate(mechanism.joints):
         first, second = multipliers[..., 2 * k], multipliers[..., 2 * k + 1]
-        found[f"force.{joint.name}"] = (np.abs(first) if isinstance(joint, Prismatic) else np.hypot(first, second)).max(axis=0)
-    return found
+        largest[f"force.{joint.name}"] = (np.abs(first) if isinstance(joint, Prismatic) else np.hypot(first, second)).max(axis=0)
+    return largest
 
 
 def _opened(mechanism: Mechanism, x: _Placed, t: Array) -> Array:

@@ -32,29 +32,29 @@ def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any
     units = columns_of(mechanism, [])
     of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
-    found: dict[str, Any] = {"samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
+    check: dict[str, Any] = {"samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
     numbers = good["sample"].to_numpy()[chosen]
     finer = rows_of(asked, engine, numbers, values[numbers], parts=2)
     usable = np.isin(finer["status"], USED)
-    found["lost"] = int((~usable).sum())
+    check["lost"] = int((~usable).sum())
     off = np.zeros(len(chosen))
     for unit, names in of.items():
         gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
-        found[unit] = float(gaps[usable].max(initial=0.0))
+        check[unit] = float(gaps[usable].max(initial=0.0))
         off = np.maximum(off, gaps / limits[unit])
     largest = float(off[usable].max(initial=0.0))
     if largest:
-        found["worst"] = int(numbers[usable][off[usable].argmax()])
-    return found | {"ok": not found["lost"] and largest <= 1.0}
+        check["worst"] = int(numbers[usable][off[usable].argmax()])
+    return check | {"ok": not check["lost"] and largest <= 1.0}
 
 
-def text(found: dict[str, Any] | None) -> str:
+def text(check: dict[str, Any] | None) -> str:
     """The same for people."""
-    if found is None:
+    if check is None:
         return "half the step was not tried: the engine chooses its own steps, or no sample is ok"
-    told = f"half the step of {found['samples']} samples changes {found['m']:.2g} m and {found['rad']:.2g} rad at most"
-    if found["ok"]:
+    told = f"half the step of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
+    if check["ok"]:
         return told
-    lost = f", and {found['lost']} of them are lost" if found["lost"] else ""
-    where = "" if found["worst"] is None else f" (sample {found['worst']})"
+    lost = f", and {check['lost']} of them are lost" if check["lost"] else ""
+    where = "" if check["worst"] is None else f" (sample {check['worst']})"
     return f"NOT TO BE TRUSTED: {told}{where}{lost}: take a smaller --step"

@@ -75,13 +75,13 @@ def dimension(text: str) -> Dimension:
     path, equals, values = (x.strip() for x in text.partition("="))
     if not (path and equals and values):
         raise SweepError(f"--vary {text}: must be PATH=a:b:n, PATH=uniform(a,b) or PATH=normal(mean,deviation)")
-    if found := FORM.fullmatch(values.replace(" ", "")):
-        a, b = (_number(text, found[x]) for x in "ab")
-        if found["kind"] == "uniform" and not a < b:
+    if matched := FORM.fullmatch(values.replace(" ", "")):
+        a, b = (_number(text, matched[x]) for x in "ab")
+        if matched["kind"] == "uniform" and not a < b:
             raise SweepError(f"--vary {text}: the first bound must be smaller than the second")
-        if found["kind"] == "normal" and not b > 0:
+        if matched["kind"] == "normal" and not b > 0:
             raise SweepError(f"--vary {text}: the standard deviation must be positive")
-        return Dimension(path, found["kind"], a, b)
+        return Dimension(path, matched["kind"], a, b)
     parts = values.split(":")
     if len(parts) != 3:
         raise SweepError(f"--vary {text}: {values!r} is neither a:b:n, uniform(a,b) nor normal(mean,deviation)")
@@ -93,12 +93,12 @@ def dimension(text: str) -> Dimension:
 
 def _number(text: str, value: str) -> float:
     try:
-        found = float(value)
+        number = float(value)
     except ValueError:
-        found = math.nan
-    if not math.isfinite(found):
+        number = math.nan
+    if not math.isfinite(number):
         raise SweepError(f"--vary {text}: {value!r} is no finite number")
-    return found
+    return number
 
 
 def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:

@@ -56,8 +56,8 @@ def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
 
     varied = np.ptp(x, axis=0) > 0
     ranks = pandas.DataFrame(np.column_stack([y[there], x[:, varied]])).rank()
-    found = np.atleast_2d(np.corrcoef(ranks, rowvar=False))[0, 1:].tolist()
-    return {"rank_correlation": dict(zip(np.array(plan.paths)[varied].tolist(), found, strict=True))}
+    correlations = np.atleast_2d(np.corrcoef(ranks, rowvar=False))[0, 1:].tolist()
+    return {"rank_correlation": dict(zip(np.array(plan.paths)[varied].tolist(), correlations, strict=True))}
 
 
 def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
@@ -65,15 +65,15 @@ def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
 
     n, d = plan.base, len(plan.paths)
     parts = y.reshape(d + 2, 1, n)
-    found = sobol_indices(func={"f_A": parts[0], "f_B": parts[1], "f_AB": parts[2:]}, n=n)
-    first, total = (np.atleast_1d(np.squeeze(x)) for x in (found.first_order, found.total_order))
+    indices = sobol_indices(func={"f_A": parts[0], "f_B": parts[1], "f_AB": parts[2:]}, n=n)
+    first, total = (np.atleast_1d(np.squeeze(x)) for x in (indices.first_order, indices.total_order))
     return {path: {"first": float(first[k]), "total": float(total[k])} for k, path in enumerate(plan.paths)}
 
 
-def text(found: dict[str, Any]) -> str:
+def text(summary: dict[str, Any]) -> str:
     """The summary for people."""
     lines = []
-    for engine, told in found.items():
+    for engine, told in summary.items():
         ended = ", ".join(f"{count} {status}" for status, count in told["status"].items())
         lines += [f"{engine}: {told['samples']} samples: {ended}"]
         lines += [f"  {count} x {reason}" for reason, count in told["reasons"].items() if reason]

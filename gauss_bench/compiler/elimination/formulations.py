@@ -392,12 +392,12 @@ class Workspace:
 
     def spread_out(self, multipliers: Right) -> Right:
         """Multipliers of all rows from those of the rows that are eliminated: a dropped row has what others take on of it."""
-        found = {self.kept[k]: x for k, x in multipliers.items()}
+        of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
-            parts = [found[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in found]
+            parts = [of_rows[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in of_rows]
             if parts:
-                found[dropped] = self.terms.graph.total(parts)
-        return found
+                of_rows[dropped] = self.terms.graph.total(parts)
+        return of_rows
 
     @property
     def velocities(self) -> list[Node]:

@@ -182,17 +182,17 @@ def _mixed(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
     """Choices of rows of some bases (k, n, c), of which one is well conditioned at every sample; those given are the first."""
-    open_samples, found = np.ones(len(bases), bool), list(chosen)
-    for rows in found:
+    open_samples, choices = np.ones(len(bases), bool), list(chosen)
+    for rows in choices:
         open_samples &= smallest(bases, rows) < ENOUGH
-    while open_samples.any() and len(found) < MOST:
+    while open_samples.any() and len(choices) < MOST:
         at = int(np.flatnonzero(open_samples)[0])
         best = spread(bases[at : at + 1], bases.shape[2], allowed)
-        if best is None or best in found:
+        if best is None or best in choices:
             break
-        found.append(best)
+        choices.append(best)
         open_samples &= smallest(bases, best) < ENOUGH
-    return found
+    return choices
 
 
 @dataclass(frozen=True, eq=False)

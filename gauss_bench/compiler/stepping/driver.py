@@ -380,11 +380,11 @@ def integrate_over(
     for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):
         inside = np.flatnonzero((times > a) & (times <= b))
         part = np.array([a, *times[inside], *([] if len(inside) and times[inside[-1]] == b else [b])])
-        found, count, all_of_them = integrate(driver, programs, state, numbers((a + b) / 2)[0], part, tolerances)
+        states, count, all_of_them = integrate(driver, programs, state, numbers((a + b) / 2)[0], part, tolerances)
         tally, taken, tried = _sum(tally, driver.tally), taken + count, tried + all_of_them
-        samples[inside], state = found[1 : 1 + len(inside)], found[-1]
+        samples[inside], state = states[1 : 1 + len(inside)], states[-1]
         if a == begin:
-            samples[0] = found[0]
+            samples[0] = states[0]
         if not np.isfinite(state).all():
             break
     driver.tally = tally

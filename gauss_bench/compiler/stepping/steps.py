@@ -511,15 +511,15 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     stages, z = [start] * s, [[start[k] for k in free]] * s
     for _ in range(NATIVE_PASSES):
         at = [along(A[i].tolist(), (A @ A)[i].tolist(), c[i]) for i in range(s)]
-        found = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
-        off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(found, z, strict=True)]
+        accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
+        off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(accelerations, z, strict=True)]
         if newton is None:
-            changes = [[g.sub(x, y) for x, y in zip(a, old, strict=True)] for a, old in zip(found, stages, strict=True)]
-            stages = found
+            changes = [[g.sub(x, y) for x, y in zip(a, old, strict=True)] for a, old in zip(accelerations, stages, strict=True)]
+            stages = accelerations
             continue
         changes = newton(off)
         z = [[g.add(x, y) for x, y in zip(row, change, strict=True)] for row, change in zip(z, changes, strict=True)]
-        stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], found[i], z[i]) for i in range(s)]
+        stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
     b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
     q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
     q_new, _ = b.corrected_position(g.add(b.t, h), q_new, [], q_new)

@@ -280,9 +280,9 @@ class Follower:
             call(*self.loaded.given(arrays), course.tolerance, samples, shift, high - low)
 
         shared(part, len(x), threads)
-        found = out_of_lanes(report, count)
+        reports = out_of_lanes(report, count)
         last = out_of_lanes(x, count) if x.size else course.x  # an open chain has no unknowns
-        return Followed(found[:, 0].astype(int), last, found[:, 1:])
+        return Followed(reports[:, 0].astype(int), last, reports[:, 1:])
 
 
 def _input_lanes(inputs: Floats, lanes: int) -> tuple[Floats, int]:

@@ -68,16 +68,16 @@ class Drawing:
         Raises:
             Refused: the file has something else there.
         """
-        found = self.document.setdefault(name, {})
-        if not isinstance(found, dict):
+        entries = self.document.setdefault(name, {})
+        if not isinstance(entries, dict):
             raise Refused(f"{name} is no table in this file: mend its text first", field=name)
-        return found
+        return entries
 
     def sub(self, name: str, key: str) -> dict[str, Any]:
-        found = self.group(name).setdefault(key, {})
-        if not isinstance(found, dict):
+        entries = self.group(name).setdefault(key, {})
+        if not isinstance(entries, dict):
             raise Refused(f"{name}.{key} is no table in this file: mend its text first", field=f"{name}.{key}")
-        return found
+        return entries
 
     def link(self, name: Any) -> dict[str, Any]:
         """The table of a link.
@@ -85,10 +85,10 @@ class Drawing:
         Raises:
             Refused: there is none of that name that could be read.
         """
-        found = self.group("links").get(name) if isinstance(name, str) else None
-        if not isinstance(found, dict) or name not in self.poses:
+        entries = self.group("links").get(name) if isinstance(name, str) else None
+        if not isinstance(entries, dict) or name not in self.poses:
             raise Refused(f"there is no link {str(name)[:60]!r}", field="link")
-        return found
+        return entries
 
     def points(self, link: str) -> dict[str, Array]:
         """Name -> (2,) place of a link's points in its own frame; of the ground in the world."""
@@ -139,12 +139,12 @@ class Drawing:
     @staticmethod
     def _chain(given: dict[str, Any], name: str) -> list[str]:
         """The points that a point is given from, one after the other."""
-        found: list[str] = []
+        chain: list[str] = []
         at: Any = given[name].get("from")
-        while isinstance(at, str) and at not in found and at in given:
-            found.append(at)
+        while isinstance(at, str) and at not in chain and at in given:
+            chain.append(at)
             at = given[at].get("from") if isinstance(given[at], dict) else None
-        return found
+        return chain
 
     def number(self) -> str:
         """The smallest number that names no pin, joint or point."""
@@ -227,9 +227,9 @@ class Drawing:
             table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
             id = reference
         self.made = [f"pins.{id}" if x == f"pins.{pin.id}" else x for x in self.made]
-        found = Pin(id, pin.at, (*pin.members, reference))
-        self.pins[id] = found
-        return found
+        held = Pin(id, pin.at, (*pin.members, reference))
+        self.pins[id] = held
+        return held
 
     def ends(self, a: Any, b: Any) -> tuple[str, str]:
         """Points of two different links at two pins, or as they are named; on links rather than on the ground.
@@ -255,9 +255,9 @@ class Drawing:
             Refused: there is none.
         """
         members = self.pins[point].members if point in self.pins else (point,)
-        found = next((x for x in members if owner(x) != "ground"), members[0] if members else point)
-        self.place(found)
-        return found
+        reference = next((x for x in members if owner(x) != "ground"), members[0] if members else point)
+        self.place(reference)
+        return reference
 
     def add_link(self, name: str, at: Any, theta: float, more: dict[str, Any]) -> None:
         """A new link without points, whose frame lies at a place and an angle."""

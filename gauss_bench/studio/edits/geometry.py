@@ -66,10 +66,10 @@ def add_point(d: Drawing, message: Message) -> None:
 
 def _observed(d: Drawing) -> list[Any]:
     observe = d.group("observe")
-    found = observe.get("points")
-    if not isinstance(found, list):
-        observe["points"] = found = []
-    return found
+    points = observe.get("points")
+    if not isinstance(points, list):
+        observe["points"] = points = []
+    return points
 
 
 def observe(d: Drawing, message: Message) -> None:

@@ -82,9 +82,9 @@ def coordinates(reading: Reading) -> dict[str, float]:
     """Where every coordinate that a start or driver may hold stands: `link` [rad], `joint` [m]."""
     if reading.mechanism is None:
         return {}
-    found = {f"links.{name}": pose[2] for name, pose in reading.poses(reading.q).items()}
-    found |= {f"slides.{j.name}": float(value(j.motion, reading.q)) for j in reading.mechanism.joints if isinstance(j, Prismatic)}
-    return found
+    values = {f"links.{name}": pose[2] for name, pose in reading.poses(reading.q).items()}
+    values |= {f"slides.{j.name}": float(value(j.motion, reading.q)) for j in reading.mechanism.joints if isinstance(j, Prismatic)}
+    return values
 
 
 def _length(reading: Reading, between: Any) -> float | None:
@@ -143,11 +143,11 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     free = null_space(np.vstack([rows, *held]), mechanism.n)
     start: dict[str, Any] = {}
     for kind, key, chosen in surest(candidates(mechanism, reading.q), reading.q, free):
-        found = [float(value(x, reading.q)) for x in chosen]
+        values = [float(value(x, reading.q)) for x in chosen]
         if kind == "angle":
-            start.setdefault("angles_deg", {})[key] = rounded(math.degrees(found[0]))
+            start.setdefault("angles_deg", {})[key] = rounded(math.degrees(values[0]))
         else:
-            start.setdefault(HELD[kind][0], {})[key] = pair(found, PLACED) if kind == "point" else rounded(found[0])
+            start.setdefault(HELD[kind][0], {})[key] = pair(values, PLACED) if kind == "point" else rounded(values[0])
     return start
 
 
