@@ -324,12 +324,14 @@ def opened(browser: Any, url: str, **look: Any) -> tuple[Any, list[str]]:
     return page, wrong
 
 
-@pytest.mark.slow
-def test_every_page_opens_from_a_folder_and_under_an_address(browser: Any, address: str, out: Path) -> None:
+@pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
+def test_a_page_opens_from_a_folder_and_under_an_address(browser: Any, address: str, out: Path, every: bool) -> None:
+    """Pages of every kind, or all of them."""
     names = sorted(p.name for p in (out / "site").glob("*.html"))
     assert len(names) > 30
+    assert {f"{name}.html" for name in SHOWN} < {*names}
     folder = (out / "site").as_uri() + "/"
-    for i, name in enumerate(names):
+    for i, name in enumerate(names if every else sorted(f"{name}.html" for name in SHOWN)):
         bases = (folder, address) if name.removesuffix(".html") in BOTH else ((folder, address)[i % 2],)
         for base in bases:
             page, wrong = opened(browser, base + name)
@@ -337,27 +339,26 @@ def test_every_page_opens_from_a_folder_and_under_an_address(browser: Any, addre
             page.close()
 
 
-@pytest.mark.slow
-def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: Any, out: Path) -> None:
+@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), pytest.param("dark", marks=pytest.mark.long)])
+def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: Any, out: Path, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    for scheme in ("light", "dark"):
-        for name in SHOWN:
-            page, _ = opened(
-                browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": 375, "height": 800}, color_scheme=scheme
-            )
-            assert page.evaluate("document.documentElement.scrollWidth") <= 375, name
-            small = page.evaluate(
-                "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
-                " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
-                " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99)"
-                ".map(x => x.textContent.slice(0, 30))"
-            )
-            assert not small, f"{name}: {small[:5]}"
-            if scheme == "light" or name in ("index", "linkage-eight_bar"):
-                faults = [x for x in axe.run(page).response["violations"] if x["impact"] in ("serious", "critical")]
-                said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
-                assert not faults, f"{name} {scheme}: {said}"
-            page.close()
+    for name in SHOWN:
+        page, _ = opened(
+            browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": 375, "height": 800}, color_scheme=scheme
+        )
+        assert page.evaluate("document.documentElement.scrollWidth") <= 375, name
+        small = page.evaluate(
+            "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
+            " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
+            " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99)"
+            ".map(x => x.textContent.slice(0, 30))"
+        )
+        assert not small, f"{name}: {small[:5]}"
+        if scheme == "light" or name in ("index", "linkage-eight_bar"):
+            faults = [x for x in axe.run(page).response["violations"] if x["impact"] in ("serious", "critical")]
+            said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
+            assert not faults, f"{name} {scheme}: {said}"
+        page.close()
 
 
 WATCHED = """new MutationObserver(() => {
