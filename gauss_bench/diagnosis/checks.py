@@ -322,7 +322,8 @@ def certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificat
     verification = verify(spoilt(opening(certificate(which))), alter(linkage(which)))
     if verification.passed:
         return None
-    return f"the certificate of {which[0]} does not hold: states {verification.state_error:.1e}, balance {verification.balance_error:.1e}"
+    errors = f"states {verification.state_error:.1e}, balance {verification.balance_error:.1e}"
+    return f"the certificate of {which[0]} does not hold: {errors}"
 
 
 def opening(whole: Certificate) -> Certificate:
