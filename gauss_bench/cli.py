@@ -408,9 +408,11 @@ def certify(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.files import writable
     from gauss_bench.bench.measurements import certificates
+    from gauss_bench.reference.certificate import CERTIFICATES
 
     if options.out is not None:
-        writable(options.out, replace=True)
+        beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
+        writable(options.out, replace=True, usual=beside)
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
         print_json(rows) if options.json else print(text.format_certificates(rows))

@@ -8,8 +8,8 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.runs.offers import ChoiceError
 
 
-def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
-    """The path of a file that may be written.
+def writable(out: str | Path, replace: bool, option: str = "--out", usual: Path | None = None) -> Path:
+    """The path of a file that may be written; the folder that is usual for it need not be there yet.
 
     Raises:
         ExchangeError: it is a folder, lies in none that may be written, or is there already and may not be replaced.
@@ -17,11 +17,11 @@ def writable(out: str | Path, replace: bool, option: str = "--out") -> Path:
     path = Path(out)
     if path.is_dir() or not path.name:
         raise ExchangeError(f"{out}: is a folder; {option} takes a file")
-    if not path.parent.is_dir():
+    if not path.parent.is_dir() and not (path.parent == usual and usual.parent.is_dir()):
         raise ExchangeError(f"{out}: there is no folder {path.parent}")
     if path.exists() and not replace:
         raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
-    _checked(path.parent, str(out))
+    _checked(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
     return path
 
 

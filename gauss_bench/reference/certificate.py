@@ -22,6 +22,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 FORMAT = "gauss-bench certificate/1"
+CERTIFICATES = "certificates"  # the folder beside a linkage file in which they are looked for
 ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
 
 
@@ -126,7 +127,7 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     """
     source = Path(mechanism.source)
     folder = source.parent if source.is_file() else built_in_folder() if generated(mechanism.source) else None
-    return folder / "certificates" / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
+    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
