@@ -115,7 +115,12 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
     except NoTruth as error:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
-    more = {"advice": recommendation.advice, "truth": recommendation.truth, "remarks": recommendation.remarks, "complete": recommendation.complete}
+    more = {
+        "advice": recommendation.advice,
+        "truth": recommendation.truth,
+        "remarks": recommendation.remarks,
+        "complete": recommendation.complete,
+    }
     say({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers]} | more)
 
 

@@ -203,7 +203,9 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
             multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
         except KernelError:  # of loops with other numbers than the file's
             mechanism = code.mechanism
-            multipliers = np.full((batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
+            multipliers = np.full(
+                (batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan
+            )
     return multipliers.reshape(batch, k, -1).swapaxes(0, 1)
 
 
