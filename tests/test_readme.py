@@ -68,8 +68,8 @@ def losses() -> list[str]:
     won = [sum(r[f"{what}verdict"] == "holds" for r in some) for some, what in ((few, ""), (many, ""), (many, "projected_"))]
     soft = [r for r in read_table("results", ROWS) if (r["engine"], r["settings"]) == ("mujoco", "default")]
     return [
-        f"`minimal`, one explicit equation for one degree of freedom, is faster on all {len(minimal)} linkages that it runs on, and "
-        f"`by_hand`, equations derived by hand in C, on {sum(x < 1 for x in by_hand)} of {len(by_hand)};",
+        f"`minimal`, one explicit equation for one degree of freedom, is faster on all {len(minimal)} linkages that it runs on, "
+        f"and `by_hand`, equations derived by hand in C, on {sum(x < 1 for x in by_hand)} of {len(by_hand)};",
         f"a step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`;",
         f"n - m unknowns against n + m, compiled alike, are faster on {won[0]} of {len(few)} linkages with one free coordinate, "
         f"on {won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",

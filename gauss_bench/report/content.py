@@ -118,7 +118,22 @@ class Chart:
 
     def data(self) -> dict[str, Any]:
         """What the page draws."""
-        return {"spec": self.spec, "rows": [{k: seen(v) for k, v in row.items()} for row in self.rows], "shown": list(self.shown)}
+        return {"spec": self.spec, "lines": packed(self.rows), "shown": list(self.shown)}
+
+
+def packed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows as a page keeps them: of rows in sequence that differ in numbers alone, what is the same, and each number's column."""
+    lines: list[dict[str, Any]] = []
+    for row in rows:
+        numbers = {k: seen(x) for k, x in row.items() if isinstance(x, (int, float)) and not isinstance(x, bool)}
+        same = {k: x for k, x in row.items() if k not in numbers}
+        last = lines[-1] if lines else {}
+        if numbers and last.get("same") == same and last["columns"].keys() == numbers.keys():
+            for k, x in numbers.items():
+                last["columns"][k].append(x)
+        else:
+            lines.append({"same": same, "columns": {k: [x] for k, x in numbers.items()}})
+    return lines
 
 
 def seen(x: Any) -> Any:

@@ -12,7 +12,7 @@ from gauss_bench.report.site.page import Page, folded, heading, joined, link, pa
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
 
 FOLDER = "tables"
-LONG = 1000  # rows: a longer CSV file is compressed
+LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
@@ -29,7 +29,7 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
 
 
 def csv_file(name: str, rows: tuple[Row, ...]) -> str:
-    return f"{name}.csv.xz" if len(rows) > LONG else f"{name}.csv"
+    return f"{name}.csv.xz" if len(rows) * len(TABLES[name].columns) > LARGE else f"{name}.csv"
 
 
 def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:

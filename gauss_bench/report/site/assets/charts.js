@@ -3,11 +3,16 @@
 (() => {
   const views = {}, CONFIG = site.data.config;
   const ready = () => { document.documentElement.dataset.drawn = "true"; };
+  // The rows of a chart: what a sequence of them shares stands once, and each of its numbers in a column.
+  const rows = (chart) => chart.rows ??= chart.lines.flatMap(({ same, columns }) => {
+    const keys = Object.keys(columns);
+    return keys.length ? columns[keys[0]].map((_, i) => Object.fromEntries([...Object.entries(same), ...keys.map((k) => [k, columns[k][i]])])) : [same];
+  });
   const kept = (chart, name) => {
     const box = document.querySelector(`.toggles[data-for="${CSS.escape(name)}"]`);
-    if (!box) return chart.rows;
+    if (!box) return rows(chart);
     const on = new Set([...box.querySelectorAll("input:checked")].map((x) => x.dataset.engine));
-    return chart.rows.filter((row) => on.has(row.engine));
+    return rows(chart).filter((row) => on.has(row.engine));
   };
   // A narrow figure: fewer names beside each other, and more room for those at the ends of lines.
   const NARROW = 480;
