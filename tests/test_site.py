@@ -356,6 +356,7 @@ def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: An
             ".map(x => x.textContent.slice(0, 30))"
         )
         assert not small, f"{name}: {small[:5]}"
+        assert not page.evaluate("[...document.querySelectorAll('[hidden]')].filter(x => x.getClientRects().length).length"), name
         if scheme == "light" or name in ("index", "linkage-eight_bar"):
             faults = [x for x in axe.run(page).response["violations"] if x["impact"] in ("serious", "critical")]
             said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
