@@ -16,7 +16,7 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
 from gauss_bench.linkage import schema
-from tests.conftest import needs
+from tests.conftest import DOCUMENTATION, needs
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "gauss_bench" / "docs"
@@ -106,6 +106,7 @@ def test_it_builds_and_asks_nothing_of_other_machines(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(tmp_path / "docs")]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
+    assert sum(x.stat().st_size for x in (tmp_path / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
     built = list((tmp_path / "docs").rglob("*.html"))
     assert {x.stem for x in PAGES} <= {x.stem for x in built}
     for page in built:

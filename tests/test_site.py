@@ -25,12 +25,11 @@ from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import rich, script_text
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
 from gauss_bench.suites.read import read_suite, restricted
+from tests.conftest import DOCUMENTATION
 
 REPORTS = Path(__file__).parents[1] / "reports"
 SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
-
-DOCUMENTATION = 0.95e6  # bytes of what `make docs` puts beside the pages
 
 LEAST = {"kernel_steps": "ratio", "kernel_batch": "ratio", "kernel_rhs": "ratio", "kernel_kinematics": "rate"}
 LARGEST = {"kernel_agreement": "error", "kernel_long": "velocity_drift"}
