@@ -597,6 +597,20 @@ def test_a_state_is_taken_back_to_the_nearest_one(formulation: str) -> None:
     assert programs.settled(0, 0.0, state + 1.0, programs.values) is None  # too far for Newton's method
 
 
+@pytest.mark.parametrize(("steps_a_second", "far"), [(160, False), (50, True)])
+def test_steps_of_order_eight_turn_sines_to_either_side_of_their_middle(steps_a_second: int, far: bool) -> None:
+    """As far as half a radian, from there on they come from nothing; numpy has them from nothing always."""
+    m, code = mechanism("four_bar"), compile_kernel(mechanism("four_bar"), "gauss", "projection")
+    exact = kernel("four_bar", "projection", backend="numpy", formulation="gauss")
+    found, expected = (
+        np.concatenate(x.rollout(m.q0, m.v0, 1 / steps_a_second, steps_a_second, integrator="dop853_fixed")) for x in (code, exact)
+    )
+    runner = code._programs.runner(0, "dop853_fixed")
+    assert isinstance(runner, programs.Stepper)
+    assert (runner.further is None) == far
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
 def test_a_step_that_goes_too_far_is_done_by_the_exact_variant() -> None:
     """Over 0.4 rad in one step: no rotation reaches that far."""
     m = mechanism("crank_slider")

@@ -81,6 +81,9 @@ class CompiledModel:
         self.evaluations = 0
         equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
         self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
+        ends = np.cumsum([0, *(intervals for _, _, intervals in self.runs)])
+        begins = zip(self.runs, times[ends[:-1]].tolist(), strict=True)
+        self.planned = sum(leg.n for (count, h, intervals), t in begins for leg in self.kernel.legs(t, h, count * intervals))
         self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
         self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
@@ -110,7 +113,8 @@ class CompiledModel:
                     for i in range(count):
                         (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
-            row, self.steps = row + intervals, self.steps + sum(leg.n for leg in self.kernel.legs(t, h, count * intervals))
+            row += intervals
+        self.steps = self.planned
         differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 

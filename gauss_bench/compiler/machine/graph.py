@@ -187,6 +187,13 @@ class Graph:
     def squares(self, values: Sequence[int]) -> int:
         return self.total([self.mul(x, x) for x in values])
 
+    def largest(self, values: Sequence[int]) -> int:
+        """The largest size; what is not a number is passed over."""
+        most = self.const(0.0)
+        for size in map(self.abs, values):
+            most = self.make("select", self.make("lt", most, size), size, most)
+        return most
+
 
 def constant_values(g: Graph, values: list[int], fixed: Mapping[str, str]) -> list[int]:
     """Values that depend on fixed leaves and numbers only."""

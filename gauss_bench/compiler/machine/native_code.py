@@ -178,11 +178,11 @@ class Single:
     It keeps the code it calls in memory.
 
     Attributes:
-        arrays: flat, in the order of the routine.
+        arrays: flat, in the order of the routine; q, v: views of the halves of the first, a state.
         numbers, counts: views of what is given behind the arrays, set before a call; counts are 1 at first, groups the last.
     """
 
-    __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers")
+    __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
         self.arrays = [aligned(size) for size in sizes]
@@ -191,6 +191,8 @@ class Single:
         block.view(np.int64)[:at] = [address(x) for x in self.arrays]
         self.numbers, self.counts = block[at : at + count], block.view(np.int64)[at + count :]
         self.counts[:] = 1
+        half = sizes[0] // 2
+        self.q, self.v = self.arrays[0][:half], self.arrays[0][half:]
         self._block, self._packed, self._code = ctypes.c_void_p(address(block)), code.packed, code
 
     def run(self) -> None:

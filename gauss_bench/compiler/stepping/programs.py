@@ -69,11 +69,9 @@ class Stepper:
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        n_q = len(q)
-        one = self.loaded.singles.one or self.loaded.single(2 * n_q, len(parameters), *self.work, 2 * n_q, 3)
-        arrays, numbers, counts = one.arrays, one.numbers, one.counts
-        y, report = arrays[0], arrays[-1]
-        y[:n_q], y[n_q:] = q, v
+        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), *self.work, 2 * len(q), 3)
+        arrays, numbers, counts, report = one.arrays, one.numbers, one.counts, one.arrays[-1]
+        one.q[...], one.v[...] = q, v
         if len(parameters):
             arrays[1][:] = parameters
         numbers[0], numbers[1], counts[0], counts[1] = h, t0, n, n or 1
@@ -83,7 +81,7 @@ class Stepper:
         if report[2] and self.further is not None:
             self.extend()
             return self.run_one(q, v, parameters, t0, h, n)
-        return Stop(y.copy(), int(report[0]))
+        return Stop(arrays[0].copy(), int(report[0]))
 
 
 LEAST, LIMIT = 1e-14, 10**7  # of a step, relative to all times and to the longest; steps of one call
@@ -144,8 +142,7 @@ class Evaluator:
         n = len(q)
         one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), *self.work, 1, told + 1)
         arrays = one.arrays
-        y = arrays[0]
-        y[:n], y[n:], arrays[-2][0] = q, v, t
+        one.q[...], one.v[...], arrays[-2][0] = q, v, t
         if len(parameters):
             arrays[1][:] = parameters
         one.run()
