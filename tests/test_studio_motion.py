@@ -202,6 +202,7 @@ def test_what_is_not_installed_is_said_with_how_to_install_it(tmp_path: Path, mo
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
     monkeypatch.setattr(compiled, "require", lacking)
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     pen = four_bar(tmp_path)
     told = {x["name"]: x for x in pen.ask("hello")["engines"]}
     how = "no package llvmlite; pip install 'gauss-bench[kernel]'"
