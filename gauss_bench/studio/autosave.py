@@ -164,9 +164,10 @@ def collect() -> None:
 
 
 def since(process: int) -> str:
-    """When a process began, in the system's own words; "" where it is no more."""
+    """When a process began, in the system's own words; "" where it is no more, though nobody may have asked how it ended."""
     with suppress(OSError, IndexError):
-        return Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[19]
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        return "" if fields[0] in "ZX" else fields[19]
     if Path("/proc/self/stat").exists():
         return ""
     try:

@@ -531,7 +531,7 @@ function Centres(): JSX.Element {
         if (!c.at) return null;
         const [x, y] = toScreen(c.at);
         if (x < -50 || y < -50 || x > size.value[0] + 50 || y > size.value[1] + 50) return null;
-        const label = c.links.map((name) => (names.value || !order.includes(name) ? name : String(order.indexOf(name)))).join("·");
+        const label = c.links.map((name) => (order.includes(name) ? String(order.indexOf(name)) : name)).join("·");
         return (
           <g key={c.links.join()} data-centre={c.links.join()} transform={`translate(${x.toFixed(1)} ${y.toFixed(1)})`}>
             <path d="M-5 0H5M0-5V5" />

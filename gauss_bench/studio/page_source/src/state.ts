@@ -155,6 +155,7 @@ const leaving = (): boolean =>
 /** Another linkage is open: its motion is not here yet, and it is shown as a whole. */
 export function anew(): void {
   motion.value = null;
+  clock.value = 0;
   show();
 }
 
@@ -201,19 +202,20 @@ let later: ReturnType<typeof setTimeout> | undefined;
 let wanted = 0;
 export const motionNote = signal("");
 
+const OPEN = "What does not assemble does not move: see the problems.";
+const FAST = "Nothing can move: the links hold each other fast. Take one away, or a pin off the ground.";
+const LOOSE = "Nothing can be driven yet: pin a link to the ground.";
+
 /** Computes the driven motion of the scene anew, a moment from now. */
 export function refresh(): void {
   clearTimeout(later);
   const mine = ++wanted;
   const now = scene.value;
   const driven = now?.scenarios.some((s) => s.kind === "driven");
-  if (!now || !now.status.assembles || !(driven || now.drivers_possible.length)) {
+  const fast = now?.status.dof === 0;
+  if (!now || !now.status.assembles || fast || !(driven || now.drivers_possible.length)) {
     motion.value = null;
-    motionNote.value = !now?.links.length
-      ? ""
-      : !now.status.assembles
-        ? "What does not assemble does not move: see the problems."
-        : "Nothing can be driven yet: pin a link to the ground.";
+    motionNote.value = !now?.links.length ? "" : !now.status.assembles ? OPEN : fast ? FAST : LOOSE;
     return;
   }
   later = setTimeout(() => void compute(mine), 250);
@@ -242,7 +244,7 @@ async function compute(mine: number): Promise<void> {
 
 /** The motion of now, computed if it is not there yet. */
 export async function ready(): Promise<Motion | null> {
-  if (!motion.value && scene.value?.status.assembles && scene.value.links.length) {
+  if (!motion.value && scene.value?.status.assembles && scene.value.status.dof !== 0 && scene.value.links.length) {
     clearTimeout(later);
     await compute(++wanted);
   }

@@ -163,11 +163,7 @@ function lawOf(driver: Table): Table {
 }
 
 /** Drives a coordinate by what is usual for its kind, from where it is drawn. */
-function begin(name: string): Promise<unknown> {
-  const kind = scene.value?.drivers_possible.find((d) => d.name === name)?.kind;
-  if (!kind) return Promise.resolve();
-  return edit("drive", kind === "angle" ? { coordinate: name, law: "constant", speed: 2 * Math.PI, duration: 1 } : { coordinate: name, law: "sine", travel: 0.05, time: 1, duration: 1 });
-}
+const begin = (name: string): Promise<unknown> => edit("drive", { coordinate: name });
 
 function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind[]; duration: number }): JSX.Element {
   const name = nameOf(driver);
