@@ -95,6 +95,20 @@ def test_what_is_told_of_a_file_drives_no_terminal(tmp_path: Path, capsys: pytes
     assert "\x1b" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evil = tmp_path / "\x1b[31m"
+    assert cli.main(["check", "four_bar", "--baseline", str(evil / "b.csv")]) == 2
+    run = ["run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.01", "--steps", "0.01", "--engine", "gauss"]
+    assert cli.main([*run, "--out", str(evil)]) == 0
+    (evil / ".run" / "journal.jsonl").write_bytes(b"garbage\n")
+    assert cli.main([*run, "--out", str(evil)]) == 0
+    told = "".join(capsys.readouterr())
+    assert "1 of 1 lines are not as they were written" in told
+    assert "tables in" in told
+    assert "\x1b" not in told
+
+
 def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
