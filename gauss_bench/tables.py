@@ -176,12 +176,13 @@ def _pose(ends: str, which: str) -> tuple[Column, ...]:
     )
 
 
-def _over_processes(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
-    """A median over several processes, and their range."""
+def _over_processes(name: str, meaning: str, unit: str = "", ties: bool = False) -> tuple[Column, ...]:
+    """A median over several processes, and their range; with that of all ways that tie."""
+    of = "in any of them, of whatever ties" if ties else "of them"
     return by_clock(
         number(name, f"{meaning}: median of the processes", unit),
-        number(f"{name}_low", f"{meaning}: least of them", unit),
-        number(f"{name}_high", f"{meaning}: largest of them", unit),
+        number(f"{name}_low", f"{meaning}: least {of}", unit),
+        number(f"{name}_high", f"{meaning}: largest {of}", unit),
     )
 
 
@@ -301,6 +302,7 @@ TABLES: dict[str, Table] = {
             *METHOD,
             text("quantity", "what was timed"),
             number("step", "of the steps that were timed", "s"),
+            number("process", "its number"),
             number("round", "of the race"),
             number("seconds", "processor time of one repetition", "s"),
         ),
@@ -556,6 +558,21 @@ TABLES: dict[str, Table] = {
         8,
         "parquet",
     ),
+    "search_races": Table(
+        "one block of one process of the race of a linkage; of an engine that was lost in it, why",
+        (
+            *WHERE,
+            *METHOD,
+            *SIZE,
+            number("process", "its number"),
+            number("round", "of the race"),
+            *OUTCOME,
+            number("seconds", "processor time of a whole run", "s"),
+        ),
+        10,
+        "parquet",
+        timed=True,
+    ),
     "search_times": Table(
         "a variant at one size in the race of a linkage",
         (*WHERE, *METHOD, *SIZE, *OUTCOME, *RACED),
@@ -575,7 +592,7 @@ TABLES: dict[str, Table] = {
             number("error", "of the winner; where nothing passed, the least that was seen", "unit"),
             *OUTCOME,
             *RACED,
-            *_over_processes("ratio", "seconds / those of the cheapest own way"),
+            *_over_processes("ratio", "seconds / those of the cheapest own way", ties=True),
             flag("own", "whether it is that way"),
             flag("ours", "whether the engine is the suite's own"),
             *AIM,

@@ -72,7 +72,8 @@ class Cost(OnLinkages):
         integrators: of each engine, the first so many; None for all.
         plain: engines timed at their first variant alone.
         step: [s] of the steps that are timed.
-        rounds: of the race.
+        processes: that race, one after the other.
+        rounds: of the race in each of them.
         batch: engines whose steps of many trajectories at once are timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
@@ -82,6 +83,7 @@ class Cost(OnLinkages):
     integrators: Count | None = None
     plain: tuple[str, ...] = ()
     step: Positive
+    processes: Count = 1
     rounds: Count
     batch: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
