@@ -21,7 +21,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-FORMAT = 4
+FORMAT = 5
+APART = 4  # the first format in which what a clock decides lies in files of its own
 BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
 TIMES = "times"  # the folder of what a clock decides
 SCHEMA_FILE = "tables.json"
@@ -1003,7 +1004,7 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
             of a row that there is not.
     """
     version, table = format_of(folder), TABLES[name]
-    if version < FORMAT and name != "baseline":
+    if version < APART and name != "baseline":
         old = files_of(name, folder)
         return read_file(name, old[0], version) if old else ()
     parts = []
@@ -1083,6 +1084,8 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int)
     if name == "results" and form == 1:  # in which stabilised runs were given the times of steps without stabilisation
         timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
         fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
+    if name == "samples":  # which were of a single process before format 5
+        fresh = [{"process": 0} | x for x in fresh]
     if MEASURED[0] in TABLES[name].columns:
         fresh = [ALWAYS_MEASURED | x for x in fresh]
     if name == "baseline":  # whose rows tell of columns

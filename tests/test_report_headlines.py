@@ -34,7 +34,9 @@ def invented() -> dict[str, tuple[dict[str, object], ...]]:
         ("step", "lagrange", "default"): 20e-6,
     }
     samples = [
-        WHERE | PLAIN | {"quantity": quantity, "engine": engine, "settings": settings, "step": 1e-4, "round": k, "seconds": x}
+        WHERE
+        | PLAIN
+        | {"quantity": quantity, "engine": engine, "settings": settings, "step": 1e-4, "process": 0, "round": k, "seconds": x}
         for (quantity, engine, settings), x in times.items()
         for k in range(3)
     ]
