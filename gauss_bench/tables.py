@@ -178,17 +178,17 @@ def _pose(ends: str, which: str) -> tuple[Column, ...]:
 
 
 def _over_processes(name: str, meaning: str, unit: str = "", ties: bool = False) -> tuple[Column, ...]:
-    """A median over several processes, and their range; with that of all ways that tie."""
-    of = "in any of them, of whatever ties" if ties else "of them"
+    """A median over several processes, and where that of a second race falls; with whatever ties."""
+    of = ", whatever ties wins" if ties else ""
     return by_clock(
         number(name, f"{meaning}: median of the processes", unit),
-        number(f"{name}_low", f"{meaning}: least {of}", unit),
-        number(f"{name}_high", f"{meaning}: largest {of}", unit),
+        number(f"{name}_low", f"{meaning}: least that a second race may find{of}", unit),
+        number(f"{name}_high", f"{meaning}: most that a second race may find{of}", unit),
     )
 
 
 def _claimed(begins: str, meaning: str) -> tuple[Column, ...]:
-    """A ratio from several processes, and whether it is above 1 in all of them, below 1, or neither."""
+    """A ratio from several processes, and whether its spread lies above 1, below, or neither."""
     return (*_over_processes(f"{begins}ratio", meaning), *by_clock(text(f"{begins}verdict", "holds, open or reversed")))
 
 

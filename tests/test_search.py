@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, over_processes, padded, ratio, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, padded, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, raced, requirements
@@ -181,24 +181,43 @@ def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
     return {k: np.tile(np.array(x)[:, None], (1, 4)) for k, x in times.items()}
 
 
-def test_a_time_is_the_median_of_processes_and_its_spread_their_range() -> None:
-    """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each; of rounds alone where there is one process."""
+STUDENT = 9.925  # 99.5 % point of Student's t with two degrees of freedom, as printed in tables
+
+
+def test_a_spread_is_where_a_second_race_of_as_many_processes_falls() -> None:
+    """Logarithms of -0.1, 0 and 0.1 scatter by 0.1, medians of three of them by (pi / 3)^(1/2) of that."""
+    away = STUDENT * 0.1 * math.sqrt(math.pi / 3)
+    assert foreseen(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
+    assert foreseen(np.full(4, 2.5)) == pytest.approx((2.5, 2.5))
+
+
+def test_a_spread_holds_every_process() -> None:
+    """A hundred that agree and one that does not: by itself their scatter would leave it out."""
+    low, high = foreseen(np.array([1.0] * 100 + [9.0]))
+    assert low < 1.0
+    assert high == 9.0
+
+
+def test_a_time_is_the_median_of_processes() -> None:
+    """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each; the spread is of rounds where there is one process."""
     rounds = np.array([0.0, 0.0, 0.5, 2.0, 7.0])
     several = np.array([[2.0], [1.0], [9.0], [3.0], [6.0]]) + rounds
-    assert spread("seconds", several) == {"seconds": 3.0, "seconds_low": 1.0, "seconds_high": 9.0}
+    low, high = foreseen(np.array([1.0, 2.0, 3.0, 6.0, 9.0]))
+    assert spread("seconds", several) == pytest.approx({"seconds": 3.0, "seconds_low": low, "seconds_high": high})
     assert time_of(several) == 3.0
     alone = spread("seconds", several[0])
     assert alone == pytest.approx({"seconds": 2.0, "seconds_low": 2.0, "seconds_high": 2.0 + 2.0 + 0.8 * 5.0})
     assert spread("seconds", several[:1]) == alone
 
 
-def test_a_ratio_is_that_of_the_times_and_its_spread_the_range_of_the_processes() -> None:
+def test_a_ratio_is_that_of_the_times() -> None:
     """The second process is half as fast for both, the third for the rival alone: ratios of 3, 3 and 6, of medians 6 / 2."""
     x = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
-    assert ratio(x["rival"], x["own"]) == (3.0, 3.0, 6.0)
+    assert ratio(x["rival"], x["own"]) == (3.0, *foreseen(np.array([3.0, 3.0, 6.0])))
     assert ratio(x["own"], x["own"]) == (1.0, 1.0, 1.0)
     late = in_processes(own=[1.0, 2.0, 2.0], rival=[np.nan, 6.0, 12.0])  # where both ran
-    assert ratio(late["rival"], late["own"]) == (4.5, 3.0, 6.0)
+    assert late["rival"].shape == (3, 4)
+    assert ratio(late["rival"], late["own"]) == (4.5, *foreseen(np.array([3.0, 6.0])))
     never = in_processes(own=[1.0, np.nan], rival=[np.nan, 1.0])
     assert np.isnan(ratio(never["rival"], never["own"])).all()
 
@@ -243,19 +262,15 @@ def a_race(rng: np.random.Generator, processes: int, true: dict[str, float]) -> 
 
 
 def test_processes_tell_what_rounds_of_one_do_not() -> None:
-    """Of a hundred second races, more than 95 lie in the spread of the first over nine processes, more than 70 in that over five,
-    and less than half of those in the spread over the rounds of one.
-    """
+    """Of 300 second races 98 % and more lie in the spread of the first, of five processes or of nine; of one, less than half."""
     rng, true = np.random.default_rng(11), {"rival": 3.0, "own": 1.0}
 
-    def inside(processes: int) -> int:
-        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(200)]
-        return sum(first[1] <= second[0] <= first[2] for first, second in zip(found[:100], found[100:], strict=True))
+    def inside(processes: int) -> float:
+        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(600)]
+        return float(np.mean([first[1] <= second[0] <= first[2] for first, second in zip(found[::2], found[1::2], strict=True)]))
 
-    assert inside(9) > 95
-    shares = [inside(5), inside(1)]
-    assert shares[0] > 70
-    assert shares[1] < shares[0] / 2
+    assert min(inside(5), inside(9)) >= 0.98
+    assert inside(1) < 0.5
 
 
 def test_what_is_never_faster_in_any_process_does_not_tie() -> None:
@@ -399,8 +414,9 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert fewest <= row["steps"] <= most  # the next size is at most a fifth away
         assert row["error"] <= limit
         assert row["seconds"] == pytest.approx(row["steps"] * 2e-6)
-        assert row["seconds_low"] == pytest.approx(row["seconds"])
-        assert row["seconds_high"] == pytest.approx(SLOWER * row["seconds"])
+        assert [row[f"seconds_{x}"] for x in ("low", "high")] == pytest.approx(
+            foreseen(row["seconds"] * np.array([1.0, 1.0, SLOWER]))
+        )
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
         own = winners["gauss-native", limit]
@@ -476,8 +492,12 @@ def test_a_ratio_is_to_the_first_of_our_own_that_tie_and_its_spread_covers_all_t
     rows, races = raced_rows(times, {"rival": ["tied"]})
     found = {r["engine"]: r for r in measured.with_ratios(rows[:3], races, part)}
     assert [found[e]["own"] for e in found] == [True, False, False]
+    pairs = [
+        foreseen(np.array(times[x]) / np.array(times[y])) for x in ("rival", "tied") for y in ("gauss-native", "lagrange-native")
+    ]
+    wanted = [3.0, min(low for low, _ in pairs), max(high for _, high in pairs)]
     assert found["gauss-native"]["ratio"] == 1.0
-    assert [found["rival"][f"ratio{x}"] for x in ("", "_low", "_high")] == pytest.approx([3.0, 20 / 11, 40 / 9])
+    assert [found["rival"][f"ratio{x}"] for x in ("", "_low", "_high")] == pytest.approx(wanted)
     assert found["lagrange-native"]["ratio"] == pytest.approx(0.98)
     assert not any("ties" in r for r in found.values())
 

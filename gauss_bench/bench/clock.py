@@ -8,11 +8,12 @@ first repetition, which finds the processor's caches full of others' code, does 
 
 A race is run in several processes, each of which loads code and data anew: where they happen to lie moves a time by some per cent
 and stays as it is for the life of a process, so that rounds of one process scatter less than a second race differs from the first.
-A time is the median over the processes of the lower quartiles of their rounds, and its spread reaches from the least to the largest
-of those; a ratio is that of two times, over the processes that ran both, and its spread, from the least to the largest of the
-processes' own ratios, always holds it. Where there is one process alone, the spread of a time is from the 5 % to the 95 % point of
-its rounds, and that of a ratio from the 5 % to the 95 % point over resampled rounds. What could not be built or run leaves its
-reason. Sources: the practice of paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in reasonable time (2013).
+A time is the median over the processes of the lower quartiles of their rounds; a ratio is that of two times, over the processes
+that ran both. The spread of either is where a second race of as many processes falls in 99 of 100 cases, where processes of both
+scatter alike, and holds what each of its own processes tells (`foreseen`). Where there is one process alone, the spread of a time
+is from the 5 % to the 95 % point of its rounds, that of a ratio is over resampled rounds, and neither says anything of a second
+race. What could not be built or run leaves its reason. Sources: the practice of paired benchmarking as in Kalibera and Jones,
+Rigorous benchmarking in reasonable time (2013).
 """
 
 import gc
@@ -23,6 +24,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gauss_bench.engines.base import Model
 from gauss_bench.engines.extras import not_installed
@@ -33,6 +35,7 @@ from gauss_bench.trajectory import RunFailure, Status
 BLOCK = 2e-3  # [s] shortest block, twice the millisecond that the clock and the scheduler need to look fine
 MOTION = 1.0  # [s] longest run in a block: beyond it drift would change what is timed
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] blocks beyond it run in the first rounds only: all of them would take minutes
+CERTAIN = 0.99  # chance that a second race falls within a spread
 RESAMPLES = 200  # of the rounds, for the spread of a ratio
 
 Row = dict[str, Any]
@@ -260,9 +263,24 @@ def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
 
 
 def ends(values: Array, several: bool) -> tuple[float, float]:
-    """The spread of what several processes found, all of them; or of rounds of one, nine tenths of them."""
-    low, high = np.quantile(values, (0.0, 1.0) if several else (0.05, 0.95))
+    """The spread of what several processes found; or of rounds of one, nine tenths of them."""
+    if several:
+        return foreseen(values)
+    low, high = np.quantile(values, (0.05, 0.95))
     return float(low), float(high)
+
+
+def foreseen(values: Array) -> tuple[float, float]:
+    """Where the median of a second race falls with a chance of CERTAIN, and at least all `values` (processes,), two or more.
+
+    Logarithms scatter about their median by s, two medians of n of them differ by s (pi / n)^(1/2), and n values tell s as well as
+    Student's t has it.
+    """
+    logarithms = np.log(values)
+    scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
+    half = float(stdtrit(len(values) - 1, (1 + CERTAIN) / 2)) * scatter
+    middle = float(np.median(logarithms))
+    return min(float(values.min()), math.exp(middle - half)), max(float(values.max()), math.exp(middle + half))
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:

@@ -207,7 +207,8 @@ class Batch(OnLinkages):
         step, step_count: [s] and how many of each trajectory.
         own, rival, settings: engines, and the rival's settings.
         rival_step_count: of each trajectory: fewer, which changes nothing in the time of one.
-        rounds: of the race.
+        processes: that race, one after the other.
+        rounds: of the race in each of them.
         targets: linkage -> least ratio.
     """
 
@@ -218,6 +219,7 @@ class Batch(OnLinkages):
     rival: str
     settings: str
     rival_step_count: Count
+    processes: Count = 1
     rounds: Count
     targets: Mapping[str, Positive] = {}
 
