@@ -6,7 +6,31 @@ import sys
 
 import pytest
 
+from gauss_bench import cli
+from gauss_bench.bench.cases import variants
+from gauss_bench.runs import offers
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.trajectory import Status
 from tests.plugin import NAMES, installed
+
+
+def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.setattr(offers, "_known", {})
+    told, sound = offers.offers(["mujoco", "gauss"])
+    assert (told.status, told.version, sound.usable) == (Status.SKIP, "not installed", True)
+    assert told.reason.endswith("; pip install 'gauss-bench[mujoco]'")
+    assert {"rk4", "implicitfast"} <= {*told.integrators}
+    assert variants(told) == [("default", "", "none")]  # one row of a suite, which says why
+    with pytest.raises(ChoiceError, match="mujoco has no integrator 'rk5'"):
+        told.choose(None, "rk5", None, 1e-3)
+    assert cli.main(["simulate", "four_bar", "--engine", "mujoco", "--at", "0.01", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["status"], found["message"]) == ("skip", told.reason)
+    assert cli.main(["list"]) == 0
+    assert f"mujoco         skip: {told.reason}" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

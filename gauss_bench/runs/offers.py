@@ -37,7 +37,7 @@ class Offer:
         version: of the library that computes, or that it is not installed.
         settings: label -> options; the first is the default.
         variants: name -> what searches try, in order; its name stands for its options wherever settings do.
-        integrators: the first is the default; empty where `status` is not OK.
+        integrators: the first is the default; empty where it cannot be asked.
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
         options: those of its settings that can be given one by one, with further words that they may be.
@@ -73,7 +73,7 @@ class Offer:
         """
         if not (np.isfinite(step) and step > 0):
             raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
-        if not self.usable:
+        if not self.integrators:
             return Choice(settings or "default", integrator or "", stabilization or "none", step)
         variant = self.variants.get(settings or "")
         integrator = integrator.lower() if integrator else variant.integrator if variant else self.integrators[0]
@@ -206,7 +206,11 @@ def describe(name: str) -> Offer:
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    return Offer(name, _version(engine.version), settings, variants, integrators, stabilizations, adaptive, options, first, *loops)
+    offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, *loops)
+    try:
+        return replace(offer, version=_version(engine.version))
+    except ImportError as error:
+        return replace(offer, version="not installed", status=Status.SKIP, reason=not_installed(error))
 
 
 def _broken(name: str, error: Exception) -> Offer:
@@ -214,11 +218,16 @@ def _broken(name: str, error: Exception) -> Offer:
 
 
 def _version(asked: Callable[[], object]) -> str:
+    """What it says of its library.
+
+    Raises:
+        ImportError: the library is not there.
+    """
     try:
         told = asked()
         return in_a_sentence(told) if isinstance(told, str) else f"unknown ({type(told).__name__}, not a text)"
     except ImportError:
-        return "not installed"
+        raise
     except Exception as error:
         return f"unknown ({type(error).__name__}: {in_a_sentence(error)})"
 

@@ -4,9 +4,8 @@ import math
 from importlib.util import find_spec
 from typing import Any
 
-from gauss_bench.engines import all_names, get
-from gauss_bench.engines.extras import MissingExtra, not_installed
-from gauss_bench.runs.offers import SAFE, offers
+from gauss_bench.engines import all_names
+from gauss_bench.runs.offers import SAFE, offer, offers
 from gauss_bench.studio.document import written
 from gauss_bench.studio.dragging import assembled
 from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
@@ -20,19 +19,8 @@ BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] to look for a recommendation
 
 def engines_here() -> list[dict[str, Any]]:
     """Every engine of the suite, with why it cannot be used where it cannot."""
-    reasons = {x.name: x.reason or lacking(x.name) for x in offers([x for x in all_names() if x in SAFE])}
-    return [{"name": name, "here": not reason, "reason": reason} for name, reason in reasons.items()]
-
-
-def lacking(name: str) -> str:
-    """What an engine needs that is not installed, and how to install it; "" where it has all of it."""
-    try:
-        get(name).version()
-    except MissingExtra as error:
-        return str(error)
-    except ImportError as error:
-        return not_installed(error)
-    return ""
+    told = offers([x for x in all_names() if x in SAFE])
+    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in told]
 
 
 def text_of(session: Session, message: Message, until: float | None) -> tuple[str, str, float]:
@@ -100,8 +88,8 @@ def _usable(engines: list[Any]) -> None:
     for engine in engines:
         if engine not in names:
             raise Refused(f"there is no engine {str(engine)[:60]!r}", field="engine")
-        if reason := offers([engine])[0].reason or (lacking(engine) if engine in SAFE else ""):
-            raise Refused(f"{engine}: {reason}", field="engine")
+        if not (told := offer(engine)).usable:
+            raise Refused(f"{engine}: {told.reason}", field="engine")
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:

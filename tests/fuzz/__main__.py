@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -19,10 +20,11 @@ import pytest
 from gauss_bench.linkage.load import built_in
 from tests.fuzz import files, lists
 from tests.fuzz.driven import LATE, Ending, endings, run_one
-from tests.fuzz.motions import over_motions
+from tests.fuzz.motions import MOTIONS, over_motions
 
 PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
 BATCH = 500  # files that lie in the folder at a time
+OFTEN = 30.0  # [s] between words on how far it is
 
 
 def main() -> int:
@@ -38,14 +40,25 @@ def main() -> int:
     asked = options.parse_args()
     began, found = time.monotonic(), Counter[str]()
     bad: list[Ending | str] = []
+    told = began
+
+    def tell(kind: str, number: int, wanted: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > OFTEN:
+            told = time.monotonic()
+            print(
+                f"{kind} {number} of {wanted} after {told - began:.0f} s; {len(bad)} ended as none may", file=sys.stderr, flush=True
+            )
+
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         warm(folder)
-        for kind, stream in (
-            ("file", over_files(asked.seed, asked.first, asked.files, folder, asked.late)),
-            ("list", over_lists(asked.seed, asked.first, asked.lists, folder, asked.late)),
+        for kind, wanted, stream in (
+            ("file", asked.files, over_files(asked.seed, asked.first, asked.files, folder, asked.late)),
+            ("list", asked.lists, over_lists(asked.seed, asked.first, asked.lists, folder, asked.late)),
         ):
             for number, ending in stream:
+                tell(kind, number - asked.first, wanted)
                 word = ending.fault or ("at work" if ending.at_work else f"exit {ending.code}")
                 found[f"{kind}: {word}"] += 1
                 if ending.fault:
@@ -55,6 +68,7 @@ def main() -> int:
                     if kind == "file" and asked.keep:
                         keep(asked.keep, asked.seed, number)
     for number, word, sentence in over_motions(asked.seed, asked.motions):
+        tell("motion", number % MOTIONS, asked.motions)
         found[f"motion: {word}"] += 1
         if sentence:
             bad.append(sentence)
@@ -144,7 +158,7 @@ def over_lists(
     place = folder / "lists"
     four_bar = built_in()["four_bar"].read_bytes()
     lists.places(place, four_bar)
-    asked = [lists.hostile_list(seed, number, only) for number in range(first, first + count)]
+    asked = [*islice(lists.hostile_lists(seed, only), first, first + count)]
     found = endings(asked, place, late, lambda i: lists.places(place, four_bar))
     return ((first + i, ending) for i, ending in enumerate(found))
 

@@ -2,8 +2,9 @@
 
 import argparse
 import random
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cache
+from itertools import count
 from typing import Any
 
 from gauss_bench.api.options import parser
@@ -52,6 +53,16 @@ def _verbs() -> dict[str, argparse.ArgumentParser]:
 
 def verbs() -> tuple[str, ...]:
     return tuple(_verbs())
+
+
+def hostile_lists(seed: int, only: Collection[str] = ()) -> Iterator[tuple[list[str], bool]]:
+    """Lists of these verbs alone where some are given, each a new one: a verb with few options soon has been asked everything."""
+    known = set[tuple[str, ...]]()
+    for index in count():
+        made, may_work = hostile_list(seed, index, only)
+        if tuple(made) not in known:
+            known.add(tuple(made))
+            yield made, may_work
 
 
 def hostile_list(seed: int, index: int, only: Collection[str] = ()) -> tuple[list[str], bool]:

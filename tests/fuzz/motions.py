@@ -17,6 +17,7 @@ from tests.fuzz.mechanics import NoMotion, true_end
 from tests.random_linkages import random_linkage
 
 UNTIL = 0.2  # [s]
+MOTIONS = 100_000  # of one seed
 KINDS = ("as drawn", "stiff", "uneven masses", "fast", "stiff and uneven")
 ENGINES = ("gauss", "lagrange", "schur")
 
@@ -74,5 +75,5 @@ def over_motions(seed: int, count: int) -> Iterator[tuple[int, str, str]]:
     """Number, word and sentence of each of `count` runs."""
     with tempfile.TemporaryDirectory() as folder:
         for k in range(count):
-            number = 100_000 * seed + k
+            number = MOTIONS * seed + k
             yield (number, *ending(number, Path(folder)))
