@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import (
+    RANGE,
     Cell,
     Finding,
     Section,
@@ -36,7 +37,7 @@ WAYS = {"": "a step", "projected_": "a step with projection", "batch_": "a step 
 HEAD = (
     *("linkage", "n", "rows", "n - m", "n + m"),
     *("operations, Gauss", "Lagrange", "divisions, Gauss", "Lagrange", "chain, Gauss", "Lagrange"),
-    *(x for way in ("step", "projected", "batch") for x in (way, "range", "verdict")),
+    *(x for way in ("step", "projected", "batch") for x in (way, RANGE, "verdict")),
     *("processes", "remark"),
 )
 

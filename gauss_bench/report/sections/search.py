@@ -6,6 +6,7 @@ Every figure is the searched best of its engine; what was searched, with which b
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import (
+    RANGE,
     Block,
     Cell,
     Finding,
@@ -41,7 +42,7 @@ SEARCH = (
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *("step [s] or tolerance", "steps", "error", "time", "ratio", "range", "target", "met", "tried", "passing", "remark"),
+    *("step [s] or tolerance", "steps", "error", "time", "ratio", RANGE, "target", "met", "tried", "passing", "remark"),
 )
 KINDS = ("position", "angle", "force")
 OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
