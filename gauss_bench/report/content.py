@@ -13,8 +13,8 @@ from gauss_bench.report.rows import KEYS, Row, grouped, known, label, number, ok
 NOTHING = "-"
 RANGE = "range"
 NOTE = (
-    "Times are lower quartiles of interleaved rounds, and the median of the processes that raced; a range is where a second race of "
-    "as many processes falls, or, in one process alone, that from the 5 to the 95 percent point of the rounds."
+    "Times are lower quartiles of interleaved rounds, and the median of the processes that raced; a range is where a second race "
+    "of as many processes falls, or, in one process alone, that from the 5 to the 95 percent point of the rounds."
 )
 BELOW_LEGEND = "`< x` means below x, the reference's own error bar or the floor of rounded parameters: it cannot be told from 0."
 AUTHORS = (
