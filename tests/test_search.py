@@ -542,6 +542,29 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     assert first.key == same.key != changed.key
 
 
+def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
+    """The second process goes over all linkages before the third begins; a linkage whose first race was lost is not raced again."""
+    linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
+    part = PART.model_copy(update={"linkages": linkages})
+    suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+    place = {"settings": "default", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "tolerance": None}
+    race = place | {"engine": "gauss-native", "process": 0, "round": 0, "status": "ok", "message": "", "seconds": 1e-5}
+    here = [race | {"mechanism": name, "scenario": scenario} for name, scenario in linkages.items()]
+    lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
+
+    def asked(races: list[dict[str, Any]]) -> list[Any]:
+        return measured.timed_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
+
+    tasks = asked([*here[:2], lost])
+    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
+        (name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")
+    ]
+    slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
+    assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
+    (told,) = raced("six_bar", "torque", part, [], [lost])["search_winners"]
+    assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
+
+
 def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:
     (part,) = read_suite("search").search
     assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in search.UNITS for x in (1e-3, 1e-6, 1e-9)}
