@@ -42,7 +42,7 @@ def raced(linkage: str, scenario: str, part: Batch) -> Tables:
     for _ in range(part.processes):
         answer, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
         for failure in lost.values():
-            return {"kernel_batch": [_start(mechanism, part) | failure.told]}
+            return {"kernel_batch": [_aimed(_start(mechanism, part) | failure.told, mechanism, part)]}
         answers.append(answer)
     return {"kernel_batch": [batch_row(mechanism, part, answers)]}
 
@@ -64,6 +64,10 @@ def batch_row(mechanism: Mechanism, part: Batch, answers: Sequence[Tables]) -> R
                 failed[Key(*told["key"])] = Missing(Status(told["status"]), told["message"])
     measured, (lanes,) = Measured(over_processes(samples), failed), answers[-1]["lanes"]
     found = row(_start(mechanism, part), lambda: measured.compared(*_keys(part)) | lanes)
+    return _aimed(found, mechanism, part)
+
+
+def _aimed(found: Row, mechanism: Mechanism, part: Batch) -> Row:
     return at_least(found, "ratio", part.targets.get(mechanism.name))
 
 
