@@ -161,15 +161,18 @@ def test_corrections_bring_a_state_back(name: str, scenario: str | None, formula
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_correction_goes_the_shortest_way(formulation: str) -> None:
-    """In metres and radians under either formulation, as where formulations are interpreted."""
-    mechanism, p = linkage("five_bar", "spring"), program("five_bar", "spring", formulation)
+@pytest.mark.parametrize(("name", "scenario"), [("four_bar", "torque"), ("five_bar", "spring"), ("excavator", None)])
+def test_a_correction_goes_the_shortest_way(name: str, scenario: str | None, formulation: str) -> None:
+    """In metres and radians under either formulation, as where formulations are interpreted; with one freedom, two, and none."""
+    mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
     t, q, v = states(mechanism, range(1))[5]
     J = Evaluator(mechanism).terms(t, q, v).J
-    bent = v + np.linspace(-1.0, 1.0, len(v))
-    change = values(p.nearest_velocity, t, q, bent, p.values)[0] - bent
     motion = np.linalg.svd(J)[2][len(J) :]
-    assert np.abs(motion @ change).max() <= 1e-12 * np.abs(change).max()
+    bent, off = v + np.linspace(-1.0, 1.0, len(v)), q + 1e-3 * np.linspace(-1.0, 1.0, len(q))
+    faster = values(p.nearest_velocity, t, q, bent, p.values)[0] - bent
+    moved = values(p.position_correction, t, q, t, off, p.values)[0]
+    for change in (faster, moved):
+        assert np.abs(motion @ change).max(initial=0.0) <= 1e-12 * np.abs(change).max()
 
 
 def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing() -> None:

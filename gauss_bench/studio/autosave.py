@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -107,6 +107,15 @@ class Autosave:
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
                         saved.append((status.st_mtime, Left(path, text, tuple(locks), _picture(pictured(path)))))
         return max(saved, key=lambda x: x[0])[1] if saved else None
+
+
+def kept(paths: Iterable[Path]) -> list[str]:
+    """Names of those files of which a process that is no more left what it had not saved."""
+    with suppress(OSError):
+        keys = {path.name.partition(".")[0] for path in folder().glob("*.json")}
+        saved = {path.name: Autosave(str(path)) for path in paths}
+        return [name for name, own in saved.items() if own.key in keys and own.left()]
+    return []
 
 
 def pictured(file: Path) -> Path:

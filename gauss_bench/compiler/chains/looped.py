@@ -14,7 +14,7 @@ as in `stepping/rollout.py`, with memory to work in (`machine/loops.py`). With t
     a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a;      q' = q + h/6 X,   v' = v + h/6 U
 
 Projection follows the last stage: q by Newton's chord at the uncorrected q', as long as some correction is not short, then v with
-the Jacobian at the corrected one.
+the Jacobian at the corrected one. Where rows are redundant and nothing projects, that is done every so many steps.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -117,6 +117,8 @@ class MemoryBody(InMemory, Body):
         end = g.add(t, h)
         steps, held = {"rk4": self._rk4, "semi_implicit_euler": self._euler, "dop853_fixed": self._dop853}[integrator](t, h)
         settled, kept = self._settled(end) if program.position and program.velocity else ([], [])
+        if not program.source.projected:
+            self.settling, settled, kept = settled, [], []
         finite = self.summed("v", 0, 3 * self.layout.stride, "%speeds", square=False)
         self.statements: list[Statement] = [*steps, *settled, *finite]
         self.regular, self.regular_out = g.both([held, *kept[:2]]), g.all(True)

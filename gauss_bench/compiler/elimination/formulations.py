@@ -17,15 +17,15 @@ that of the dependent coordinates alone, Jd x = -r, less its part along the free
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange it is the KKT system with unit masses and (0, -r) on the right. With the masses, whose factors are there, it would
-move a light link the more, and a step corrected so has another error than one corrected under Gauss.
+Under Lagrange x is what the factors that are there make of (0, -r) on the right, the shortest in the mass metric, which would move
+a light link the more; less its part along N it is the same dx. Free motions N are what unit forces along the independent
+coordinates cause: (e_k, 0) on the right. Where these are several, a KKT system with unit masses costs less, and where one rests at
+times, it serves there too.
 
-The nearest velocities that the rows J v + phi_t = 0 allow need no residual under Gauss: with y the speeds of the independent
-coordinates, vp = (-Jd^-1 phi_t; 0) and what v is off, w = v - vp - N y,
+The nearest velocities that the rows J v + phi_t = 0 allow need no residual where N is there. With vp any velocities that they
+allow, y the speeds along N with which the independent coordinates move as in v, and what the others are off, w = v - vp - N y,
 
     v' = vp + N (y + (N^T N)^-1 N^T w)
-
-Free motions under Lagrange are what unit forces along the independent coordinates cause: (e_k, 0) on the right.
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
 """
 
@@ -67,6 +67,11 @@ class Terms:
     def gamma(self) -> Right:
         return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
 
+    @property
+    def driven(self) -> Right:
+        """J v of velocities that the rows allow."""
+        return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
+
 
 class Algebra(Protocol):
     """One factorised formulation; vectors are dicts without zeros, by row or by coordinate."""
@@ -103,6 +108,51 @@ class Algebra(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Free motions, a basis; along each of them one independent coordinate moves, and no other.
+
+    Attributes:
+        lengths: factors of N^T N.
+    """
+
+    graph: ExpressionGraph
+    independent: tuple[int, ...]
+    N: list[Right]
+    lengths: Factors
+
+    @classmethod
+    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right], search: Search) -> "Motions":
+        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
+
+    def _parts(self, amounts: Right, j: int) -> list[Node]:
+        """Summands of coordinate j where each motion is there in some amount."""
+        return [N[j] * amounts[k] for k, N in enumerate(self.N) if j in N and k in amounts]
+
+    def _shares(self, x: Right) -> Right:
+        """(N^T N)^-1 N^T x by motion."""
+        products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
+        return self.lengths.solve({k: y for k, y in enumerate(products) if not y.zero})
+
+    def across(self, change: Right) -> Right:
+        """A change of coordinates less its part along the motions."""
+        shares = self._shares({j: -x for j, x in change.items()})
+        parts = {j: [*_at(change, j), *self._parts(shares, j)] for j in sorted({j for x in (change, *self.N) for j in x})}
+        sums = {j: self.graph.total(x) for j, x in parts.items() if x}
+        return {j: x for j, x in sums.items() if not x.zero}
+
+    def nearest(self, v: Sequence[Node], driven: Right) -> Right:
+        """The velocities nearest to v that the rows allow, `driven` being any of these."""
+        graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}
+        speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
+        others = [j for j in off if j not in self.independent]
+        more = self._shares({j: graph.total([off[j], *(-x for x in self._parts(speeds, j))]) for j in others})
+        nearest = {u: graph.total([v[u], *self._parts(more, u)]) for u in self.independent}
+        speeds = {k: y + more[k] if k in more else y for k, y in speeds.items()}
+        nearest |= {j: graph.total([*_at(driven, j), *self._parts(speeds, j)]) for j in others}
+        return {j: x for j, x in sorted(nearest.items()) if not x.zero}
+
+
 class Gauss:
     """n - m unknowns."""
 
@@ -116,24 +166,15 @@ class Gauss:
         if search.undivided and waited and len(self.N) == 1:
             self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
         self.search = search
-        self.reduced = self._reduced(terms.mass)
+        self.reduced = _metric(terms.graph, self.N, terms.mass, search)
 
     def _column(self, J: Matrix, k: int, size: Node) -> Right:
         """The motion in which the independent coordinate k has the speed `size`."""
         return self.factors.solve({r: -(e * size) for (r, c), e in J.items() if c == k}) | {k: size}
 
-    def _reduced(self, weights: Sequence[Node]) -> Factors:
-        """Factors of N^T W N with a diagonal W."""
-        unknowns, graph = range(len(self.N)), self.terms.graph
-        A: Matrix = {}
-        for k in unknowns:
-            for l in range(k + 1):
-                A[k, l] = A[l, k] = graph.total(_weighted(graph, weights, self.N[k], self.N[l]), pairs=12)
-        return lu(graph, A, unknowns, unknowns, Search(self.search.seed))
-
     @cached_property
-    def _lengths(self) -> Factors:
-        return self._reduced([self.terms.graph.constant(1.0)] * len(self.terms.mass))
+    def _motions(self) -> Motions:
+        return Motions.of(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
@@ -149,36 +190,10 @@ class Gauss:
         return {j: x for j, x in a.items() if not x.zero}
 
     def correction(self, residual: Right) -> Right:
-        graph = self.terms.graph
-        moved = self.factors.solve({r: -x for r, x in residual.items()})
-        products = [graph.total([N[j] * x for j, x in moved.items() if j in N]) for N in self.N]
-        h = self._lengths.solve({k: -x for k, x in enumerate(products) if not x.zero})
-        change = {j: [x] for j, x in moved.items()}
-        for k, N in enumerate(self.N):
-            for j, x in N.items() if k in h else ():
-                change.setdefault(j, []).append(x * h[k])
-        sums = {j: graph.total(x) for j, x in sorted(change.items())}
-        return {j: x for j, x in sums.items() if not x.zero}
+        return self._motions.across(self.factors.solve({r: -x for r, x in residual.items()}))
 
     def velocity(self, v: Sequence[Node]) -> Right:
-        graph, zero = self.terms.graph, self.terms.graph.constant(0.0)
-        driven = self.factors.solve({r: -row.phi_t for r, row in enumerate(self.terms.rows) if not row.phi_t.zero})
-        speeds = [v[u] / N[u] for u, N in zip(self.independent, self.N, strict=True)]
-
-        def moving(speeds: Sequence[Node | None], j: int) -> list[Node]:
-            """Summands of what is driven and of free motions of coordinate j."""
-            along = [N[j] * y for N, y in zip(self.N, speeds, strict=True) if j in N and y is not None]
-            return [driven[j], *along] if j in driven else along
-
-        off = {j: graph.total([v[j], *(-x for x in moving(speeds, j))]) for j in range(len(v)) if j not in self.independent}
-        products = [graph.total([N[j] * x for j, x in off.items() if j in N]) for N in self.N]
-        more = self._lengths.solve({k: x for k, x in enumerate(products) if not x.zero})
-        nearest = {
-            u: graph.total([v[u], N[u] * more.get(k, zero)]) for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))
-        }
-        speeds = [y + more[k] if k in more else y for k, y in enumerate(speeds)]
-        nearest |= {j: graph.total(moving(speeds, j)) for j in off}
-        return {j: x for j, x in sorted(nearest.items()) if not x.zero}
+        return self._motions.nearest(v, self.factors.solve(self.terms.driven))
 
     @property
     def correcting(self) -> list[tuple[Node, float]]:
@@ -201,6 +216,21 @@ class Gauss:
     @property
     def guards(self) -> list[tuple[Node, float]]:
         return _guards(self.factors)
+
+
+def _at(x: Right, j: int) -> list[Node]:
+    """One entry of a sparse vector, if it is there."""
+    return [x[j]] if j in x else []
+
+
+def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
+    """Factors of N^T W N with a diagonal W."""
+    unknowns = range(len(motions))
+    A: Matrix = {}
+    for k in unknowns:
+        for l in range(k + 1):
+            A[k, l] = A[l, k] = graph.total(_weighted(graph, weights, motions[k], motions[l]), pairs=12)
+    return lu(graph, A, unknowns, unknowns, Search(search.seed))
 
 
 def _weighted(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: Right) -> list[Node]:
@@ -254,11 +284,15 @@ def _work_along(terms: Terms, N: Right, a0: Right, j: int) -> list[Node]:
 
 
 class Lagrange:
-    """n + m unknowns; unknown n + r is the multiplier of row r."""
+    """n + m unknowns; unknown n + r is the multiplier of row r.
 
-    def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
+    `moving` tells whether the independent coordinates move at every sample, on every motion the rows allow.
+    """
+
+    def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
+        self.single = moving and len(self.independent) <= 1
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
@@ -271,18 +305,43 @@ class Lagrange:
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
 
     def acceleration(self, gamma: Right) -> Right:
-        return {k: x for k, x in self._solved(gamma).items() if k < self.n}
+        return self._coordinates(self._solved(gamma))
 
     @cached_property
     def _units(self) -> Factors:
         """As `factors`, with unit masses."""
         return self._factors([self.terms.graph.constant(1.0)] * self.n)
 
+    @cached_property
+    def _caused(self) -> list[Right]:
+        """Free motions, each caused by a unit force along one independent coordinate."""
+        one = self.terms.graph.constant(1.0)
+        return [self._coordinates(self.factors.solve({k: one})) for k in self.independent]
+
+    @cached_property
+    def _mobility(self) -> Factors:
+        """Of the independent coordinates: how far each of these motions moves them."""
+        unknowns, motions = range(len(self.independent)), self._caused
+        A = {(row, k): N[j] for k, N in enumerate(motions) for row, j in enumerate(self.independent) if j in N}
+        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
+
+    @cached_property
+    def _motions(self) -> Motions:
+        return Motions.of(self.terms, self.independent, self._caused, self.search)
+
+    def _coordinates(self, unknowns: Right) -> Right:
+        return {k: x for k, x in unknowns.items() if k < self.n}
+
     def correction(self, residual: Right) -> Right:
-        change = self._units.solve({self.n + r: -x for r, x in residual.items()})
-        return {k: x for k, x in change.items() if k < self.n}
+        right = {self.n + r: -x for r, x in residual.items()}
+        if self.single:
+            return self._motions.across(self._coordinates(self.factors.solve(right)))
+        return self._coordinates(self._units.solve(right))
 
     def velocity(self, v: Sequence[Node]) -> Right:
+        if self.single:
+            driven = self.factors.solve({self.n + r: x for r, x in self.terms.driven.items()})
+            return self._motions.nearest(v, self._coordinates(driven))
         graph, rows = self.terms.graph, enumerate(self.terms.rows)
         rates = {r: graph.total([*(e * v[c] for c, e in row.entries.items()), row.phi_t]) for r, row in rows}
         change = self.correction({r: x for r, x in rates.items() if not x.zero})
@@ -290,20 +349,14 @@ class Lagrange:
 
     @property
     def correcting(self) -> list[tuple[Node, float]]:
-        return _guards(self._units)
+        return _guards(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
 
     @property
     def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
-        graph, unknowns = self.terms.graph, range(len(self.independent))
-        caused = [self.factors.solve({k: graph.constant(1.0)}) for k in self.independent]
-        motions = [{j: x for j, x in motion.items() if j < self.n} for motion in caused]
-        mobility = {
-            (row, k): motion[j] for k, motion in enumerate(motions) for row, j in enumerate(self.independent) if j in motion
-        }
-        factors = lu(graph, mobility, unknowns, unknowns, Search(self.search.seed))
+        graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._caused, self._mobility
         if len(motions) == 1:
             return motions, _guards(factors)
         forces = [factors.solve({k: graph.constant(1.0)}) for k in unknowns]
@@ -361,12 +414,14 @@ class Workspace:
 
     Attributes:
         caution: how many times larger than elsewhere pivots must be to be trusted.
+        moving: whether the plan's independent coordinates serve at every sample.
         rows: all rows at the state; kept: indices of those that are eliminated; drop: what becomes of the others.
         mark: how much the graph knew before elimination.
     """
 
     plan: Plan
     caution: float
+    moving: bool
     links: Links
     rows: list[Row]
     terms: Terms
@@ -379,7 +434,7 @@ class Workspace:
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":
             return Gauss(self.terms, self.plan.independent, search)
-        return Lagrange(self.terms, self.plan.independent, search)
+        return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
         """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
@@ -456,7 +511,8 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     drop = study.drops[plan.drop]
     terms = Terms(graph, tuple(mass), list(_keeping(graph, rows, kept, drop).values()), generalised_force(links), bool(drop.shares))
     steady = bool((study.soundness(plan.drop) >= ENOUGH).all())
-    return Workspace(plan, 1.0 if steady else STEADY, links, rows, terms, kept, drop, len(graph.trail))
+    moving = bool((conditions(study, plan.independent) >= ENOUGH).all())
+    return Workspace(plan, 1.0 if steady else STEADY, moving, links, rows, terms, kept, drop, len(graph.trail))
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:

@@ -174,7 +174,7 @@ class Program:
         name: of the mechanism.
         formulation: "gauss" or "lagrange".
         n, m: coordinates, and constraint rows that are kept.
-        independent: coordinates of the partition; under lagrange those of the directions alone.
+        independent: coordinates of the partition; under lagrange those along which free motions are told.
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p; then those
             of `mechanism/lines.py`, which change with time.
         values: (n_p,) their values in the linkage file.

@@ -280,8 +280,9 @@ class RoundsProgram:
         parameters, values: of the open numbers, as in `program.Program`.
         acceleration: (t, q, v, p) -> a; stabilized: the same with Baumgarte's terms, None unless asked for.
         position: (t, q, t_new, q_new, p) -> Newton's correction of q_new, with the Jacobian at q; velocity: (t, q, v, p) ->
-            correction of v; both None unless projection is asked for.
+            correction of v; both None unless they are wanted, or rows are redundant and nothing else takes back what those are off.
         dropped: names of redundant rows that were left out.
+        projected: whether every step is to be corrected.
     """
 
     plan: Plan
@@ -292,6 +293,7 @@ class RoundsProgram:
     position: RoundsFunction | None
     velocity: RoundsFunction | None
     dropped: tuple[str, ...]
+    projected: bool
 
 
 def programs_in_rounds(mechanism: Mechanism, wanted: Wanted) -> Iterator[RoundsProgram]:
@@ -372,7 +374,9 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
     work = workspace(known, wanted.open_parameters, plan)
     rows = _starred(work.terms.graph, known.mechanism, work.keeping(work.rows))
     made = _Functions(work, rows)
-    there = work.keeping(rows_of(work.links_at_new())) if wanted.projection else {}
+    dropped = known.dropped(plan.drop)
+    corrected = wanted.projection or (dropped and not wanted.baumgarte)
+    there = work.keeping(rows_of(work.links_at_new())) if corrected else {}
     moved = _starred(work.terms.graph, known.mechanism, there) if there else []
     phi = {r: row.phi for r, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
     rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
@@ -387,9 +391,10 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
         numbers.values,
         made.acceleration(gamma),
         made.acceleration(damped) if wanted.baumgarte else None,
-        made.correction(phi, ("t", "q", "t_new", "q_new", "p")) if wanted.projection else None,
-        made.correction(rates, ("t", "q", "v", "p")) if wanted.projection else None,
-        known.dropped(plan.drop),
+        made.correction(phi, ("t", "q", "t_new", "q_new", "p")) if corrected else None,
+        made.correction(rates, ("t", "q", "v", "p")) if corrected else None,
+        dropped,
+        wanted.projection,
     )
 
 

@@ -67,6 +67,7 @@ class Body:
         entry: statements before the loop; statements: of one step.
         carried: from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
+        settling: statements that do likewise with what is not carried.
         regular, regular_out, within: masks, as in Step.
         operations: of one step.
     """
@@ -78,6 +79,7 @@ class Body:
     statements: Sequence[Statement]
     carried: Carried
     settled: Mapping[int, int] = MappingProxyType({})
+    settling: Sequence[Statement] = ()
     regular: int
     regular_out: int
     within: int
@@ -152,14 +154,14 @@ def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, in
 
     `following` is the number of the next step.
     """
-    if not body.settled:
+    if not (body.settled or body.settling):
         return [], {}, {}
     g = body.graph
     due, due_later = g.count("%settle"), g.count("%settle_later")
     chosen = {x: g.leaf(f"%next{k}") for k, x in enumerate(body.settled)}
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
-    return [If(g.make("same", following, due), [], merged)], chosen, {due: (g.whole(SETTLED), due_later)}
+    return [If(g.make("same", following, due), body.settling, merged)], chosen, {due: (g.whole(SETTLED), due_later)}
 
 
 def _either(g: Graph, a: int, b: int) -> int:
@@ -308,7 +310,8 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
     planned = g.make("select", g.make("le", left, best), left, shorter)
     first = [g.leaf(f"%{x}") for x in ("start", "end")]
-    carried: Carried = {x: (a, g.make("select", good, b, x)) for x, (a, b) in body.carried.items()}
+    settling, chosen, counted = _settling(body, g.make("sum", tried, one))  # one that is refused leaves it to the next
+    carried = counted | {x: (a, g.make("select", good, chosen.get(x, b), x)) for x, (a, b) in body.carried.items()}
     carried |= {t: (first[0], t_new), goal: (first[1], g.leaf("%next")), h: (g.leaf("%h0"), planned), wanted: (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
     carried |= {i: (zero, later), due: (one, due_later), refused: (g.all(False), g.make("not", good))}
@@ -317,7 +320,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
-    loop = Loop(carried, [*body.statements, store, place, loads[1]], again)
+    loop = Loop(carried, [*body.statements, store, place, *settling, loads[1]], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
     statements = [*body.entry, loads[0], loop, *body.ended(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
