@@ -271,7 +271,7 @@ def kinematics(options: argparse.Namespace) -> int:
     elif not options.out:
         print(text.format_kinematics(plain(result.as_dict())))
     if result.status != "ok":
-        print(result.message, file=sys.stderr)
+        tell(result.message)
     return 0 if result.status == "ok" else 1
 
 
@@ -359,7 +359,7 @@ def recommend(options: argparse.Namespace) -> int:
     try:
         result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
     except NoTruth as reason:
-        print(f"{options.linkage}: nothing can be recommended: {reason}", file=sys.stderr)
+        tell(f"{options.linkage}: nothing can be recommended: {reason}")
         return 1
     for answer in result.answers:
         if answer.snippet and answer.engine in files:
@@ -476,16 +476,16 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(tables)
     else:
-        print(text.format_run(tables, options.out))
+        print(harmless(text.format_run(tables, options.out)))
     if options.report:
         from gauss_bench.api.programs import programs
         from gauss_bench.report.build import build_report
 
         for path in build_report(options.out, programs):
             if path.name in ("README.md", "index.html"):
-                print(path, file=sys.stderr)
+                tell(str(path))
     if options.against:
-        print(text.format_differences(differences(options.out, options.against), options.against), file=sys.stderr)
+        tell(text.format_differences(differences(options.out, options.against), options.against))
     return 0
 
 
@@ -506,11 +506,11 @@ def report(options: argparse.Namespace) -> int:
         if options.json:
             print_json({"accuracy": asdict(accuracy), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
         else:
-            print(text.format_changes(accuracy, moved, where))
+            print(harmless(text.format_changes(accuracy, moved, where)))
         return 0
     files = build_report(options.out, programs, tell_if_long)
     entries = [path for path in files if path.name in ("README.md", "index.html")]
-    print_json([str(path) for path in files]) if options.json else print(*entries, sep="\n")
+    print_json([str(path) for path in files]) if options.json else print(harmless("\n".join(map(str, entries))))
     return 0
 
 
@@ -526,14 +526,14 @@ def check(options: argparse.Namespace) -> int:
     asked = cases(chosen_suite(options, ["gate"]))
     chosen = asked
     if not options.accept and not options.baseline.exists():
-        print(f"error: {options.baseline}: no baseline there; write one with --accept REASON", file=sys.stderr)
+        tell(f"error: {options.baseline}: no baseline there; write one with --accept REASON")
         return BAD_INPUT
     baseline = None if options.accept else gate.read_baseline(options.baseline)
     if baseline is not None and (options.linkages or options.engines):  # of a part, what can be held against something
         chosen = gate.known(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
-            print(f"error: {options.baseline} has no figure of {named}; --accept REASON writes them there", file=sys.stderr)
+            tell(f"error: {options.baseline} has no figure of {named}; --accept REASON writes them there")
             return BAD_INPUT
         if len(chosen) < len(asked):
             tell(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
@@ -542,9 +542,9 @@ def check(options: argparse.Namespace) -> int:
     figures = gate.facts(rows, references)
     if baseline is None:
         changed, refused = gate.accept(figures, options.baseline, options.accept)
-        print(f"{options.baseline}: {changed} figures new or changed")
+        print(harmless(f"{options.baseline}: {changed} figures new or changed"))
         for reason in refused:
-            print(f"not accepted, because it failed: {reason}", file=sys.stderr)
+            tell(f"not accepted, because it failed: {reason}")
         return 1 if refused else 0
     part = gate.restricted(baseline, set(rows["mechanism"]), {x.engine for x in asked})
     verdicts = gate.compare(figures, part)
@@ -553,7 +553,7 @@ def check(options: argparse.Namespace) -> int:
         print_json({"passed": not failed, "verdicts": [vars(v) for v in verdicts]})
     else:
         again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
-        print(text.format_check(verdicts, shlex.join([*again, "--baseline", str(options.baseline)])))
+        print(harmless(text.format_check(verdicts, shlex.join([*again, "--baseline", str(options.baseline)]))))
     return 1 if failed else 0
 
 

@@ -21,7 +21,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-FORMAT = 4
+FORMAT = 5
+APART = 4  # the first format in which what a clock decides lies in files of its own
 BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
 TIMES = "times"  # the folder of what a clock decides
 SCHEMA_FILE = "tables.json"
@@ -176,17 +177,18 @@ def _pose(ends: str, which: str) -> tuple[Column, ...]:
     )
 
 
-def _over_processes(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
-    """A median over several processes, and their range."""
+def _over_processes(name: str, meaning: str, unit: str = "", ties: bool = False) -> tuple[Column, ...]:
+    """A median over several processes, and where that of a second race falls; with whatever ties."""
+    of = ", whatever ties wins" if ties else ""
     return by_clock(
         number(name, f"{meaning}: median of the processes", unit),
-        number(f"{name}_low", f"{meaning}: least of them", unit),
-        number(f"{name}_high", f"{meaning}: largest of them", unit),
+        number(f"{name}_low", f"{meaning}: least that a second race may find{of}", unit),
+        number(f"{name}_high", f"{meaning}: most that a second race may find{of}", unit),
     )
 
 
 def _claimed(begins: str, meaning: str) -> tuple[Column, ...]:
-    """A ratio from several processes, and whether it is above 1 in all of them, below 1, or neither."""
+    """A ratio from several processes, and whether its spread lies above 1, below, or neither."""
     return (*_over_processes(f"{begins}ratio", meaning), *by_clock(text(f"{begins}verdict", "holds, open or reversed")))
 
 
@@ -301,6 +303,7 @@ TABLES: dict[str, Table] = {
             *METHOD,
             text("quantity", "what was timed"),
             number("step", "of the steps that were timed", "s"),
+            number("process", "its number"),
             number("round", "of the race"),
             number("seconds", "processor time of one repetition", "s"),
         ),
@@ -556,6 +559,21 @@ TABLES: dict[str, Table] = {
         8,
         "parquet",
     ),
+    "search_races": Table(
+        "one block of one process of the race of a linkage; of an engine that was lost in it, why",
+        (
+            *WHERE,
+            *METHOD,
+            *SIZE,
+            number("process", "its number"),
+            number("round", "of the race"),
+            *OUTCOME,
+            number("seconds", "processor time of a whole run", "s"),
+        ),
+        10,
+        "parquet",
+        timed=True,
+    ),
     "search_times": Table(
         "a variant at one size in the race of a linkage",
         (*WHERE, *METHOD, *SIZE, *OUTCOME, *RACED),
@@ -575,7 +593,7 @@ TABLES: dict[str, Table] = {
             number("error", "of the winner; where nothing passed, the least that was seen", "unit"),
             *OUTCOME,
             *RACED,
-            *_over_processes("ratio", "seconds / those of the cheapest own way"),
+            *_over_processes("ratio", "seconds / those of the cheapest own way", ties=True),
             flag("own", "whether it is that way"),
             flag("ours", "whether the engine is the suite's own"),
             *AIM,
@@ -986,7 +1004,7 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
             of a row that there is not.
     """
     version, table = format_of(folder), TABLES[name]
-    if version < FORMAT and name != "baseline":
+    if version < APART and name != "baseline":
         old = files_of(name, folder)
         return read_file(name, old[0], version) if old else ()
     parts = []
@@ -1066,6 +1084,8 @@ def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int)
     if name == "results" and form == 1:  # in which stabilised runs were given the times of steps without stabilisation
         timed = [c.name for c in TABLES[name].columns if c.name.startswith(("step_", "native_step_"))]
         fresh = [x if x.get("stabilization") in ("none", "") else {k: v for k, v in x.items() if k not in timed} for x in fresh]
+    if name == "samples":  # which were of a single process before format 5
+        fresh = [{"process": 0} | x for x in fresh]
     if MEASURED[0] in TABLES[name].columns:
         fresh = [ALWAYS_MEASURED | x for x in fresh]
     if name == "baseline":  # whose rows tell of columns

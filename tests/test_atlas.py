@@ -3,6 +3,9 @@
 import functools
 import itertools
 import json
+import os
+import signal
+import time
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +18,7 @@ from matplotlib.textpath import TextPath
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
-from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, ways
+from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, survey, ways
 from gauss_bench.atlas.table import page, row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decided
 from gauss_bench.cli import main
@@ -131,7 +134,7 @@ def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypat
     verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
     answer = {value: RunVerdict(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
     monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: answer[value])
-    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     ends = min(passing + degraded, 7)
     assert found.passes_to == (family.values[passing - 1] if passing else None)
     assert found.ends_at == (family.values[ends - 1] if ends else None)
@@ -145,7 +148,7 @@ def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.Monk
     monkeypatch.setattr(
         surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
     )
-    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
     assert row(found)["breaks_at"] is None
     assert FAILED not in alone(family, [found])
@@ -157,9 +160,26 @@ def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch
     monkeypatch.setattr(
         surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.CANNOT), 0.0, "rows")
     )
-    found = reach(WAY, family, Course(tmp_path), Worker(), 0.0)
+    found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.last) == (0.0, Verdict.CANNOT)
     assert sentence(found) == "passes to 0; then cannot: rows"
+
+
+def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, told = list[float](), list[str]()
+
+    def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+        if left > 0:
+            begun.append(value)
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+        return RunVerdict(Verdict.PASS if value < family.values[-1] and left > 0 else Verdict.OPEN)
+
+    monkeypatch.setattr(surveying, "looked_at", looked_at)
+    with pytest.raises(KeyboardInterrupt):
+        survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], jobs=1, told=told.append)
+    assert len(begun) == 1
+    assert told == ["1 ways along 2 axes"]
 
 
 def test_times_that_are_compared_lie_on_whole_steps() -> None:

@@ -54,7 +54,7 @@ import json
 from gauss_bench.bench.measurements.cost import measured_by_linkage, raced
 from gauss_bench.suites.schema import Cost
 part = Cost(linkages={}, engines=("gauss", "aborts"), integrators=1, step=1e-2, rounds=2)
-print(json.dumps(raced("four_bar", "torque", part)))
+print(json.dumps(raced("four_bar", "torque", part, 0)))
 """
 
 

@@ -3,8 +3,6 @@
 import fcntl
 import json
 import os
-import random
-import signal
 import subprocess
 import sys
 import time
@@ -14,14 +12,13 @@ import numpy as np
 import pytest
 
 from gauss_bench import cli
-from gauss_bench.bench.cases import cases
 from gauss_bench.bench.journal import Journal, entry_of, line_of
 from gauss_bench.compiler import user_cache
 from gauss_bench.linkage.load import load
 from gauss_bench.reference import store
 from gauss_bench.reference.store import read_reference, stored_reference
-from gauss_bench.suites.read import of_engines, read_suite, restricted
 from gauss_bench.tables import KEY, TIMES, read_table
+from tests.fuzz.kills import faults_of_the_end, over_kills, written_by
 
 ROWS = {"results": [{"x": 0.1, "y": float("inf")}]}
 
@@ -130,61 +127,47 @@ def test_folders_above_a_folder_of_results_are_not_invented(
     assert [x.name for x in tmp_path.iterdir()] == ["file"]
 
 
-KILLS = 6
-ENGINES = ["lagrange", "schur", "yuan_ge_eq16"]
+KILLS = 4
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
 SHORT = [*RUN[3:], "--engine", "gauss", "--steps", "0.01"]
-RUN += [x for name in ENGINES for x in ("--engine", name)]
-
-
-def written_by(folder: Path) -> dict[Path, bytes]:
-    """Every file of a run but its journal."""
-    return {x.relative_to(folder): x.read_bytes() for x in folder.rglob("*") if x.is_file() and ".run" not in x.parts}
 
 
 @pytest.mark.slow
 def test_kills_at_random_moments_lose_and_double_nothing(tmp_path: Path) -> None:
-    """One run undisturbed, by one worker; another killed again and again, by two: the same bytes, and a further one adds none."""
-    started = time.monotonic()
-    subprocess.run([*RUN, "--jobs", "1", "--out", str(tmp_path / "whole")], check=True, capture_output=True)
-    lasts, chance, killed, ended = time.monotonic() - started, random.Random(1), 0, False
-    journal, known = tmp_path / "killed" / ".run" / "journal.jsonl", list[bytes]()
-    for _ in range(KILLS):
-        process = subprocess.Popen(
-            [*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        try:
-            process.wait(chance.uniform(0.2, 0.9) * lasts)
-            ended = True
-        except subprocess.TimeoutExpired:
-            os.kill(process.pid, signal.SIGKILL)
-            process.wait()
-            killed += 1
-            ended = (
-                tmp_path / "killed" / "results.csv"
-            ).exists()  # killed on its way out: nothing was left to do but to write tables
-        there = journal.read_bytes().split(b"\n")[:-1] if journal.exists() else []
-        assert there[: len(known)] == known
-        known = there
-        if ended:  # what follows would only find that all is done
-            break
-    journal.parent.mkdir(parents=True, exist_ok=True)
-    with journal.open("ab") as file:
-        file.write(b'{"key": "torn')  # what a kill in the middle of a write leaves
-    for _ in range(2):
-        subprocess.run([*RUN, "--jobs", "2", "--out", str(tmp_path / "killed")], check=True, capture_output=True)
-        entries = [entry_of(line + b"\n") for line in journal.read_bytes().split(b"\n")[:-1]]
-        keys = [entry["key"] for entry in entries if entry]
-        assert len(keys) == len(set(keys)) == len(entries)
-    assert killed
-    rows = read_table("results", tmp_path / "killed")
-    assert len(rows) == len(cases(of_engines(restricted(read_suite("gate"), {"four_bar": "torque"}), ENGINES)))
-    assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows)
-    one, other = written_by(tmp_path / "whole"), written_by(tmp_path / "killed")
-    assert one == other
-    assert not any(TIMES in path.parts for path in one)
-    provenance = json.loads(one[Path("environment.json")])
+    """Runs undisturbed, by one worker; others killed again and again, by two: the same bytes, and no process is left."""
+    found = [*over_kills(1, KILLS, tmp_path)]
+    assert [x for x in found if x[2]] == []
+    assert len(found) == KILLS
+    assert {word.split()[0] for _, word, _ in found} == {"run", "sweep"}
+    rows = read_table("results", tmp_path / "run")
+    assert len({tuple(row[k] for k in KEY) for row in rows}) == len(rows) > 10
+    provenance = json.loads((tmp_path / "run 0" / "environment.json").read_bytes())
     assert {"versions", "cpu", "threads", "commit", "engines"} <= provenance.keys()
+    assert not any(TIMES in path.parts for path in written_by(tmp_path / "run"))
+
+
+@pytest.mark.parametrize("how", ["lost", "changed"])
+def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path: Path, how: str) -> None:
+    """A verb that writes the journal anew each time stands for the run."""
+    script = tmp_path / "run.py"
+    script.write_text(
+        f"""
+import sys
+from pathlib import Path
+from gauss_bench.bench.journal import line_of
+place = Path(sys.argv[-1])
+lines = [line_of({{"key": f"case {{k}}", "stamp": "s", "tables": {{}}}}) for k in range(2)]
+(place / ".run" / "journal.jsonl").write_bytes(b"".join(lines[{how == "lost":d}:]))
+(place / "results.csv").write_text("{how}")
+""",
+        encoding="utf-8",
+    )
+    place = tmp_path / "place"
+    with Journal(place / ".run" / "journal.jsonl") as journal:
+        journal.add("case 0", "s", {})
+    asked = [sys.executable, str(script), "-m", "run", str(place)]
+    found = [*faults_of_the_end(asked, place, {Path("results.csv"): b"lost"})]
+    assert found == (["going on loses what was finished"] if how == "lost" else ["differs from the undisturbed one: results.csv"])
 
 
 def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,9 @@
 """Hostile files and lists of arguments, a few of each: `make fuzz` throws many. What once broke a verb is held here by its kind."""
 
 import copy
+import os
 import tomllib
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,10 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.limits import harmless, limit_faults
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
+from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import Heard
 from tests.fuzz.files import CHANGES, damaged_file
+from tests.fuzz.lists import hostile_lists
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 
@@ -91,6 +95,20 @@ def test_what_is_told_of_a_file_drives_no_terminal(tmp_path: Path, capsys: pytes
     assert "\x1b" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evil = tmp_path / "\x1b[31m"
+    assert cli.main(["check", "four_bar", "--baseline", str(evil / "b.csv")]) == 2
+    run = ["run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.01", "--steps", "0.01", "--engine", "gauss"]
+    assert cli.main([*run, "--out", str(evil)]) == 0
+    (evil / ".run" / "journal.jsonl").write_bytes(b"garbage\n")
+    assert cli.main([*run, "--out", str(evil)]) == 0
+    told = "".join(capsys.readouterr())
+    assert "1 of 1 lines are not as they were written" in told
+    assert "tables in" in told
+    assert "\x1b" not in told
+
+
 def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -99,6 +117,9 @@ def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
     assert "by gauss: 2000 steps up to 2 s" in capsys.readouterr().err
     assert cli.main(["simulate", "pendulum", "--at", "1e9"]) == 2
     assert Heard.lines_of_work(capsys.readouterr().err) == []
+    assert Heard.lines_of_work("usage: gauss-bench recommend\n          [--json]\nerror: no such verb\n") == []
+    assert Heard.lines_of_work("warning: old\n  3.7 s  in vain\n") == []
+    assert Heard.lines_of_work("  3.7 s  truth: known\n") == ["  3.7 s  truth: known"]
 
 
 def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,6 +172,36 @@ def test_the_same_numbers_make_the_same_files() -> None:
 
 def test_damaged_files_are_refused_or_run(tmp_path: Path) -> None:
     assert [x for x in over_files(3, 0, 12, tmp_path) if x[1].fault] == []
+
+
+def test_no_list_of_arguments_comes_twice() -> None:
+    made = [tuple(x) for x, _ in islice(hostile_lists(3, only=("list", "doctor")), 40)]
+    assert len(set(made)) == 40
+    assert {x[0] for x in made} > {"list", "doctor"}  # one word stands first that is no verb
+
+
+def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
+    kept: list[object] = []
+
+    def leaking(number: int) -> str:
+        kept.append(bytearray(5000))
+        return ""
+
+    def opening(number: int) -> str:
+        if number % 100 == 0:
+            kept.append(open(os.devnull))
+        return "" if number != 7 else "wrong"
+
+    assert [x[2] for x in over_calls(lambda number: "", 400) if x[2]] == []
+    assert "MB more" in [*over_calls(leaking, 400)][-1][2]
+    *found, last = [x[2] for x in over_calls(opening, 400) if x[2]]
+    assert found == ["wrong"]
+    assert "handles more" in last
+
+
+@pytest.mark.long
+def test_calls_in_one_process_hold_no_more_at_their_end() -> None:
+    assert [x for x in over_calls(simulated(3), 200) if x[2]] == []
 
 
 @pytest.mark.slow

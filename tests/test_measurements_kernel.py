@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared
+from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared, foreseen
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import claim, limits
-from gauss_bench.bench.measurements.batch import batch
+from gauss_bench.bench.measurements.batch import batch, batch_row
 from gauss_bench.bench.measurements.cost import BARE, race
 from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
 from gauss_bench.bench.measurements.limits import bounded
@@ -51,7 +51,7 @@ def test_a_batch_is_compared_by_the_step_of_one_trajectory(clock: Clock, monkeyp
     """The kernel takes 10 ns for a step of a trajectory, MuJoCo 3 us: 300 times as long, however many steps each is given."""
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=3e-6))
-    (row,) = batch("crank_slider", "paper", BATCH)["kernel_batch"]
+    row = batch_row(load("crank_slider", "paper"), BATCH, [batch("crank_slider", "paper", BATCH)])
     assert (row["seconds"], row["rival_seconds"]) == pytest.approx((10e-9, 3e-6))
     assert row["ratio"] == pytest.approx(300.0)
     assert row["met"] is False
@@ -69,7 +69,7 @@ def test_lanes_that_disturb_each_other_are_told(clock: Clock, monkeypatch: pytes
     monkeypatch.setattr(Kernel, "rollout", disturbed)
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock)
-    (row,) = batch("crank_slider", "paper", BATCH)["kernel_batch"]
+    row = batch_row(load("crank_slider", "paper"), BATCH, [batch("crank_slider", "paper", BATCH)])
     assert row["lanes_error"] == pytest.approx(2e-3)
 
 
@@ -159,11 +159,12 @@ def raced(**ratios: list[float]) -> Rows:
     return [{"what": what, "status": "ok", "message": "", "ratio": x} for what, values in ratios.items() for x in values]
 
 
-def test_the_claim_is_the_median_of_processes_with_their_range_as_its_spread() -> None:
+def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race_falls() -> None:
     start = {"mechanism": "four_bar", "scenario": "torque"}
-    row = claim.claim_row(start, raced(step=[1.5, 1.1, 1.9, 1.4, 1.6], projected=[0.97, 1.02, 1.01], batch=[0.8, 0.9, 0.7]))
-    assert [row[x] for x in ("ratio", "ratio_low", "ratio_high")] == [1.5, 1.1, 1.9]
-    assert [row[f"projected_{x}"] for x in ("ratio", "ratio_low", "ratio_high")] == [1.01, 0.97, 1.02]
+    row = claim.claim_row(start, raced(step=[1.5, 1.4, 1.6, 1.45, 1.55], projected=[0.97, 1.02, 1.01], batch=[0.7, 0.71, 0.69]))
+    spreads = [foreseen(np.array(x)) for x in ([1.5, 1.4, 1.6, 1.45, 1.55], [0.97, 1.02, 1.01])]
+    assert [row[x] for x in ("ratio", "ratio_low", "ratio_high")] == [1.5, *spreads[0]]
+    assert [row[f"projected_{x}"] for x in ("ratio", "ratio_low", "ratio_high")] == [1.01, *spreads[1]]
     assert [row[f"{x}verdict"] for x in ("", "projected_", "batch_")] == ["holds", "open", "reversed"]
     assert (row["status"], row["processes"]) == ("ok", 5)
     lost = claim.claim_row(start, [{"what": "step", "status": "crashed", "message": "SIGSEGV"}])

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, Races
+from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, padded, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import ladder, raced, requirements
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, raced, requirements
 from gauss_bench.bench.search import (
     Requirement,
     Scale,
@@ -26,7 +26,6 @@ from gauss_bench.bench.search import (
     finalists,
     tolerances,
     won,
-    won_over,
 )
 from gauss_bench.bench.survived import ROOM
 from gauss_bench.bench.tasks import Tables
@@ -177,72 +176,101 @@ def test_a_second_race_names_the_same_winner_or_one_that_tied() -> None:
     assert not any("dearer" in (one[0], other[0]) for one, other in pairs)
 
 
-def in_processes(**times: list[float]) -> Races:
+def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
     """Entries that take so long [s] in one process after the other, the same in every round; NaN where one does not run."""
-    count = len(next(iter(times.values())))
-    return Races([Measured({k: np.full(4, x[i]) for k, x in times.items() if np.isfinite(x[i])}, {}) for i in range(count)])
+    return {k: np.tile(np.array(x)[:, None], (1, 4)) for k, x in times.items()}
 
 
-def test_a_time_is_the_median_of_processes_and_its_spread_their_range() -> None:
-    """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each."""
+STUDENT = 9.925  # 99.5 % point of Student's t with two degrees of freedom, as printed in tables
+
+
+def test_a_spread_is_where_a_second_race_of_as_many_processes_falls() -> None:
+    """Logarithms of -0.1, 0 and 0.1 scatter by 0.1, medians of three of them by (pi / 3)^(1/2) of that."""
+    away = STUDENT * 0.1 * math.sqrt(math.pi / 3)
+    assert foreseen(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
+    assert foreseen(np.full(4, 2.5)) == pytest.approx((2.5, 2.5))
+
+
+def test_a_spread_holds_every_process() -> None:
+    """A hundred that agree and one that does not: by itself their scatter would leave it out."""
+    low, high = foreseen(np.array([1.0] * 100 + [9.0]))
+    assert low < 1.0
+    assert high == 9.0
+
+
+def test_a_time_is_the_median_of_processes() -> None:
+    """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each; the spread is of rounds where there is one process."""
     rounds = np.array([0.0, 0.0, 0.5, 2.0, 7.0])
-    races = Races([Measured({"a": x + rounds}, {}) for x in (2.0, 1.0, 9.0, 3.0, 6.0)])
-    assert races.spread("seconds", "a") == {"seconds": 3.0, "seconds_low": 1.0, "seconds_high": 9.0}
-    alone = Races(races.races[:1]).spread("seconds", "a")
-    assert alone["seconds"] == 2.0
-    assert np.isnan([alone["seconds_low"], alone["seconds_high"]]).all()
+    several = np.array([[2.0], [1.0], [9.0], [3.0], [6.0]]) + rounds
+    low, high = foreseen(np.array([1.0, 2.0, 3.0, 6.0, 9.0]))
+    assert spread("seconds", several) == pytest.approx({"seconds": 3.0, "seconds_low": low, "seconds_high": high})
+    assert time_of(several) == 3.0
+    alone = spread("seconds", several[0])
+    assert alone == pytest.approx({"seconds": 2.0, "seconds_low": 2.0, "seconds_high": 2.0 + 2.0 + 0.8 * 5.0})
+    assert spread("seconds", several[:1]) == alone
 
 
-def test_a_ratio_is_that_of_the_times_and_its_spread_the_range_of_the_processes() -> None:
+def test_a_ratio_is_that_of_the_times() -> None:
     """The second process is half as fast for both, the third for the rival alone: ratios of 3, 3 and 6, of medians 6 / 2."""
-    races = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
-    assert races.ratio("rival", "own") == (3.0, 3.0, 6.0)
-    assert races.ratio("own", "own") == (1.0, 1.0, 1.0)
+    x = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
+    assert ratio(x["rival"], x["own"]) == (3.0, *foreseen(np.array([3.0, 3.0, 6.0])))
+    assert ratio(x["own"], x["own"]) == (1.0, 1.0, 1.0)
     late = in_processes(own=[1.0, 2.0, 2.0], rival=[np.nan, 6.0, 12.0])  # where both ran
-    assert late.ratio("rival", "own") == (4.5, 3.0, 6.0)
-    assert np.isnan(in_processes(own=[1.0, np.nan], rival=[np.nan, 1.0]).ratio("rival", "own")).all()
+    assert late["rival"].shape == (3, 4)
+    assert ratio(late["rival"], late["own"]) == (4.5, *foreseen(np.array([3.0, 6.0])))
+    never = in_processes(own=[1.0, np.nan], rival=[np.nan, 1.0])
+    assert np.isnan(ratio(never["rival"], never["own"])).all()
+
+
+def test_rounds_stand_by_the_process_that_they_were_in() -> None:
+    """One entry ran in the first process and the third, the other in the second alone."""
+    found = over_processes({"a": {2: [3.0], 0: [1.0, 2.0]}, "b": {1: [5.0]}})
+    gap = np.nan
+    np.testing.assert_array_equal(found["a"], [[1.0, 2.0], [gap, gap], [3.0, gap]])
+    np.testing.assert_array_equal(found["b"], [[gap], [5.0], [gap]])
+
+
+def test_a_ratio_is_of_the_rounds_that_both_have() -> None:
+    """The slow one sits the last two rounds out, in which the other is three times as slow."""
+    slow = padded([np.array([8.0, 8.0]), np.array([8.0, 8.0])])
+    quick = padded([np.array([2.0, 2.0, 6.0, 6.0]), np.array([2.0, 2.0, 6.0, 6.0])])
+    assert ratio(slow, quick) == (4.0, 4.0, 4.0)
 
 
 def test_a_ratio_lies_within_its_spread() -> None:
     rng = np.random.default_rng(3)
-    for count in (1, 2, 3, 4, 5):
+    for count in (2, 3, 4, 5):
         for _ in range(50):
             one, other = rng.uniform(0.5, 2.0, (2, count))
-            ratio, low, high = in_processes(one=list(one), other=list(other)).ratio("one", "other")
-            assert low <= ratio * (1 + 1e-12)
-            assert ratio <= high * (1 + 1e-12)
+            value, low, high = ratio(*in_processes(one=list(one), other=list(other)).values())
+            assert low <= value * (1 + 1e-12)
+            assert value <= high * (1 + 1e-12)
 
 
 def test_what_ran_in_no_process_has_its_reason() -> None:
-    failed = Races([Measured({}, {"a": Missing(Status.NAN, "not a number")}), Measured({}, {})])
-    assert "a" not in failed
+    failed = Measured({}, {"a": Missing(Status.NAN, "not a number")})
     with pytest.raises(Missing, match="not a number"):
         failed.of("a")
     with pytest.raises(Missing, match="b was not measured"):
         failed.of("b")
 
 
+def a_race(rng: np.random.Generator, processes: int, true: dict[str, float]) -> dict[str, np.ndarray]:
+    """Code of each lies well or badly by 8 % for the life of a process, and rounds scatter by 1 %."""
+    luck = 0.08 * rng.normal(size=(len(true), processes, 1))
+    return {k: x * np.exp(luck[i] + 0.01 * np.abs(rng.normal(size=(processes, 10)))) for i, (k, x) in enumerate(true.items())}
+
+
 def test_processes_tell_what_rounds_of_one_do_not() -> None:
-    """A race in which code of each lies well or badly by 8 % for the life of a process, and rounds scatter by 1 %.
+    """Of 300 second races 98 % and more lie in the spread of the first, of five processes or of nine; of one, less than half."""
+    rng, true = np.random.default_rng(11), {"rival": 3.0, "own": 1.0}
 
-    Of a hundred second races, more than 70 values lie within the first one's spread over five processes, and less than half of that
-    in the spread over the rounds of one.
-    """
-    rng = np.random.default_rng(11)
+    def inside(processes: int) -> float:
+        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(600)]
+        return float(np.mean([first[1] <= second[0] <= first[2] for first, second in zip(found[::2], found[1::2], strict=True)]))
 
-    def one() -> Measured:
-        true = {"own": 1.0, "rival": 3.0}
-        return Measured({k: x * np.exp(0.08 * rng.normal() + 0.01 * np.abs(rng.normal(size=10))) for k, x in true.items()}, {})
-
-    def inside(first: tuple[float, float, float], second: tuple[float, float, float]) -> bool:
-        return first[1] <= second[0] <= first[2]
-
-    several = [Races([one() for _ in range(5)]).ratio("rival", "own") for _ in range(200)]
-    alone = [one().compared("own", "rival") for _ in range(200)]
-    single = [(r["ratio"], r["ratio_low"], r["ratio_high"]) for r in alone]
-    shares = [sum(map(inside, x[:100], x[100:])) for x in (several, single)]
-    assert shares[0] > 70
-    assert shares[1] < shares[0] / 2
+    assert min(inside(5), inside(9)) >= 0.98
+    assert inside(1) < 0.5
 
 
 def test_what_is_never_faster_in_any_process_does_not_tie() -> None:
@@ -251,9 +279,30 @@ def test_what_is_never_faster_in_any_process_does_not_tie() -> None:
     races = in_processes(
         third=[2.0, 2.6, 0.8, 2.2, 2.4], second=[1.01 * x for x in scattered], first=scattered, same=scattered[::-1]
     )
-    assert won_over(races, ["third", "second", "first", "same"]) == ("third", ["third", "first", "same"])
-    assert won_over(races, ["second", "first"]) == ("first", ["first"])
-    assert won_over(races, ["same", "first"]) == ("same", ["same", "first"])
+    assert won(races) == ("first", ["first", "same"])
+    assert won({k: races[k] for k in ("second", "first")}) == ("first", ["first"])
+    assert won({k: races[k] for k in ("same", "first")}) == ("same", ["same", "first"])
+
+
+def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
+    """Once in four is a tie, once in five luck."""
+    fastest = [1.0] * 5
+    races = in_processes(luck=[0.9, 1.2, 1.2, 1.2, 1.2], often=[0.9, 0.9, 1.2, 1.2, 1.2], fastest=fastest)
+    assert won(races) == ("often", ["often", "fastest"])
+
+
+def test_of_twenty_ways_nine_tenths_of_second_races_name_one_that_tied_and_none_that_takes_a_tenth_longer() -> None:
+    """Ten ways cost alike, the others 10 % more, where processes scatter by 3 %."""
+    rng = np.random.default_rng(5)
+    true = {f"alike {k}": 1.0 for k in range(10)} | {f"dear {k}": 1.1 for k in range(10)}
+
+    def one() -> tuple[str, list[str]]:
+        luck = 0.03 * rng.normal(size=(len(true), 9, 1))
+        return won({k: x * np.exp(luck[i] + np.zeros((9, 3))) for i, (k, x) in enumerate(true.items())})
+
+    pairs = [(one(), one()) for _ in range(100)]
+    assert not any(x.startswith("dear") for pair in pairs for x, _ in pair)
+    assert sum(first[0] in second[1] or second[0] in first[1] for first, second in pairs) >= 90
 
 
 def test_only_what_may_still_win_is_raced_in_further_processes() -> None:
@@ -348,7 +397,10 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
             if (variant.integrator, variant.stabilization) == ("rk4", "none"):
                 rows += ladder("four_bar", "torque", engine, variant, PART, str(folder))["search_ladder"]
     told = json.loads(json.dumps(rows))  # as the journal keeps them
-    return {"search_ladder": rows} | raced("four_bar", "torque", PART, told)
+    races = first_race("four_bar", "torque", PART, told)["search_races"]
+    for number in range(1, PART.processes):
+        races = races + further_race("four_bar", "torque", PART, told, races, number)["search_races"]
+    return {"search_ladder": rows, "search_races": races} | raced("four_bar", "torque", PART, told, races)
 
 
 def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
@@ -362,8 +414,9 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert fewest <= row["steps"] <= most  # the next size is at most a fifth away
         assert row["error"] <= limit
         assert row["seconds"] == pytest.approx(row["steps"] * 2e-6)
-        assert row["seconds_low"] == pytest.approx(row["seconds"])
-        assert row["seconds_high"] == pytest.approx(SLOWER * row["seconds"])
+        assert [row[f"seconds_{x}"] for x in ("low", "high")] == pytest.approx(
+            foreseen(row["seconds"] * np.array([1.0, 1.0, SLOWER]))
+        )
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
         own = winners["gauss-native", limit]
@@ -379,7 +432,7 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
     ]
     rows = {name: tuple(row_of(TABLES[name], r) for r in found[name]) for name in found}
     assert compared(Run({}, rows)) == ["search"]
-    for table in ("search_ladder", "search_winners", "search_times"):
+    for table in ("search_ladder", "search_races", "search_winners", "search_times"):
         assert [row_of(TABLES[table], row) for row in found[table]]
 
 
@@ -407,19 +460,46 @@ def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path
     assert rows[-1]["ended"] == "the finest size was tried"
 
 
+def raced_rows(times: dict[str, list[float]], ties: dict[str, list[str]]) -> tuple[list[dict[str, Any]], Measured]:
+    """Winner rows of engines at 1e-6 m by their times in each process, and the race; `ties` are other engines' ways here."""
+    place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
+    ways = {e: measured.way_of(place | {"engine": e}) for e in times}
+    rows = [place | {"engine": e, "status": "ok", "ties": [ways[x] for x in (e, *ties.get(e, []))]} for e in times]
+    return rows, Measured({ways[e]: np.array(x)[:, None] for e, x in times.items()}, {})
+
+
 def test_an_aim_is_held_against_rivals_that_get_there() -> None:
     """Ours in 1 ms, rivals in 15 and 25 where 20 times as long is aimed at; one that cannot get there has missed no aim."""
     part = PART.model_copy(update={"aims": {"near": 20.0, "far": 20.0, "never": 20.0}, "aimed": (1e-6,)})
-    times = {"gauss-native": 1e-3, "near": 15e-3, "far": 25e-3}
-    place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
-    rows = [place | {"engine": e, "status": "ok", "seconds": x} for e, x in times.items()]
-    rows.append(place | {"engine": "never", "status": "cannot reach"})
-    races = Races([Measured({measured.way_of(r): np.full(3, times[r["engine"]]) for r in rows[:3]}, {})])
+    rows, races = raced_rows({"gauss-native": [1e-3] * 3, "near": [15e-3] * 3, "far": [25e-3] * 3}, {})
+    rows.append(rows[0] | {"engine": "never", "status": "cannot reach", "ties": []})
     found = {r["engine"]: r for r in measured.with_ratios(rows, races, part)}
     assert {e: r.get("met") for e, r in found.items()} == {"gauss-native": None, "near": False, "far": True, "never": None}
     assert [found[e]["ours"] for e in found] == [True, False, False, False]
     coarser = [r | {"accuracy": 1e-3} for r in rows]
     assert not any("target" in r for r in measured.with_ratios(coarser, races, part))
+
+
+def test_a_ratio_is_to_the_first_of_our_own_that_tie_and_its_spread_covers_all_that_tie() -> None:
+    """Ours take 10 and 9.8 us, each the faster in two processes of four; the rival 30, and 40 by what ties with it."""
+    part = PART.model_copy(update={"own": ("gauss-native", "lagrange-native")})
+    times = {
+        "gauss-native": [9.0e-6, 11e-6, 9.0e-6, 11e-6],
+        "lagrange-native": [9.8e-6] * 4,
+        "rival": [30e-6, 30e-6, 30e-6, 30e-6],
+        "tied": [40e-6, 40e-6, 40e-6, 20e-6],
+    }
+    rows, races = raced_rows(times, {"rival": ["tied"]})
+    found = {r["engine"]: r for r in measured.with_ratios(rows[:3], races, part)}
+    assert [found[e]["own"] for e in found] == [True, False, False]
+    pairs = [
+        foreseen(np.array(times[x]) / np.array(times[y])) for x in ("rival", "tied") for y in ("gauss-native", "lagrange-native")
+    ]
+    wanted = [3.0, min(low for low, _ in pairs), max(high for _, high in pairs)]
+    assert found["gauss-native"]["ratio"] == 1.0
+    assert [found["rival"][f"ratio{x}"] for x in ("", "_low", "_high")] == pytest.approx(wanted)
+    assert found["lagrange-native"]["ratio"] == pytest.approx(0.98)
+    assert not any("ties" in r for r in found.values())
 
 
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
@@ -460,6 +540,29 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     races = [measured.timed(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
     (first,), (same,), (changed,) = races
     assert first.key == same.key != changed.key
+
+
+def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
+    """The second process goes over all linkages before the third begins; a linkage whose first race was lost is not raced again."""
+    linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
+    part = PART.model_copy(update={"linkages": linkages})
+    suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+    place = {"settings": "default", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "tolerance": None}
+    race = place | {"engine": "gauss-native", "process": 0, "round": 0, "status": "ok", "message": "", "seconds": 1e-5}
+    here = [race | {"mechanism": name, "scenario": scenario} for name, scenario in linkages.items()]
+    lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
+
+    def asked(races: list[dict[str, Any]]) -> list[Any]:
+        return measured.timed_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
+
+    tasks = asked([*here[:2], lost])
+    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
+        (name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")
+    ]
+    slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
+    assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
+    (told,) = raced("six_bar", "torque", part, [], [lost])["search_winners"]
+    assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
 def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:

@@ -237,6 +237,23 @@ def test_deleting_takes_what_cannot_be_without_it(tmp_path: Path) -> None:
     assert pen.session.text.count("[joints") == 0
 
 
+def test_what_is_left_of_a_deleted_joint_is_no_second_pin(tmp_path: Path) -> None:
+    """The ends of the bars beside a deleted one stay where they were, each a loose end; the file is one that the suite reads."""
+    pen = four_bar(tmp_path)
+    after = pen.scene("delete", ids=["links.bar2"])
+    assert len(after["pins"]) == 4
+    assert after["problems"] == []
+    assert pen.scene("undo")["status"]["loops"] == 1
+
+
+def test_a_slide_that_is_driven_by_no_law_yet_goes_forth_by_part_of_the_linkage(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pen.ask("add_slide", at=[0.2, 0.1], guide="ground", angle_deg=30.0)
+    moved = pen.ask("motion", samples=4)
+    (poses,) = moved["poses"].values()
+    assert np.hypot(*np.subtract(poses[-1][:2], poses[0][:2])) > 0.01
+
+
 def test_a_drawing_is_exported_as_it_moves(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     assert pen.ask("export", kind="toml")["text"] == pen.session.text

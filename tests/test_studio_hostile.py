@@ -7,6 +7,8 @@ import random
 import signal
 import socket as sockets
 import stat
+import subprocess
+import sys
 import time
 import zlib
 from pathlib import Path
@@ -17,6 +19,7 @@ import pytest
 pytest.importorskip("uvicorn")
 from websockets.sync.client import ClientConnection
 
+from gauss_bench.studio.autosave import since
 from gauss_bench.studio.requests import VERBS, answer
 from gauss_bench.studio.server import as_json
 from gauss_bench.studio.session import Session
@@ -74,6 +77,19 @@ def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path)
     pen = Pen(tmp_path)
     assert "half a character" in pen.refused("set", path="title", value="\ud800")
     assert "half a character" in pen.refused("open", text='name = "x\udfff"')
+
+
+def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
+    """What it left is offered: where its parent never waits for it, as in a container, it stays among the processes for good."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        assert since(process.pid)
+        process.kill()
+        for _ in range(500):
+            if not since(process.pid):
+                break
+            time.sleep(0.01)
+        assert since(process.pid) == ""
+        assert Path(f"/proc/{process.pid}").exists() or sys.platform != "linux"
 
 
 def test_undo_goes_to_the_beginning_and_no_further(tmp_path: Path) -> None:

@@ -109,6 +109,23 @@ def test_instant_centres_lie_on_the_pins(tmp_path: Path) -> None:
     assert "missing" in pen.refused("centres", at={})
 
 
+def test_instant_centres_along_a_motion_are_those_of_each_position(tmp_path: Path) -> None:
+    pen = four_bar(tmp_path)
+    poses = pen.ask("motion", samples=4)["poses"]
+    along = pen.ask("centres", along=poses)["centres"]
+    for k in range(5):
+        here = pen.ask("centres", at={name: list(map(float, x[k])) for name, x in poses.items()})["centres"]
+        for one, all_of_them in zip(here, along, strict=True):
+            assert one["links"] == all_of_them["links"]
+            assert one["at"] == pytest.approx(all_of_them["at"][k], abs=1e-9)
+    pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
+    dragged = pen.ask("drag", at=[0.29, 0.28], centres=True)
+    assert len(dragged["centres"]) == 6
+    assert "centres" not in pen.ask("drag", at=[0.28, 0.28])
+    for wrong in ({}, [], {"bar1": []}, {"bar1": [[0, 0, 0]], "bar2": []}, {"bar1": [[0, 0, 0]]}, {"bar1": ["x"], "bar2": [1]}):
+        assert pen.refused("centres", along=wrong)
+
+
 class Watched:
     """Events of one piece of work, until it is done."""
 

@@ -150,7 +150,7 @@ def test_messages_are_answered_no_faster_than_their_rate() -> None:
     assert rate.allows(WINDOW + 0.01)
 
 
-def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_path: Path) -> None:
+def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a_clean_end(tmp_path: Path) -> None:
     cache = tmp_path / "cache" / "gauss-bench" / "studio"
     first = started(tmp_path)
     with first.socket() as socket:
@@ -174,7 +174,18 @@ def test_what_was_drawn_outlives_a_killed_server_and_nothing_a_clean_end(tmp_pat
         assert ask(socket, "behind")["url"] == behind["url"]
         assert ask(socket, "hello")["recovered"] is None
         ask(socket, "save", path="saved")
-    assert ended(second) == 0
+        assert ask(socket, "files")["kept"] == []
+        ask(socket, "set", path="title", value="More than was saved")
+    assert ended(second, signal.SIGKILL) == -signal.SIGKILL
+    assert second.port != first.port
+    third = started(tmp_path)
+    with third.socket() as socket:
+        told = ask(socket, "hello")
+        assert (told["files"], told["kept"], told["recovered"]) == (["saved.toml"], ["saved.toml"], None)
+        assert "More than was saved" in ask(socket, "open", name="saved.toml")["recovered"]["text"]
+        ask(socket, "recover", take=False)
+        assert ask(socket, "files")["kept"] == []
+    assert ended(third) == 0
     assert [*cache.iterdir()] == []
     for _ in range(100):  # what ran ends with the server that began it
         if not (left := of_the_studio(tmp_path)):

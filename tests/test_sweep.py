@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -21,6 +23,7 @@ from gauss_bench.sweep.paths import changed, number_at
 from gauss_bench.sweep.plan import plan
 from gauss_bench.sweep.run import How, Where, sweep
 from gauss_bench.sweep.summary import sensitivities
+from tests.faults import alive
 from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
 
@@ -306,3 +309,35 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
         thread.join(10.0)
     assert killed
     assert table(tmp_path / "dask") == table(tmp_path / "local")
+
+
+INTERRUPTIBLE = """
+import signal, sys
+from gauss_bench import cli
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever the tests were started by
+sys.exit(cli.command())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(how: signal.Signals, tmp_path: Path) -> None:
+    asked = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:4000", "--engine", "gauss", "--until", "0.2", "--jobs", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTIBLE, *asked, "--out", str(tmp_path / "s")],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"SIGN_OF_A_SWEEP": str(tmp_path)},
+    )
+    while process.poll() is None and not any((tmp_path / "s" / PARTS).glob("part-*")):
+        time.sleep(0.02)
+    process.send_signal(how)
+    _, said = process.communicate(timeout=60)
+    if how is signal.SIGINT:
+        assert process.returncode == 130
+        told = [x for x in said.splitlines() if " of 4000 samples, " not in x]
+        assert told == ["4000 samples to run", "interrupted; what a run had finished is kept"]
+    until = time.monotonic() + 30.0
+    while left := alive(f"SIGN_OF_A_SWEEP={tmp_path}".encode()):
+        assert time.monotonic() < until, left
+        time.sleep(0.1)

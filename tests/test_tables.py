@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from gauss_bench import tables
@@ -282,6 +283,16 @@ def test_a_ratio_keeps_the_digits_that_its_spread_supports(
     tables.write_schema(tmp_path)
     (found,) = tables.read_table("results", tmp_path)
     assert all(same(found[f"step_ratio{end}"], x) for end, x in zip(("", "_low", "_high"), stored, strict=True))
+
+
+def test_samples_of_format_4_are_of_one_process(tmp_path: Path) -> None:
+    row = {"mechanism": "four_bar", "engine": "gauss", "quantity": "step", "step": 1e-4, "process": 3, "round": 1, "seconds": 2e-5}
+    tables.write_table("samples", [row], tmp_path)
+    path = tmp_path / "times" / "samples.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["process"]), path)
+    (tmp_path / "tables.json").write_text('{"format": 4}', encoding="utf-8")
+    (read,) = tables.read_table("samples", tmp_path)
+    assert (read["process"], read["round"]) == (0.0, 1.0)
 
 
 def test_format_3_is_read_and_brought_to_files_apart(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from gauss_bench.advice.answer import LOOPS, UNITS, Answer, setting_said
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import raced_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
-from gauss_bench.bench.clock import common, ratio, spread
+from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
 from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
@@ -378,7 +378,7 @@ class Recommender:
                 chosen[engine.name] = winner, ways[winner]
             elif ways:
                 chosen[engine.name] = next(iter(ways.items()))
-        fastest = min((times[w] for w, _ in chosen.values() if w in times), key=lambda x: float(np.quantile(x, 0.25)), default=None)
+        fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held = [self._held(self.engines[e], *pair, times.get(pair[0]), fastest) for e, pair in chosen.items()]
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
@@ -402,7 +402,7 @@ class Recommender:
         timed: dict[str, float] = {}
         if seconds is not None and fastest is not None:
             timed = spread("seconds", seconds)
-            timed |= dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(*common(seconds, fastest)), strict=True))
+            timed |= dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(seconds, fastest), strict=True))
         adaptive = way.integrator in engine.adaptive
         size = {"tolerance": way.size} if adaptive else {"step": way.size}
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}

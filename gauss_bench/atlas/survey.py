@@ -176,13 +176,13 @@ def performed(request: Request, mechanism: Mechanism, limit: float, worker: Work
     return received(outcome_of(answer), request.wanted, mechanism.n)
 
 
-def reach(way: Way, family: Family, course: Course, worker: Worker, until: float) -> Reach:
-    """How far one way goes along one axis, as far as that can be told before the time `until` of the monotonic clock [s]."""
+def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
+    """How far one way goes along one axis, as far as that can be told in the seconds that are left."""
     runs: dict[int, RunVerdict] = {}
 
     def at(i: int) -> RunVerdict:
         if i not in runs:
-            runs[i] = looked_at(way, family, family.values[i], course, worker, until)
+            runs[i] = looked_at(way, family, family.values[i], course, worker, left())
         return runs[i]
 
     def count(worst: tuple[Verdict, ...]) -> int:
@@ -219,9 +219,8 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, until: float
     )
 
 
-def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, until: float) -> RunVerdict:
-    """One run of one way at one value."""
-    left = until - time.monotonic()
+def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+    """One run of one way at one value, where seconds are left."""
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
     mechanism, reference = course.at(family, value, worker)
@@ -237,32 +236,44 @@ def survey(
     chosen: Sequence[Way], along: Sequence[Family], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
 ) -> list[Reach]:
     """Every way along every axis, in the order of both; told how far things are."""
-    until, done = time.monotonic() + budget, 0
+    until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
     workers = threading.local()
     opened: list[Worker] = []
     saying = threading.Lock()
     with tempfile.TemporaryDirectory() as folder:
         course = Course(Path(folder))
 
+        def left() -> float:
+            return 0.0 if broken_off.is_set() else until - time.monotonic()
+
+        def stop() -> None:
+            for worker in opened:
+                worker.stop()
+
         def one(pair: tuple[Family, Way]) -> Reach:
             nonlocal done
             if not hasattr(workers, "own"):
                 workers.own = Worker()
                 opened.append(workers.own)
-            reached = reach(pair[1], pair[0], course, workers.own, until)
+            reached = reach(pair[1], pair[0], course, workers.own, left)
             with saying:
                 done += 1
-                told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(reached)}")
+                if not broken_off.is_set():
+                    told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(reached)}")
             return reached
 
         pairs = [(family, way) for family in along for way in chosen]
         told(f"{len(chosen)} ways along {len(along)} axes")
         try:
             with ThreadPoolExecutor(jobs) as pool:
-                return list(pool.map(one, pairs))
+                try:
+                    return list(pool.map(one, pairs))
+                except BaseException:  # what runs is not waited for, and nothing more is begun
+                    broken_off.set()
+                    stop()
+                    raise
         finally:
-            for worker in opened:
-                worker.stop()
+            stop()
 
 
 def sentence(reached: Reach) -> str:

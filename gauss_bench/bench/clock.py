@@ -6,10 +6,14 @@ lengthen long blocks, which always meet it, and spare short ones. Blocks last at
 rests, and every block is kept. Work that takes less, such as a second of compiled steps, is repeated within its block, so that the
 first repetition, which finds the processor's caches full of others' code, does not count for all.
 
-A time is the lower quartile of the rounds, with the 5 % and the 95 % point of the rounds beside it; a ratio is that of lower
-quartiles, with its spread over resampled rounds, or over processes where a race is run in several (`Races`). What could not be
-built or run leaves its reason. Sources: the practice of paired benchmarking as in Kalibera and Jones, Rigorous benchmarking in
-reasonable time (2013).
+A race is run in several processes, each of which loads code and data anew: where they happen to lie moves a time by some per cent
+and stays as it is for the life of a process, so that rounds of one process scatter less than a second race differs from the first.
+A time is the median over the processes of the lower quartiles of their rounds; a ratio is that of two times, over the processes
+that ran both. The spread of either is where a second race of as many processes falls in 99 of 100 cases, where processes of both
+scatter alike, and holds what each of its own processes tells (`foreseen`). Where there is one process alone, the spread of a time
+is from the 5 % to the 95 % point of its rounds, that of a ratio is over resampled rounds, and neither says anything of a second
+race. What could not be built or run leaves its reason. Sources: the practice of paired benchmarking as in Kalibera and Jones,
+Rigorous benchmarking in reasonable time (2013).
 """
 
 import gc
@@ -17,9 +21,10 @@ import math
 import random
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gauss_bench.engines.base import Model
 from gauss_bench.engines.extras import not_installed
@@ -30,9 +35,11 @@ from gauss_bench.trajectory import RunFailure, Status
 BLOCK = 2e-3  # [s] shortest block, twice the millisecond that the clock and the scheduler need to look fine
 MOTION = 1.0  # [s] longest run in a block: beyond it drift would change what is timed
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] blocks beyond it run in the first rounds only: all of them would take minutes
+CERTAIN = 0.99  # chance that a second race falls within a spread
 RESAMPLES = 200  # of the rounds, for the spread of a ratio
 
 Row = dict[str, Any]
+K = TypeVar("K", bound=Hashable)
 
 
 class Key(NamedTuple):
@@ -134,7 +141,10 @@ class Missing(LookupError):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Seconds per repetition of every entry, (rounds,) each, and why others have none."""
+    """Seconds per repetition of every entry, (processes, rounds) each, and why others have none.
+
+    NaN stands for rounds that an entry sat out, and for all those of a process in which it did not run.
+    """
 
     samples: Mapping[Hashable, Array]
     failed: Mapping[Hashable, Missing]
@@ -149,13 +159,13 @@ class Measured:
             return self.samples[key]
         raise self.failed.get(key) or not_measured(key)
 
-    def quartile(self, key: Hashable) -> float:
-        """The time of an entry.
+    def time(self, key: Hashable) -> float:
+        """The time [s] of an entry.
 
         Raises:
             Missing: there is none.
         """
-        return float(np.quantile(self.of(key), 0.25))
+        return time_of(self.of(key))
 
     def compared(self, own: Hashable, rival: Hashable) -> Row:
         """`compared` of two entries.
@@ -199,79 +209,96 @@ class Race:
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
         for block, _, seconds in interleaved(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
-        return Measured({key: np.array(x) for key, x in samples.items()}, self.failed)
+        return Measured({key: padded([np.array(x)]) for key, x in samples.items()}, self.failed)
 
 
-def ratio(samples: Array, baseline: Array, seed: int = 1) -> tuple[float, float, float]:
-    """Ratio of lower quartiles, and its 5 % and 95 % points over resampled rounds; both (rounds,) [s]."""
-    rng = np.random.default_rng(seed)
-    picks = rng.integers(0, len(samples), (RESAMPLES, len(samples)))
-    resampled = np.quantile(samples[picks], 0.25, axis=1) / np.quantile(baseline[picks], 0.25, axis=1)
-    low, high = np.quantile(resampled, (0.05, 0.95))
-    return float(np.quantile(samples, 0.25) / np.quantile(baseline, 0.25)), float(low), float(high)
+def padded(processes: Sequence[Array]) -> Array:
+    """Rounds of several processes, (rounds,) each, as one array (processes, rounds) with NaN where one has fewer than another."""
+    table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
+    for row, x in zip(table, processes, strict=True):
+        row[: len(x)] = x
+    return table
+
+
+def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
+    """Samples (processes, rounds) of every entry, from those of each process, by its number, in which it ran."""
+    numbers = sorted({number for x in samples.values() for number in x})
+    return {key: padded([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
+
+
+def quartiles(samples: Array) -> Array:
+    """Lower quartiles (processes,) of the rounds, NaN where there are none; `samples` (processes, rounds), or (rounds,) of one."""
+    return np.array([np.quantile(x, 0.25) if x.size else np.nan for x in (row[np.isfinite(row)] for row in np.atleast_2d(samples))])
+
+
+def time_of(samples: Array) -> float:
+    """The time [s] that samples tell: the median of the processes' lower quartiles."""
+    return float(np.nanmedian(quartiles(samples)))
+
+
+def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
+    """What a ratio might as well be: those of the processes, or of RESAMPLES resamplings where one process alone ran both.
+
+    Both (processes, rounds), or (rounds,) of one.
+    """
+    one, other = common(samples, baseline)
+    both = np.isfinite(one).any(axis=1)
+    if both.sum() != 1:
+        return quartiles(one)[both] / quartiles(other)[both]
+    rounds = np.isfinite(one[both][0])
+    pair = one[both][0][rounds], other[both][0][rounds]
+    picks = np.random.default_rng(seed).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
+    longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
+    return np.asarray(longer / shorter)
+
+
+def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
+    """How many times longer one takes than the other, in the rounds that both have, and its spread; NaN where none has both."""
+    one, other = common(samples, baseline)
+    both = np.isfinite(one).any(axis=1)
+    if not both.any():
+        return math.nan, math.nan, math.nan
+    low, high = ends(quotients(samples, baseline), several=both.sum() > 1)
+    return time_of(one[both]) / time_of(other[both]), low, high
+
+
+def ends(values: Array, several: bool) -> tuple[float, float]:
+    """The spread of what several processes found; or of rounds of one, nine tenths of them."""
+    if several:
+        return foreseen(values)
+    low, high = np.quantile(values, (0.05, 0.95))
+    return float(low), float(high)
+
+
+def foreseen(values: Array) -> tuple[float, float]:
+    """Where the median of a second race falls with a chance of CERTAIN, and at least all `values` (processes,), two or more.
+
+    Logarithms scatter about their median by s, two medians of n of them differ by s (pi / n)^(1/2), and n values tell s as well as
+    Student's t has it.
+    """
+    logarithms = np.log(values)
+    scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
+    half = float(stdtrit(len(values) - 1, (1 + CERTAIN) / 2)) * scatter
+    middle = float(np.median(logarithms))
+    return min(float(values.min()), math.exp(middle - half)), max(float(values.max()), math.exp(middle + half))
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Both in the rounds that both have: slow blocks sit the later ones out."""
-    rounds = min(len(one), len(other))
-    return one[:rounds], other[:rounds]
-
-
-class Races:
-    """The same entries raced in several processes, each of which loads code and data anew.
-
-    Where they happen to lie moves a time by some per cent and stays as it is for the life of a process, so that rounds of one
-    process scatter less than a second race differs from the first. A time is the median over the processes of lower quartiles of
-    their rounds, and its spread reaches from the least to the largest of those. A ratio is that of two times, over the processes
-    that ran both; its spread, from the least to the largest of the processes' own ratios, always holds it.
-    """
-
-    def __init__(self, races: Sequence[Measured]):
-        self.races = races
-        self.failed: dict[Hashable, Missing] = {key: x for race in reversed(races) for key, x in race.failed.items()}
-
-    def __contains__(self, key: Hashable) -> bool:
-        return any(key in race.samples for race in self.races)
-
-    def of(self, key: Hashable) -> Array:
-        """Seconds (processes,) of an entry, NaN where it did not run.
-
-        Raises:
-            Missing: it ran nowhere.
-        """
-        if key not in self:
-            raise self.failed.get(key) or not_measured(key)
-        return np.array([race.quartile(key) if key in race.samples else math.nan for race in self.races])
-
-    def spread(self, name: str, key: Hashable) -> dict[str, float]:
-        """The time of an entry and its spread, which one process does not tell.
-
-        Raises:
-            Missing: it ran nowhere.
-        """
-        times = self.of(key)
-        times = times[np.isfinite(times)]
-        low, high = (times.min(), times.max()) if len(times) > 1 else (math.nan, math.nan)
-        return {name: float(np.median(times)), f"{name}_low": float(low), f"{name}_high": float(high)}
-
-    def ratio(self, one: Hashable, other: Hashable) -> tuple[float, float, float]:
-        """How many times longer one entry takes than the other, and its spread; NaN where no process ran both.
-
-        Raises:
-            Missing: one of them ran nowhere.
-        """
-        times = np.array([self.of(one), self.of(other)])
-        times = times[:, np.isfinite(times).all(axis=0)]
-        if not times.size:
-            return math.nan, math.nan, math.nan
-        quotients, (longer, shorter) = times[0] / times[1], np.median(times, axis=1)
-        return float(longer / shorter), float(quotients.min()), float(quotients.max())
+    """Both (processes, rounds) with NaN where one has none: slow blocks sit the later rounds out."""
+    pair = [np.atleast_2d(x) for x in (one, other)]
+    rounds = min(x.shape[1] for x in pair)
+    first, second = (x[:, :rounds] for x in pair)
+    both = np.isfinite(first) & np.isfinite(second)
+    return np.where(both, first, np.nan), np.where(both, second, np.nan)
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Lower quartile, and the 5 % and 95 % points."""
-    values = (float(x) for x in np.quantile(samples, (0.25, 0.05, 0.95)))
-    return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
+    """A time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
+    found = quartiles(samples)
+    found = found[np.isfinite(found)]
+    rounds = samples[np.isfinite(samples)]
+    low, high = ends(found if len(found) > 1 else rounds, several=len(found) > 1)
+    return {name: float(np.median(found)), f"{name}_low": low, f"{name}_high": high}
 
 
 def compared(own: Array, rival: Array) -> Row:
@@ -279,9 +306,8 @@ def compared(own: Array, rival: Array) -> Row:
 
     A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.
     """
-    mine, theirs = common(own, rival)
-    row: Row = spread("seconds", own) | {"rival_seconds": float(np.quantile(rival, 0.25))}
-    return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(theirs, mine), strict=True))
+    row: Row = spread("seconds", own) | {"rival_seconds": time_of(rival)}
+    return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(rival, own), strict=True))
 
 
 def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:

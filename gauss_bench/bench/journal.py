@@ -17,6 +17,7 @@ from typing import Any
 
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.linkage.digest import source_digest
+from gauss_bench.linkage.limits import harmless
 
 
 class Busy(RuntimeError):
@@ -89,7 +90,7 @@ class Journal:
         self.entries = {entry["key"]: entry for entry in entries if entry}
         if damaged := entries.count(None):
             said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
-            print(f"warning: {said}", file=sys.stderr)
+            print(harmless(f"warning: {said}"), file=sys.stderr)
 
     def finished(self, key: str, stamp: str) -> dict[str, Any] | None:
         """The rows of a task, by table, if they were made under the same stamp."""

@@ -1,8 +1,8 @@
 """Runs a suite: what no clock decides in parallel workers, then what is timed, alone; then the tables. All of it is resumable.
 
 A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts;
-`timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; and `complete(suite, tables)`, which
-fills in what follows from the rows of other tasks.
+`timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; `timed_again`, the same after all of
+those; and `complete(suite, tables)`, which fills in what follows from the rows of other tasks.
 """
 
 import json
@@ -67,9 +67,11 @@ def run(
     with Journal(folder / ".run" / "journal.jsonl") as journal:
         tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
         tables = gathered(finish(tasks, jobs, "accuracy", journal).values())
-        if costs:
-            tasks = [task for m in modules() if hasattr(m, "timed") for task in m.timed(suite, context, tables)]
-            for table, rows in gathered(finish(tasks, 1, "times", journal).values()).items():
+        for stage in ("timed", "timed_again") if costs else ():
+            tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
+            for table, rows in gathered(
+                finish(tasks, 1, stage.replace("timed", "times").replace("_", " "), journal).values()
+            ).items():
                 tables.setdefault(table, []).extend(rows)
     completed(suite, tables)
     _write(tables, suite, folder, name)

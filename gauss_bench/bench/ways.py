@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.bench.clock import BLOCK, Block, Race, stepping
+from gauss_bench.bench.clock import BLOCK, Block, Race, stepping, time_of
 from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.search import Trial
 from gauss_bench.bench.survived import Watch
@@ -119,7 +119,7 @@ def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: 
     rough = Race(watch)
     for variant, way in finest.items():
         rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, steps[way])
-    seconds = {variant: float(np.quantile(x, 0.25)) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
+    seconds = {variant: time_of(x) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
     variants = {way: way._replace(size=0.0) for way in ways}
     return {way: seconds[v] * steps[way] for way, v in variants.items() if v in seconds}
 

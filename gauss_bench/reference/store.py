@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.linkage.digest import source_digest
+from gauss_bench.linkage.limits import harmless
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
@@ -34,7 +35,7 @@ def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Refere
     if path.exists():
         if kept := read_reference(path):
             return kept
-        print(f"warning: {path}: is not as it was written; the reference is built again", file=sys.stderr)
+        print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
     folder.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.stem}.{os.getpid()}.part.npz")
@@ -74,7 +75,7 @@ def certified_reference(mechanism: Mechanism, t_end: float) -> Reference | None:
         certificate = read_certificate(path)
         check_holds(certificate, mechanism, path)
     except CertificateError as error:
-        print(f"warning: {error}; the reference is built in double precision instead", file=sys.stderr)
+        print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
         return None
     # a run is judged at its end too: where the certificate has no sample there, a reference is built that has
     return as_reference(certificate, t_end) if np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any() else None

@@ -11,8 +11,11 @@ from typing import Any, Literal
 from gauss_bench.report.rows import KEYS, Row, grouped, known, label, number, ok, own_steps
 
 NOTHING = "-"
-RANGE = "5..95 %"
-NOTE = "Times are lower quartiles of interleaved rounds; a spread is the range from the 5 to the 95 percent point."
+RANGE = "range"
+NOTE = (
+    "Times are lower quartiles of interleaved rounds, and the median of the processes that raced; a range is where a second race "
+    "of as many processes falls, or, in one process alone, that from the 5 to the 95 percent point of the rounds."
+)
 BELOW_LEGEND = "`< x` means below x, the reference's own error bar or the floor of rounded parameters: it cannot be told from 0."
 AUTHORS = (
     "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -109,6 +109,15 @@ class Autosave:
         return max(saved, key=lambda x: x[0])[1] if saved else None
 
 
+def kept(paths: Iterable[Path]) -> list[str]:
+    """Names of those files of which a process that is no more left what it had not saved."""
+    with suppress(OSError):
+        keys = {path.name.partition(".")[0] for path in folder().glob("*.json")}
+        saved = {path.name: Autosave(str(path)) for path in paths}
+        return [name for name, own in saved.items() if own.key in keys and own.left()]
+    return []
+
+
 def pictured(file: Path) -> Path:
     """Where the picture lies that belongs to the text of a file."""
     return file.with_suffix(".picture")
@@ -155,9 +164,10 @@ def collect() -> None:
 
 
 def since(process: int) -> str:
-    """When a process began, in the system's own words; "" where it is no more."""
+    """When a process began, in the system's own words; "" where it is no more, though nobody may have asked how it ended."""
     with suppress(OSError, IndexError):
-        return Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[19]
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        return "" if fields[0] in "ZX" else fields[19]
     if Path("/proc/self/stat").exists():
         return ""
     try:

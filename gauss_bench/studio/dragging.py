@@ -57,11 +57,11 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
 
 
 def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
-    """Where the linkage goes with the pointer."""
-    target, began = np.array(place(message.get("at"))), time.perf_counter()
+    """Where the linkage goes with the pointer; `ms` of the processor's own time."""
+    target, began = np.array(place(message.get("at"))), time.thread_time()
     with np.errstate(all="ignore"):
         moved = dragging.drag.to(target, STEPS)
-    ms = 1e3 * (time.perf_counter() - began)
+    ms = 1e3 * (time.thread_time() - began)
     poses = dragging.reading.poses(moved.q)
     return {"poses": poses, "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": moved.note or None}
 

@@ -196,6 +196,27 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in of_pairs]
 
 
+def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
+    """The instant centres of every two links along a motion, poses {link: [[x, y, theta], ...]}: places, None where there is none.
+
+    Raises:
+        Refused: these are no poses of this drawing, or there are centres nowhere along them.
+    """
+    lists = [*given.values()] if isinstance(given, dict) else []
+    if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
+        raise Refused(f"a motion is a list of poses for each link, all of one length, at most {MOST}", field="along")
+    found: list[list[dict[str, Any]]] = []
+    for k in range(len(lists[0])):
+        try:
+            found.append(instant_centres(reading, {name: x[k] for name, x in given.items()}))
+        except Refused:
+            if not any(found) and k == len(lists[0]) - 1:
+                raise
+            found.append([])  # a fork of the motion, say
+    pairs = [x["links"] for x in next(filter(None, found))]
+    return [{"links": links, "at": [x[i]["at"] if x else None for x in found]} for i, links in enumerate(pairs)]
+
+
 def state_of(reading: Reading, given: Any) -> Array:
     """q (n,) of poses as the page has them.
 

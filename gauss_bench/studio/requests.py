@@ -11,6 +11,7 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio import dragging, dynamics, exports, files, motion, templates
+from gauss_bench.studio.autosave import kept
 from gauss_bench.studio.document import EMPTY, written
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
@@ -28,12 +29,17 @@ def hello(session: Session, message: Message) -> Reply:
         "version": __version__,
         "templates": templates.listed(),
         "linkages": [*built_in()],
-        "files": files.listed(session.folder),
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
         "recovered": left_of(session),
         "scene": session.scene(),
-    }
+    } | in_folder(session, message)
+
+
+def in_folder(session: Session, message: Message) -> Reply:
+    """The files of the folder, and those of which more was drawn than was saved."""
+    here = files.listed(session.folder)
+    return {"files": here, "kept": kept(session.folder / name for name in here)}
 
 
 def left_of(session: Session) -> dict[str, str] | None:
@@ -157,7 +163,11 @@ def drag_begin(session: Session, message: Message) -> Reply:
 def drag(session: Session, message: Message) -> Reply:
     if session.drag is None:
         raise Refused("nothing is being dragged")
-    return dragging.dragged(session.drag, message)
+    moved = dragging.dragged(session.drag, message)
+    if message.get("centres") is True:
+        with contextlib.suppress(Refused):  # where several motions are free there are none
+            moved["centres"] = motion.instant_centres(session.drag.reading, moved["poses"])
+    return moved
 
 
 def drag_end(session: Session, message: Message) -> Reply:
@@ -207,7 +217,11 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
 
 def centres(session: Session, message: Message) -> Reply:
-    return {"centres": motion.instant_centres(session.reading, message.get("at"))}
+    with session.lock:
+        reading = session.reading
+    if "along" in message:
+        return {"centres": motion.centres_along(reading, message["along"])}
+    return {"centres": motion.instant_centres(reading, message.get("at"))}
 
 
 def stop(session: Session, message: Message) -> Reply:
@@ -217,6 +231,7 @@ def stop(session: Session, message: Message) -> Reply:
 
 VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "hello": hello,
+    "files": in_folder,
     "new": new,
     "template": template,
     "drawing": drawing,
@@ -250,6 +265,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
 APART = (
     "drawing",
     "motion",
+    "centres",
     "stop",
     "import",
     "export",

@@ -72,7 +72,8 @@ class Cost(OnLinkages):
         integrators: of each engine, the first so many; None for all.
         plain: engines timed at their first variant alone.
         step: [s] of the steps that are timed.
-        rounds: of the race.
+        processes: that race, one after the other.
+        rounds: of the race in each of them.
         batch: engines whose steps of many trajectories at once are timed too.
         bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
         processor: whether the processor's latency and rate race along.
@@ -82,6 +83,7 @@ class Cost(OnLinkages):
     integrators: Count | None = None
     plain: tuple[str, ...] = ()
     step: Positive
+    processes: Count = 1
     rounds: Count
     batch: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
@@ -205,7 +207,8 @@ class Batch(OnLinkages):
         step, step_count: [s] and how many of each trajectory.
         own, rival, settings: engines, and the rival's settings.
         rival_step_count: of each trajectory: fewer, which changes nothing in the time of one.
-        rounds: of the race.
+        processes: that race, one after the other.
+        rounds: of the race in each of them.
         targets: linkage -> least ratio.
     """
 
@@ -216,6 +219,7 @@ class Batch(OnLinkages):
     rival: str
     settings: str
     rival_step_count: Count
+    processes: Count = 1
     rounds: Count
     targets: Mapping[str, Positive] = {}
 

@@ -2,10 +2,12 @@
 
 import json
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -218,10 +220,11 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
     total, missing = (sum(x.end - x.first for x in batches) for batches in (whole, waiting))
     tell(f"{missing} samples to run")
     told, started, done = time.monotonic(), time.monotonic(), total - missing
-    with _spread(where, engines):
-        work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="3*n_jobs")
+    with _spread(where, engines) as parent:
+        # no more ahead than the queue of loky's processes takes, whose thread fails over the rest where a sweep is interrupted
+        work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # its arguments travel to wherever batches are run, its rows come back here and are written here
-        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
+        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end], parent) for x in waiting):
             folder.write(batch.number, rows)
             done += batch.end - batch.first
             if time.monotonic() - told > PAUSE:
@@ -229,8 +232,22 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
                 tell(f"{done} of {total} samples, {told - started:.0f} s")
 
 
-def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
+def _done(asked: Asked, batch: _Batch, values: Array, parent: int | None) -> tuple[_Batch, Rows]:
+    if parent not in (None, os.getpid()):  # one job alone is done in place
+        _end_with(parent)
     return batch, rows_of(asked, batch.engine, np.arange(batch.first, batch.end), values)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Let this process end when its parent has: one that is killed tells nobody, and joblib's would wait for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _tasks(where: Where) -> int:
@@ -238,8 +255,10 @@ def _tasks(where: Where) -> int:
 
 
 @contextmanager
-def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
+def _spread(where: Where, engines: Sequence[str]) -> Iterator[int | None]:
     """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask.
+
+    What it gives is the process whose end the processes of joblib's have to look out for, if they are those.
 
     Raises:
         SweepError: there is no scheduler, or Dask is not installed.
@@ -249,7 +268,7 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
     if where.backend == "local":
         threads = all(in_batches(x) or isolated(x) for x in engines)
         with parallel_config(backend="threading" if threads else "loky", inner_max_num_threads=None if threads else 1):
-            yield
+            yield None if threads else os.getpid()
         return
     try:
         from distributed import Client, LocalCluster
@@ -261,7 +280,7 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
         except (OSError, TimeoutError, ValueError) as error:
             raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
         with client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
-            yield
+            yield None
         return
     os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
     with (
@@ -269,4 +288,4 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
         Client(cluster) as client,  # type: ignore[no-untyped-call]
         parallel_config(backend="dask", client=client, wait_for_workers_timeout=60),
     ):
-        yield
+        yield None

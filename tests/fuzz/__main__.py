@@ -1,4 +1,4 @@
-"""`python -m tests.fuzz`: hostile files, lists of arguments, motions by lot, and properties of drawn linkages, at length.
+"""`python -m tests.fuzz`: hostile files and arguments, motions by lot, kills, calls, and properties of drawn linkages, at length.
 
 Exits 1 where one of them ended as none may: with a fault, too late, or wrong and yet called ok.
 """
@@ -19,7 +19,9 @@ import pytest
 
 from gauss_bench.linkage.load import built_in
 from tests.fuzz import files, lists
+from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import LATE, Ending, endings, run_one
+from tests.fuzz.kills import over_kills
 from tests.fuzz.motions import MOTIONS, over_motions
 
 PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
@@ -32,6 +34,8 @@ def main() -> int:
     options.add_argument("--files", type=int, default=2000, metavar="N", help="damaged linkage files (default 2000)")
     options.add_argument("--lists", type=int, default=500, metavar="N", help="lists of arguments (default 500)")
     options.add_argument("--motions", type=int, default=200, metavar="N", help="runs held against other mechanics (default 200)")
+    options.add_argument("--kills", type=int, default=10, metavar="N", help="kills of runs and sweeps (default 10)")
+    options.add_argument("--calls", type=int, default=500, metavar="N", help="calls of simulate in one process (default 500)")
     options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file and list")
@@ -67,12 +71,17 @@ def main() -> int:
                     print(f"    {ending.said!r:.700}", flush=True)
                     if kind == "file" and asked.keep:
                         keep(asked.keep, asked.seed, number)
-    for number, word, sentence in over_motions(asked.seed, asked.motions):
-        tell("motion", number % MOTIONS, asked.motions)
-        found[f"motion: {word}"] += 1
-        if sentence:
-            bad.append(sentence)
-            print(f"motion {number} {sentence}", flush=True)
+        for kind, wanted, others in (
+            ("motion", asked.motions, over_motions(asked.seed, asked.motions)),
+            ("kill", asked.kills, over_kills(asked.seed, asked.kills, folder)),
+            ("call", asked.calls, over_calls(simulated(asked.seed), asked.calls)),
+        ):
+            for number, word, sentence in others if wanted else ():
+                tell(kind, number % MOTIONS, wanted)
+                found[f"{kind}: {word}"] += 1
+                if sentence:
+                    bad.append(sentence)
+                    print(f"{kind} {number} {sentence}", flush=True)
     if asked.properties and over_properties(asked.seed, asked.properties):
         bad.append("a property does not hold")
     for word, count in sorted(found.items()):

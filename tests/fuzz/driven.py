@@ -69,8 +69,12 @@ class Heard(io.StringIO):
 
     @staticmethod
     def lines_of_work(said: str) -> list[str]:
-        """What neither refuses nor warns."""
-        return [x for x in said.splitlines() if x and not x.startswith(("error:", "warning:", "usage:", "gauss-bench ", " "))]
+        """What neither refuses nor warns, nor goes on with what does."""
+        found, refusing = list[str](), False
+        for x in filter(None, said.splitlines()):
+            refusing = x.startswith(("error:", "warning:", "usage:", "gauss-bench ")) or (refusing and x.startswith(" "))
+            found += [] if refusing else [x]
+        return found
 
     def write(self, text: str, /) -> int:
         before = self.begun

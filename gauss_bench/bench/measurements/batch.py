@@ -5,21 +5,23 @@ steps of each, which changes nothing in the time of one. That the lanes do not d
 trajectories, by other code: the same arithmetic with one lane.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Race, Row, at_least, lasting, row
+from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, Row, at_least, lasting, over_processes, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import Watch, patient, survived, watching
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
 
 QUANTITY = "batch of different states"
 CHECKED = 32  # trajectories that are run again alone
@@ -27,16 +29,50 @@ CHECKED = 32  # trajectories that are run again alone
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
-    tasks = [context.task("kernel_batch", raced, (*place, part), *place) for part in suite.batch for place in part.linkages.items()]
-    return list(map(patient, tasks))
+    return [
+        patient(context.task("kernel_batch", raced, (*place, part), *place), part.processes)
+        for part in suite.batch
+        for place in part.linkages.items()
+    ]
 
 
 def raced(linkage: str, scenario: str, part: Batch) -> Tables:
-    """What `batch` tells; where an engine crashes or hangs in it, that is the reason."""
-    tables, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
-    for failure in lost.values():
-        tables["kernel_batch"][0] |= failure.told
-    return tables
+    """The row of a linkage; where an engine crashes or hangs in a process, that is the reason."""
+    mechanism, answers = load(linkage, scenario or None), []
+    for _ in range(part.processes):
+        answer, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
+        for failure in lost.values():
+            return {"kernel_batch": [_aimed(_start(mechanism, part) | failure.told, mechanism, part)]}
+        answers.append(answer)
+    return {"kernel_batch": [batch_row(mechanism, part, answers)]}
+
+
+def _start(mechanism: Mechanism, part: Batch) -> Row:
+    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": part.states, "steps": part.step_count}
+    return start | {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
+
+
+def batch_row(mechanism: Mechanism, part: Batch, answers: Sequence[Tables]) -> Row:
+    """What processes told, each by `batch`; a ratio is per step of one trajectory."""
+    samples: dict[Key, dict[int, list[float]]] = {}
+    failed: dict[Hashable, Missing] = {}
+    for number, answer in enumerate(answers):
+        for told in answer["times"]:
+            if "seconds" in told:
+                samples.setdefault(Key(*told["key"]), {})[number] = told["seconds"]
+            else:
+                failed[Key(*told["key"])] = Missing(Status(told["status"]), told["message"])
+    measured, (lanes,) = Measured(over_processes(samples), failed), answers[-1]["lanes"]
+    found = row(_start(mechanism, part), lambda: measured.compared(*_keys(part)) | lanes)
+    return _aimed(found, mechanism, part)
+
+
+def _aimed(found: Row, mechanism: Mechanism, part: Batch) -> Row:
+    return at_least(found, "ratio", part.targets.get(mechanism.name))
+
+
+def _keys(part: Batch) -> tuple[Key, Key]:
+    return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 
 def _race_of(linkage: str, scenario: str, part: Batch, engines: Sequence[str], path: str) -> Tables:
@@ -44,7 +80,10 @@ def _race_of(linkage: str, scenario: str, part: Batch, engines: Sequence[str], p
 
 
 def batch(linkage: str, scenario: str, part: Batch, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
-    """The row of a linkage; a ratio is per step of one trajectory. `engines` are those that take part, all where there are none."""
+    """Seconds of both in one process, or why there are none, and how lanes compare with single runs.
+
+    `engines` are those that take part, all where there are none.
+    """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     q, v = shuffled(states.q, states.v)
@@ -57,18 +96,18 @@ def batch(linkage: str, scenario: str, part: Batch, engines: Sequence[str] = (),
 
         return make
 
-    own, rival = Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
+    own, rival = _keys(part)
     entries = {own: entry(part.own, "default", part.step_count), rival: entry(part.rival, part.settings, part.rival_step_count)}
     race = Race(watch)
     for key, make in entries.items():
         if key.engine in (engines or (part.own, part.rival)):
             race.add(key, make)
     measured = race.run(part.rounds)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "states": len(q), "steps": part.step_count}
-    start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     watch(own)
-    told = row(start, lambda: measured.compared(own, rival) | _lanes(models[part.own], q, v, part.step_count))
-    return {"kernel_batch": [at_least(told, "ratio", part.targets.get(mechanism.name))]}
+    lanes = _lanes(models[part.own], q, v, part.step_count) if part.own in models else {}
+    times: Rows = [{"key": key, "seconds": x[0][np.isfinite(x[0])].tolist()} for key, x in measured.samples.items()]
+    times += [{"key": key, "status": str(x.status), "message": str(x)} for key, x in measured.failed.items()]
+    return {"times": times, "lanes": [lanes]}
 
 
 def shuffled(q: Array, v: Array) -> tuple[Array, Array]:

@@ -3,16 +3,19 @@
 Both formulations come from one eliminator with one search for pivots, are compiled by one code generator and race in one run: a
 step of one trajectory, the same with projection, and a step in a batch. Where code and data happen to lie in memory moves such a
 ratio by a few per cent and stays as it is for the life of a process, so that every linkage is raced in several, each of which loads
-code anew. A ratio is the median of theirs, and its spread their range. The verdict follows from that alone: it is open where the
-range covers 1.
+code anew. A ratio is the median of theirs, and its spread where that of a second race falls. The verdict follows from that alone:
+it is open where the spread covers 1.
 
 Operations, divisions and the longest chain of dependent operations are those of one acceleration with its guards.
 """
 
+import math
 import statistics
 from collections.abc import Mapping, Sequence
 
-from gauss_bench.bench.clock import Key, Race, Row, row
+import numpy as np
+
+from gauss_bench.bench.clock import Key, Race, Row, foreseen, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, entries
 from gauss_bench.bench.survived import patient, survived, watching
@@ -102,12 +105,12 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def claim_row(start: Row, races: Rows) -> Row:
-    """A linkage with the median over its processes of each ratio, their range, and what follows; `races` are its own."""
+    """A linkage with the median over its processes of each ratio, its spread, and what follows; `races` are its own."""
     told: Row = dict(start) | {"status": str(Status.SKIP), "message": "no step was timed"}
     for what, begins in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if ended:
-            low, high = min(ended), max(ended)
+            low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
             told |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
             told |= {f"{begins}verdict": verdict(low, high)}
         if what == STEP:
@@ -119,7 +122,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Whether fewer unknowns are faster, from the range of the time with many over that with few."""
+    """Whether fewer unknowns are faster, from the spread of the time with many over that with few."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -44,7 +44,7 @@ def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables
         sample = {"status": str(failure.status), "message": str(failure)}
     if "status" in sample:
         return {"untimed": [start | sample]}
-    return {"samples": [start | {"step": step, "round": 0} | sample]}
+    return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}
 
 
 def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Costs: everything that is timed on a linkage, in one interleaved race of one process, and its columns in the results.
+"""Costs: everything that is timed on a linkage, in one interleaved race, and its columns in the results.
 
 Each engine at its variants is asked for a model and its first step ("build"), an acceleration from Python ("acceleration"), a step
 called from Python ("step") and one in its own loop ("native_step"). Where engines have them, the bare library call and what calling
@@ -6,14 +6,16 @@ costs ("bare call", "empty call") and steps of many trajectories at once ("batch
 latency and rate. Every other table of times on these linkages is worked out from the same samples: a quantity has one value.
 """
 
+import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, common, lasting, ratio, stepping
+from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, lasting, over_processes, ratio, stepping, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
 from gauss_bench.bench.survived import Watch, patient, survived, watching
@@ -37,22 +39,25 @@ Make = Callable[[], Block]
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One race for each linkage, of the engines that can share a process: they have neither crashed nor hung on it."""
+    """A race for each linkage and process, of the engines that can share one: they have neither crashed nor hung on it.
+
+    Those of a linkage lie apart in time, so that what disturbs the machine for a minute is in few of them.
+    """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in (Status.CRASHED, Status.TIMEOUT)}
     tasks = []
     for part in suite.cost:
-        for linkage, scenario in part.linkages.items():
+        for number, (linkage, scenario) in product(range(part.processes), part.linkages.items()):
             name = load(linkage, scenario or None).name
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
-            task = context.task("untimed", raced, (linkage, scenario, chosen), linkage, scenario)
+            task = context.task("untimed", raced, (linkage, scenario, chosen, number), linkage, scenario)
             tasks.append(patient(task))
     return tasks
 
 
-def raced(linkage: str, scenario: str, part: Cost) -> Tables:
+def raced(linkage: str, scenario: str, part: Cost, number: int) -> Tables:
     """What `race` tells; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
-    tables, lost = survived(_race_of, (linkage, scenario, part), part.engines)
+    tables, lost = survived(_race_of, (linkage, scenario, part, number), part.engines)
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     for engine, failure in lost.items():
@@ -60,11 +65,11 @@ def raced(linkage: str, scenario: str, part: Cost) -> Tables:
     return tables
 
 
-def _race_of(linkage: str, scenario: str, part: Cost, engines: Sequence[str], path: str) -> Tables:
-    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), watching(path))
+def _race_of(linkage: str, scenario: str, part: Cost, number: int, engines: Sequence[str], path: str) -> Tables:
+    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), number, watching(path))
 
 
-def race(linkage: str, scenario: str, part: Cost, watch: Watch = id) -> Tables:
+def race(linkage: str, scenario: str, part: Cost, number: int = 0, watch: Watch = id) -> Tables:
     """Seconds per repetition of every entry in every round, and what could not be timed. Call it in a process of its own."""
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
@@ -75,10 +80,11 @@ def race(linkage: str, scenario: str, part: Cost, watch: Watch = id) -> Tables:
         entered.add(key, make)
     measured = entered.run(part.rounds)
     samples = [
-        start | key._asdict() | {"step": part.step, "round": k, "seconds": float(x)}
+        start | key._asdict() | {"step": part.step, "process": number, "round": k, "seconds": float(x)}
         for key, values in measured.samples.items()
         if isinstance(key, Key)
-        for k, x in enumerate(values)
+        for k, x in enumerate(values[0])
+        if math.isfinite(x)
     ]
     lost = [
         start | key._asdict() | {"status": str(missing.status), "message": str(missing)}
@@ -150,15 +156,15 @@ def _batch(model: Callable[[], Any], mechanism: Mechanism) -> Block:
 
 def measured_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """What the races found, by mechanism and scenario."""
-    samples: dict[tuple[str, str], dict[Key, list[float]]] = {}
+    samples: dict[tuple[str, str], dict[Key, dict[int, list[float]]]] = {}
     failed: dict[tuple[str, str], dict[Hashable, Missing]] = {}
     for row in sorted(tables.get("samples", []), key=lambda r: r["round"]):
-        samples.setdefault(_place(row), {}).setdefault(_key(row), []).append(row["seconds"])
+        samples.setdefault(_place(row), {}).setdefault(_key(row), {}).setdefault(row["process"], []).append(row["seconds"])
     for row in tables.get("untimed", []):
         if "quantity" in row:
             failed.setdefault(_place(row), {})[_key(row)] = Missing(Status(row["status"]), row["message"])
     places = dict.fromkeys(_place(row) for name in ("samples", "untimed") for row in tables.get(name, []))
-    return {x: Measured({k: np.array(s) for k, s in samples.get(x, {}).items()}, failed.get(x, {})) for x in places}
+    return {x: Measured(over_processes(samples.get(x, {})), failed.get(x, {})) for x in places}
 
 
 def _place(row: dict[str, Any]) -> tuple[str, str]:
@@ -170,7 +176,9 @@ def _key(row: dict[str, Any]) -> Key:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the results."""
+    """Fill in the cost columns of the results, and tell once what no process could time."""
+    if "untimed" in tables:
+        tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
     with_costs(tables.get("results", []), measured_by_linkage(tables))
 
 
@@ -193,9 +201,9 @@ def _columns(
         if not own:
             continue
         seconds = samples[own[0]]
-        columns[f"{quantity.replace(' ', '_')}_time"] = float(np.quantile(seconds, 0.25))
+        columns[f"{quantity.replace(' ', '_')}_time"] = time_of(seconds)
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
         if baseline is not None and quantity not in (BUILD, COLD):
             names = (f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high"))
-            columns |= dict(zip(names, ratio(*common(seconds, baseline)), strict=True))
+            columns |= dict(zip(names, ratio(seconds, baseline), strict=True))
     return columns

@@ -9,9 +9,7 @@ fused with, and a division, which counts as one here, takes the place of eight o
 Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
 
-import numpy as np
-
-from gauss_bench.bench.clock import Key, Measured, Row, row, spread
+from gauss_bench.bench.clock import Key, Measured, Row, padded, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, measured_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, named, processor_rows
@@ -64,8 +62,8 @@ def complete(suite: Suite, tables: Tables) -> None:
             rows[number] = row(start, bounded, start, part.own, measured) | (
                 {"message": start["message"]} if "message" in start else {}
             )
-        samples = {k: [m.samples[k] for m in races.values() if k in m.samples] for k in (LATENCY_KEY, RATE_KEY)}
-        tables["kernel_machine"] = processor_rows(Measured({k: np.concatenate(x) for k, x in samples.items() if x}, {})) + named()
+        samples = {k: [row for m in races.values() if k in m.samples for row in m.samples[k]] for k in (LATENCY_KEY, RATE_KEY)}
+        tables["kernel_machine"] = processor_rows(Measured({k: padded(x) for k, x in samples.items() if x}, {})) + named()
 
 
 def bounded(start: Row, own: str, measured: Measured) -> Row:
@@ -78,7 +76,7 @@ def bounded(start: Row, own: str, measured: Measured) -> Row:
     times = spread("seconds", measured.of(Key(quantity, own)))
     if count not in start:
         return times
-    unit = float(np.quantile(measured.of(machine), 0.25))
+    unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
     return times | {"bound": bound, "share": bound / times["seconds"]}
 

@@ -57,5 +57,5 @@ def _rival(measured: Measured, part: RightHandSide, settings: str, how: str) -> 
     bare = measured.of(Key(BARE, part.rival, settings))
     if how == AS_CALLED:
         return bare
-    empty = float(np.quantile(measured.of(Key(EMPTY, part.rival, settings)), 0.25))
+    empty = measured.time(Key(EMPTY, part.rival, settings))
     return np.asarray(np.maximum(bare - empty, LEAST))

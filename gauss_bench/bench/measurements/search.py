@@ -4,20 +4,34 @@ Every variant is run on its own, in a worker, at sizes from coarse to fine; erro
 at every beat of the whole run, a fiftieth of it (or as near to that as the truth has samples), or where steps are longer at those
 beats that they meet: at a fifth of the run or oftener, from 50 steps on at a tenth. Nothing is timed there. Then come races of all
 engines: of a step of each variant that passed, which with the number of steps tells who is near the cheapest, then of whole runs
-(or of their first part, where steps are equal and a run takes longer than the lead) in several processes, one after the other.
+(or of their first part, where steps are equal and a run takes longer than the lead) in several processes. Those of a linkage lie
+apart in time, so that what disturbs the machine for a minute is in few of them; winners are worked out from all of them together.
 """
 
 import hashlib
 import json
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Measured, Missing, Race, Races, Row, at_least, row
+from gauss_bench.bench.clock import (
+    Measured,
+    Missing,
+    Race,
+    Row,
+    at_least,
+    over_processes,
+    quartiles,
+    ratio,
+    row,
+    spread,
+    time_of,
+)
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import (
     UNITS,
@@ -30,7 +44,7 @@ from gauss_bench.bench.search import (
     finalists,
     nearest,
     tolerances,
-    won_over,
+    won,
 )
 from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
@@ -43,7 +57,6 @@ from gauss_bench.reference.store import stored_reference
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status
 
 CANNOT = "cannot reach"
@@ -78,22 +91,51 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One race for each linkage, given its ladders."""
-    tasks = []
-    for part in suite.search:
-        for linkage, scenario in part.linkages.items():
-            mechanism = load(linkage, scenario or None)
-            place = (mechanism.name, mechanism.scenario)
-            rows = [r for r in tables.get("search_ladder", []) if (r["mechanism"], r["scenario"]) == place]
-            seen = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
-            only = part.model_copy(update={"linkages": {linkage: scenario}})
-            task = context.task("search_winners", raced, (linkage, scenario, only, rows), linkage, scenario, seen)
-            tasks.append(patient(task, 1 + part.processes))
-    return tasks
+    """The first process of every race: what is worth it, given the ladders, and its times."""
+    return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
+
+
+def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """The further processes, of what the first one found to be near the fastest; each goes over all linkages before the next."""
+    most = max((part.processes for part in suite.search), default=1)
+    return [
+        patient(_task(context, further_race, part, place, tables, number))
+        for number in range(1, most)
+        for part, place in _races(suite)
+        if number < part.processes and _has_times(_here(tables, "search_races", place))
+    ]
+
+
+def _races(suite: Suite) -> list[tuple[Search, tuple[str, str]]]:
+    return [(part, place) for part in suite.search for place in part.linkages.items()]
+
+
+def _has_times(races: Rows) -> bool:
+    return any(r["status"] == Status.OK for r in races)
+
+
+def _here(tables: Tables, table: str, place: tuple[str, str]) -> Rows:
+    """The rows of a table that are of a linkage."""
+    mechanism = load(place[0], place[1] or None)
+    return [r for r in tables.get(table, []) if (r["mechanism"], r["scenario"]) == (mechanism.name, mechanism.scenario)]
+
+
+def _task(
+    context: Context, function: Callable[..., Tables], part: Search, place: tuple[str, str], tables: Tables, number: int = 0
+) -> Task:
+    """One process of a race, which depends on what was found before."""
+    only = part.model_copy(update={"linkages": dict([place])})
+    known = [_here(tables, "search_ladder", place), *([_here(tables, "search_races", place), number] if number else [])]
+    seen = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+    return context.task("search_races", function, (*place, only, *known), *place, seen, process=number)
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Write down what was searched, and where every knob comes from."""
+    """Fill in winners and times, write down what was searched, and where every knob comes from."""
+    for part, place in _races(suite):
+        ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
+        for table, rows in raced(*place, part, ladders, races).items() if races else ():
+            tables.setdefault(table, []).extend(rows)
     engines = {x.name: x for part in suite.search for x in searched(part) if x.usable}
     if engines:
         tables["search_space"] = [r for x in engines.values() for r in space_rows(x)]
@@ -168,53 +210,117 @@ def trial_of(r: Row) -> Trial:
 # The race: what is cheapest
 
 
-def raced(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
-    """Winners of every engine for every requirement; `rows` are the ladders of the linkage.
+def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
+    """Times of everything worth a race, after another process has estimated costs; `rows` are the ladders of the linkage."""
+    run, ladders = over(linkage, scenario, part), Ladders(rows)
+    passing = passing_ways(ladders, part).values()
+    ways = list(dict.fromkeys(way for some in passing for way in some))
+    estimates, lost = _survivors(estimated, run, ladders, ways, {}, part)
+    costs = {Way(*r["way"]): float(r["seconds"]) for r in estimates}
+    chosen = dict.fromkeys(way for some in passing for way in finalists({w: costs[w] for w in some if w in costs}))
+    told, more = _survivors(race, run, ladders, list(chosen), costs, part, lost)
+    return {"search_races": race_rows(run, 0, told, lost | more)}
 
-    One process estimates costs, then each of `part.processes` races what is worth it. An engine that crashes or hangs in one of
-    them is left out from then on, and has that reason in the place of a winner.
+
+def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
+    """Times in one more process, of what may still win by those of the first."""
+    run, ladders = over(linkage, scenario, part), Ladders(rows)
+    measured = measured_of(first)
+    near = [way for some in passing_ways(ladders, part).values() for way in near_ways(some, measured)]
+    costs = {way: time_of(x) for way, x in measured.samples.items()}
+    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), costs, part, lost_in(first))
+    return {"search_races": race_rows(run, number, told, lost)}
+
+
+def _survivors(
+    function: Callable[..., Tables],
+    run: Run,
+    ladders: "Ladders",
+    ways: Sequence[Way],
+    costs: Mapping[Any, float],
+    part: Search,
+    lost: Mapping[str, Any] = MappingProxyType({}),
+) -> tuple[Rows, dict[str, WorkerFailure]]:
+    """What a function tells of ways in a new process, and the engines that crash or hang in it."""
+    asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in ways if way.engine not in lost]
+    arguments = (run.linkage, run.mechanism.scenario, run.until, asked, part.lead, part.rounds)
+    tables, more = survived(function, arguments, [x.name for x in searched(part) if x.name not in lost])
+    return tables["ways"], more
+
+
+def passing_ways(ladders: "Ladders", part: Search) -> dict[tuple[Requirement, str], list[Way]]:
+    """For every requirement and engine what is exact enough."""
+    return {(w, e.name): ladders.passing(e.name, w) for w in requirements(part) for e in searched(part)}
+
+
+def near_ways(ways: Sequence[Way], measured: Measured) -> list[Way]:
+    """Those of them that may be the fastest, by the first process."""
+    return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
+
+
+def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
+    """What a process of a race told, and the engines that were lost in it."""
+    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario, "process": number}
+    rows = []
+    for r in told:
+        here = start | place(Way(*r["way"]))
+        if "seconds" in r:
+            rows += [here | {"status": str(Status.OK), "message": "", "round": k, "seconds": x} for k, x in enumerate(r["seconds"])]
+        else:
+            rows.append(here | {"status": r["status"], "message": r["message"]})
+    return rows + [start | {"engine": e} | failure.told for e, failure in lost.items()]
+
+
+def raced(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
+    """Winners of every engine for every requirement, and the times of all that was raced.
+
+    An engine that crashed or hung in one of the processes has that reason in the place of a winner.
     """
-    run, ladders, wanted = over(linkage, scenario, part), Ladders(rows), requirements(part)
-    engines = [x.name for x in searched(part)]
-    lost: dict[str, WorkerFailure] = {}
-
-    def there(function: Callable[..., Tables], ways: Iterable[Way], *numbers: float) -> Rows:
-        """What a function tells of ways, in a new process."""
-        asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in dict.fromkeys(ways) if way.engine not in lost]
-        arguments = (linkage, scenario, run.until, asked, *numbers)
-        tables, more = survived(function, arguments, [x for x in engines if x not in lost])
-        lost.update(more)
-        return tables["ways"]
-
-    costs: dict[Way, float] = {}
-    passing = {(w, e): ladders.passing(e, w) for w in wanted for e in engines}
-    costs = {Way(*r["way"]): r["seconds"] for r in there(estimated, every(passing))}
-    best = {key: finalists({w: costs[w] for w in ways if w in costs}) for key, ways in passing.items()}
-    races = [measured_of(there(race, every(best), part.lead, part.rounds))]
-    near = {key: close({w: races[0].quartile(w) for w in ways if w in races[0].samples}) for key, ways in best.items()}
-    races += [measured_of(there(race, every(near), part.lead, part.rounds)) for _ in range(1, part.processes)]
-    measured = Races(races)
+    if not _has_times(races):
+        return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
+    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), measured_of(races), lost_in(races)
+    passing = passing_ways(ladders, part)
     start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
     winners: Rows = []
-    for w in wanted:
-        left = [e for e in engines if e not in lost]
-        lines = [winner_row(start, w, e, best[w, e], near[w, e], len(passing[w, e]), ladders, measured, part) for e in left]
+    for w in requirements(part):
+        engines = [e for x, e in passing if x == w]
+        lines = [winner_row(start, w, e, passing[w, e], ladders, measured, part) for e in engines if e not in lost]
         winners += with_ratios(lines, measured, part)
         place_of = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
-        winners += [place_of | {"engine": e} | failure.told for e, failure in lost.items()]
-    times = [row(start | place(way), measured.spread, "seconds", way) for way in every(best) if way.engine not in lost]
+        winners += [place_of | {"engine": e} | told for e, told in lost.items() if e in engines]
+    entered = dict.fromkeys(way for key in (measured.samples, measured.failed) for way in key if isinstance(way, Way))
+    times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times}
 
 
-def every(ways: Mapping[Any, Sequence[Way]]) -> list[Way]:
-    """All of them, each once."""
-    return list(dict.fromkeys(way for some in ways.values() for way in some))
+def _time_over_processes(measured: Measured, way: Way) -> Row:
+    """A time and its spread, which one process does not tell.
+
+    Raises:
+        Missing: it was not measured.
+    """
+    samples = measured.of(way)
+    told: Row = spread("seconds", samples)
+    alone = np.isfinite(samples).any(axis=1).sum() == 1
+    return told | {"seconds_low": math.nan, "seconds_high": math.nan} if alone else told
+
+
+def lost_in(races: Rows) -> dict[str, Row]:
+    """Engine -> why it was lost in a race."""
+    return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in races if r.get("engine") and r.get("integrator") is None}
 
 
 def estimated(
-    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str
+    linkage: str,
+    scenario: str,
+    until: float,
+    rows: Sequence[Sequence[Any]],
+    lead: float,
+    rounds: int,
+    engines: Sequence[str],
+    path: str,
 ) -> Tables:
-    """Estimated seconds of ways, each with its steps."""
+    """Estimated seconds of ways, each with its steps; called as `race` is."""
     steps = {Way(*r[:5]): int(r[5]) for r in rows if r[0] in engines}
     costs = steps_timed(Run(linkage, load(linkage, scenario or None), until), list(steps), steps, watching(path))
     return {"ways": [{"way": list(way), "seconds": x} for way, x in costs.items()]}
@@ -236,15 +342,25 @@ def race(
         way = Way(*r[:5])
         entered.add(way, whole_run, run, way, int(r[5]), r[6], lead)
     measured = entered.run(rounds)
-    told: Rows = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
+    told: Rows = [
+        {"way": list(way), "seconds": x[0][np.isfinite(x[0])].tolist()}
+        for way, x in measured.samples.items()
+        if isinstance(way, Way)
+    ]
     failed = [(way, x) for way, x in measured.failed.items() if isinstance(way, Way)]
     return {"ways": told + [{"way": list(way), "status": str(x.status), "message": str(x)} for way, x in failed]}
 
 
-def measured_of(rows: Rows) -> Measured:
-    """What `race` told."""
-    ran: dict[Hashable, Array] = {Way(*r["way"]): np.array(r["seconds"]) for r in rows if "seconds" in r}
-    return Measured(ran, {Way(*r["way"]): Missing(Status(r["status"]), r["message"]) for r in rows if "seconds" not in r})
+def measured_of(races: Rows) -> Measured:
+    """What the processes of a race told."""
+    samples: dict[Way, dict[int, list[float]]] = {}
+    failed: dict[Hashable, Missing] = {}
+    for r in sorted((r for r in races if r.get("integrator") is not None), key=lambda r: r.get("round") or 0):
+        if r["status"] == Status.OK:
+            samples.setdefault(way_of(r), {}).setdefault(r["process"], []).append(r["seconds"])
+        else:
+            failed.setdefault(way_of(r), Missing(Status(r["status"]), r["message"]))
+    return Measured(over_processes(samples), failed)
 
 
 class Ladders:
@@ -285,25 +401,21 @@ def winner_row(
     start: Row,
     wanted: Requirement,
     engine: str,
-    best: Sequence[Way],
-    near: Sequence[Way],
-    passing: int,
+    passing: Sequence[Way],
     ladders: Ladders,
-    measured: Races,
+    measured: Measured,
     part: Search,
 ) -> Row:
-    """An engine's winner for a requirement; without one, how near it came and why it went no further.
-
-    `passing` ways are exact enough, `best` were raced, and `near` in every process.
-    """
+    """An engine's winner for a requirement, of the ways that are `passing`; without one, how near it came and why no further."""
     searched_trials = ladders.of(engine)
     told = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit, "engine": engine}
-    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": passing}
+    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": len(passing)}
     told |= {"budget": part.budget, "most_steps": part.most_steps}
-    told["raced"] = sum(way in measured for way in best)
+    told["raced"] = sum(way in measured.samples for way in passing)
+    near = near_ways(passing, measured)
     if not near:
-        return told | beaten(wanted, searched_trials, ladders, [measured.failed[x] for x in best if x in measured.failed])
-    winner, tied = won_over(measured, near)
+        return told | beaten(wanted, searched_trials, ladders, [measured.failed[x] for x in passing if x in measured.failed])
+    winner, tied = won({way: measured.samples[way] for way in near})
     error = coarsest(searched_trials[winner._replace(size=0.0)], wanted)
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
     told |= place(winner) | {"steps": ladders.steps[winner], "error": error.errors[wanted.kind] if error else None}
@@ -311,7 +423,7 @@ def winner_row(
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
-    return told | {"status": str(Status.OK), "message": ""} | measured.spread("seconds", winner)
+    return told | {"status": str(Status.OK), "message": "", "ties": tied} | spread("seconds", measured.of(winner))
 
 
 def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], ladders: Ladders, failed: Sequence[Missing]) -> Row:
@@ -331,21 +443,35 @@ def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], ladders: Ladders
     return least | {"status": CANNOT, "message": text}
 
 
-def with_ratios(rows: Rows, measured: Races, part: Search) -> Rows:
-    """The rows of a requirement with their time over that of the cheapest own way."""
+def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
+    """The rows of a requirement with their time over that of the cheapest own way; of own ways that tie it is the first.
+
+    The spread covers whatever ties with either: a second race may name another of them.
+    """
     ended = [r for r in rows if r["status"] == Status.OK]
-    own = min((r for r in ended if r["engine"] in part.own), key=lambda r: float(r["seconds"]), default=None)
+    ours = {way_of(r): r for r in ended if r["engine"] in part.own}
+    own, level = won({way: measured.of(way) for way in ours}) if ours else (None, [])
+    fastest = [way for x in level for way in ours[x]["ties"]]
     told = []
     for r in rows:
         ratios: dict[str, Any] = {}
         if own is not None and r["status"] == Status.OK:
-            ratios = dict(zip(("ratio", "ratio_low", "ratio_high"), measured.ratio(way_of(r), way_of(own)), strict=True))
+            ratios = ratio_of(r, own, fastest, measured)
         aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
         told.append(
-            at_least(r | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)
-            | {"own": r is own, "ours": r["engine"] in part.own}
+            at_least({k: x for k, x in r.items() if k != "ties"} | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)
+            | {"own": r["status"] == Status.OK and way_of(r) == own, "ours": r["engine"] in part.own}
         )
     return told
+
+
+def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
+    """A winner's time over that of our own; from the least to the largest in any process of whatever ties with either."""
+    if way_of(r) == own:
+        return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}
+    spreads = [ratio(measured.of(x), measured.of(y)) for x in r["ties"] for y in fastest]
+    value = ratio(measured.of(way_of(r)), measured.of(own))[0]
+    return {"ratio": value, "ratio_low": min(x[1] for x in spreads), "ratio_high": max(x[2] for x in spreads)}
 
 
 def way_of(r: Row) -> Way:

@@ -6,6 +6,7 @@ Every figure is the searched best of its engine; what was searched, with which b
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import (
+    RANGE,
     Block,
     Cell,
     Finding,
@@ -33,14 +34,15 @@ SEARCH = (
     "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
     "flags) the cheapest whose error stays within the requirement at every beat of the whole run. Errors depend on no clock; of "
     "the variants that pass, those near the cheapest race in one process, which is repeated in several: where code and data happen "
-    "to lie moves a time by several per cent for the life of a process. Of those that tie the first of the engine's file wins. "
+    "to lie moves a time by several per cent for the life of a process. Whoever is as fast as the fastest in a quarter of the "
+    "processes ties with it, and of those that tie the first of the engine's file wins. "
     "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; a ratio "
-    "is that of an engine to the suite's own cheapest way, marked **own**: above 1 the engine is slower; a range is that of the "
-    "processes."
+    "is that of an engine to the suite's own cheapest way, marked **own**: above 1 the engine is slower. A range is where a second "
+    "race of as many processes falls in 99 of 100 cases, whichever of those that tie is named then."
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *("step [s] or tolerance", "steps", "error", "time", "ratio", "range", "target", "met", "tried", "passing", "remark"),
+    *("step [s] or tolerance", "steps", "error", "time", "ratio", RANGE, "target", "met", "tried", "passing", "remark"),
 )
 KINDS = ("position", "angle", "force")
 OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"

@@ -106,7 +106,7 @@ def gauss_or_lagrange(run: Run) -> Card | None:
     drawn = small(
         "gauss",
         "Lagrange's time over Gauss's",
-        "Median and range of several processes; right of the dashed line Gauss is faster.",
+        "Median of several processes, and where a second race falls; right of the dashed line Gauss is faster.",
         bars(shown, "time of a step, Lagrange / Gauss (logarithmic)", logarithmic=True, rule=1.0, written="~g"),
         shown,
         {"name": "linkage", "y": "ratio", "low": "least", "high": "largest"},

@@ -221,6 +221,9 @@ def prune(d: Drawing, before: Document) -> None:
         leave_out(d.document, faults[0])
     for joint in [k for k, x in items(d.document, "joints") if x.get("type") == "revolute" and len(sequence(x, "at")) < 2]:
         del d.group("joints")[joint]
+    sketched = table(table(d.document, "assembly"), "sketch")
+    for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
+        sketched.pop(joint, None)  # its place is that of no pin any more
     gone = [
         k
         for k, x in items(d.document, "scenarios")

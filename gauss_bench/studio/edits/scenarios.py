@@ -23,6 +23,7 @@ from gauss_bench.studio.reading import Reading, new_faults
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 FREE = 2.0  # [s] of a drawing let go
+STROKE = 0.1  # of the linkage's size
 FOLLOWS = 1e-6  # [m, rad] a start as near to the drawing as this goes along with it
 
 
@@ -36,7 +37,11 @@ def drive(d: Drawing, message: Message) -> None:
     drivers = [x for x in drivers if not all(x.get(k) == y for k, y in where.items())]
     if not message.get("off"):
         more = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
-        law = {"law": "constant", "speed": 2 * math.pi} if "link" in where else {"law": "sine", "time": 1.0}
+        law = (
+            {"law": "constant", "speed": 2 * math.pi}
+            if "link" in where
+            else {"law": "sine", "travel": _stroke(d.reading), "time": 1.0}
+        )
         drivers.append(where | ({} if more else law) | {"law": more.get("law", law["law"])} | more)
     before = copy.deepcopy(d.document)
     if not drivers:
@@ -51,6 +56,11 @@ def drive(d: Drawing, message: Message) -> None:
     if faults := new_faults(before, d.document):
         raise Refused("; ".join(str(x) for x in faults[:3]), (f"scenarios.{DRIVEN}",), faults[0].path.rpartition(".")[2])
     d.made.append(f"scenarios.{DRIVEN}")
+
+
+def _stroke(reading: Reading) -> float:
+    """How far [m] a slide goes that is driven by no law yet."""
+    return rounded(STROKE * reading.mechanism.size if reading.mechanism else STROKE)
 
 
 def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
@@ -162,10 +172,17 @@ def released(document: Document, reading: Reading) -> None:
     scenarios[RELEASED] = {k: x for k, x in kept.items() if k != "start"} | {"start": start}
 
 
+def _freedom(reading: Reading) -> int:
+    return reading.mechanism.n - reading.rank if reading.mechanism else 0
+
+
 def follow(document: Document, old: Reading, new: Reading) -> None:
     """Starts and drivers that began where the linkage was drawn begin where it is drawn now."""
     if not (old.closed and new.closed):
         return
+    scenario = table(table(document, "scenarios"), DRIVEN)
+    if drivers_of(scenario) and "hold" not in scenario and _freedom(old) != _freedom(new):
+        start_driven(document, new)
     was, now = coordinates(old), coordinates(new)
 
     def moved(x: Any, key: str, unit: float) -> Any:

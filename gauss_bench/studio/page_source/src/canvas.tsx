@@ -1,16 +1,17 @@
 // The drawing area: grid, picture, paths, linkage, ghost, what is being drawn; pointer, touch and keyboard.
-import { signal, useSignalEffect } from "@preact/signals";
+import { batch, signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { centres, pulled } from "./centres";
 import { Linkage, Path } from "./drawing";
-import { apart, figure, middle } from "./geometry";
+import { Placed, apart, figure, middle } from "./geometry";
 import { target } from "./hit";
 import type { Target } from "./hit";
-import type { Pin, Poses, Scene, XY } from "./protocol";
+import type { Centre, Pin, Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
-  behind, centres, chosen, clock, dialog, dragged, edit, findCentres, frames, ghosted, lined, motion, moving, placed, play, said, say, scene, selection, settling,
-  shown, show, showCentres, still, take, trial,
+  behind, chosen, clock, dialog, dragged, edit, follow, frames, ghosted, inView, lined, motion, moving, placed, play, said, say, scene, selection, settling,
+  show, showCentres, still, take, trial,
 } from "./state";
 import type { Picked } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
@@ -60,11 +61,15 @@ async function pull(mine: NonNullable<typeof drag>): Promise<void> {
     mine.next = null;
     mine.waiting = true;
     try {
-      const reply = (await ask("drag", { at })) as unknown as { poses: Poses; reached: boolean; ms: number; note: string | null };
+      const reply = (await ask("drag", { at, centres: showCentres.value })) as unknown as { poses: Poses; reached: boolean; ms: number; note: string | null; centres?: Centre[] };
       const before = dragged.value ?? {};
       const jump = Math.max(0, ...Object.entries(reply.poses).map(([name, p]) => (before[name] ? Math.abs(p[2] - before[name]![2]) : 0)));
-      if (drag === mine) dragged.value = reply.poses;
-      frames.value = { solved: frames.value.solved + 1, ms: reply.ms, jump: Math.max(frames.value.jump, jump) };
+      if (drag === mine)
+        batch(() => {
+          dragged.value = reply.poses;
+          pulled.value = reply.centres ?? null;
+        });
+      frames.value = { solved: frames.value.solved + 1, ms: frames.value.ms + reply.ms, jump: Math.max(frames.value.jump, jump) };
       if (reply.note && !reply.reached) say(reply.note);
       else if (said.value?.level === "info") said.value = null;
     } catch (error) {
@@ -165,9 +170,13 @@ export function Canvas(): JSX.Element {
       if (!box.width) return;
       const first = size.value[0] === 800 && size.value[1] === 600;
       const [dx, dy] = [(box.width - size.value[0]) / 2, (box.height - size.value[1]) / 2];
+      const seen = inView();
       size.value = [box.width, box.height];
       if (first || settling()) show();
-      else if (tool.value === "select") pan(dx, dy); // else what is being drawn stays under the pointer
+      else if (tool.value === "select" && !pressed) { // else what is being drawn or pulled stays under the pointer
+        pan(dx, dy);
+        if (seen) follow(); // the curves open, or the window gets smaller: what was seen whole stays so
+      }
     });
     watch.observe(svg);
     const wheel = (e: WheelEvent): void => {
@@ -181,11 +190,6 @@ export function Canvas(): JSX.Element {
       svg.removeEventListener("wheel", wheel);
     };
   }, []);
-  useSignalEffect(() => {
-    clock.value;
-    shown.value;
-    if (showCentres.value && scene.value) void findCentres();
-  });
 
   const down = (e: PointerEvent): void => {
     if (!placed.value) return;
@@ -368,6 +372,7 @@ export function Canvas(): JSX.Element {
       data-scale={scale}
       data-origin={`${origin[0]},${origin[1]}`}
       data-frames={frames.value.solved}
+      data-ms={frames.value.ms}
       data-jump={frames.value.jump}
       data-pending={pending.value}
       data-revision={scene.value?.revision}
@@ -442,7 +447,7 @@ function Paths(): JSX.Element | null {
           <Path points={series.p} />
         </g>
       ))}
-      {now.singular.map((spot, n) => spot.poses && <Singular key={n} poses={spot.poses} />)}
+      {now.singular.map(({ coordinate, poses }, n) => poses && <Singular key={n} spot={{ coordinate, poses }} />)}
     </g>
   );
 }
@@ -476,19 +481,16 @@ function Vector({ hue, from, by, most }: { hue: number; from: XY; by: XY | undef
   );
 }
 
-/** Where the motion is singular: the links in line, as a faint copy with a diamond on each of its joints. */
-function Singular({ poses }: { poses: Poses }): JSX.Element {
-  const marks = scene.value!.pins
-    .filter((p) => !p.ground && p.joint !== null)
-    .map((p) => p.members.map((ref) => [ref, ref.split(".")[0]!] as const).find(([, owner]) => owner in poses))
-    .filter((m) => m !== undefined)
-    .map(([ref, owner]) => {
-      const link = scene.value!.links.find((l) => l.name === owner);
-      const at = link?.points[ref.slice(owner.length + 1)];
-      const [x, y, a] = poses[owner]!;
-      return at ? toScreen([x + Math.cos(a) * at[0] - Math.sin(a) * at[1], y + Math.sin(a) * at[0] + Math.cos(a) * at[1]]) : null;
-    });
-  return <path class="singular" d={marks.map((m) => (m ? `M${m[0].toFixed(1)} ${(m[1] - 6).toFixed(1)}l6 6l-6 6l-6-6z` : "")).join("")} />;
+/** Where the motion is singular: a diamond on each moving joint of the link or slide that stands still or turns back there. */
+function Singular({ spot: { coordinate, poses } }: { spot: { coordinate: string; poses: Poses } }): JSX.Element {
+  const { links, pins, slides } = scene.value!;
+  const slider = slides.find((s) => s.id === coordinate)?.block.split(".")[0];
+  const one = links.find((l) => l.name === (slider ?? coordinate))?.name;
+  const at = new Placed(scene.value!, poses);
+  const marks = pins
+    .filter((p) => !p.ground && p.joint !== null && p.members.some((ref) => (one ? ref.startsWith(`${one}.`) : ref.split(".")[0]! in poses)))
+    .map((p) => toScreen(at.pin(p)));
+  return <path class="singular" d={marks.map(([x, y]) => `M${x.toFixed(1)} ${(y - 6).toFixed(1)}l6 6l-6 6l-6-6z`).join("")} />;
 }
 
 function Reshape(): JSX.Element | null {
@@ -519,18 +521,19 @@ function Reshape(): JSX.Element | null {
   );
 }
 
-function Centres(): JSX.Element | null {
-  if (!showCentres.value || !centres.value) return null;
+/** The instant centres of every two links, by their numbers; of links that are chosen, theirs alone. */
+function Centres(): JSX.Element {
   const order = ["ground", ...(scene.value?.links.map((l) => l.name) ?? [])];
+  const few = selection.value.filter((p) => p.kind === "link").map((p) => p.id);
   return (
     <g class="centres">
-      {centres.value.map((c) => {
+      {centres.value.filter((c) => !few.length || c.links.some((name) => few.includes(name))).map((c) => {
         if (!c.at) return null;
         const [x, y] = toScreen(c.at);
         if (x < -50 || y < -50 || x > size.value[0] + 50 || y > size.value[1] + 50) return null;
-        const label = c.links.map((name) => (order.indexOf(name) < 0 ? name : String(order.indexOf(name)))).join("·");
+        const label = c.links.map((name) => (order.includes(name) ? String(order.indexOf(name)) : name)).join("·");
         return (
-          <g key={c.links.join()} transform={`translate(${x.toFixed(1)} ${y.toFixed(1)})`}>
+          <g key={c.links.join()} data-centre={c.links.join()} transform={`translate(${x.toFixed(1)} ${y.toFixed(1)})`}>
             <path d="M-5 0H5M0-5V5" />
             <text x="6" y="-5">
               {label}

@@ -2,12 +2,13 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { download } from "./download";
 import { canFilm, film } from "./film";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
 import { Sheet } from "./sheet";
-import { anew, attempt, dialog, dragged, edit, hello, kept, leaving, said, say, scene, touring } from "./state";
+import { attempt, dialog, dragged, edit, hello, open, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
 import { ask } from "./socket";
 import { fit, size, toWorld } from "./view";
@@ -15,22 +16,11 @@ import { fit, size, toWorld } from "./view";
 const close = (): void => void (dialog.value = "");
 
 async function opened(what: object, verb = "open"): Promise<void> {
-  if (!leaving()) return;
-  const reply = await edit(verb, what);
+  const reply = await open(what, verb);
   if (!reply) return;
   close();
-  anew();
   const lacking = (reply.left_out ?? []) as string[];
-  if (lacking.length) say(`Brought in without what a linkage file has no word for: ${lacking.join("; ")}.`);
-}
-
-function download(name: string, content: BlobPart, type: string): void {
-  const url = URL.createObjectURL(new Blob([content], { type }));
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  if (lacking.length) say(`Brought in without what a linkage file has no word for: ${lacking.join("; ")}.`, "notice");
 }
 
 const drawings = signal<Record<string, string>>({});
@@ -73,6 +63,9 @@ const KIND_WORDS: Record<string, string> = { "built-in": "Linkages of the suite"
 function Open(): JSX.Element {
   const known = hello.value;
   const [wanted, want] = useState("");
+  useEffect(() => {
+    void attempt("files").then((reply) => reply && hello.value && (hello.value = { ...hello.value, files: reply.files as string[], kept: reply.kept as string[] }));
+  }, []);
   const fits = (t: Template): boolean => `${t.name} ${t.title} ${t.kind}`.toLowerCase().includes(wanted.toLowerCase());
   const built: Template[] = (known?.linkages ?? []).filter((name) => !known!.templates.some((t) => t.name === name)).map((name) => ({ name, title: "", kind: "" }));
   const kinds = [...new Set((known?.templates ?? []).map((t) => t.kind))];
@@ -94,22 +87,15 @@ function Open(): JSX.Element {
         </label>
         <input type="search" placeholder="Search" aria-label="Search templates" value={wanted} onInput={(e) => want(e.currentTarget.value)} />
       </div>
-      {kept() && !scene.value?.links.length && (
-        <p class="note">
-          This browser keeps a copy of the last drawing.{" "}
-          <button type="button" class="quiet" onClick={() => void opened({ text: kept() })}>
-            Take it up again
-          </button>
-        </p>
-      )}
       {(known?.files ?? []).length > 0 && (
         <section>
           <h3>In the folder {known!.folder}</h3>
           <ul class="chips">
             {known!.files!.map((name) => (
               <li key={name}>
-                <button type="button" onClick={() => void opened({ name })}>
+                <button type="button" class={known!.kept?.includes(name) ? "kept" : ""} onClick={() => void opened({ name })}>
                   {name}
+                  {known!.kept?.includes(name) && <small>more is kept than was saved</small>}
                 </button>
               </li>
             ))}
@@ -315,6 +301,11 @@ function Help(): JSX.Element {
           </>
         ))}
       </dl>
+      <h3>What is not saved</h3>
+      <p class="note">
+        It is kept by the studio on this machine with every change, and offered again should the studio or the browser end without saving, at whatever port it is started next: what belongs to
+        a file when that is opened, a new drawing when the studio is started in the same folder.
+      </p>
       <div class="row">
         <button type="button" class="quiet" onClick={() => { close(); touring.value = 0; }}>
           Take the tour

@@ -1,6 +1,6 @@
 // The linkage as engineers draw it: bars, plates, pins, ground, slides, springs, dampers, torques, forces. Lines keep their width at any zoom.
 import type { JSX } from "preact";
-import { direction, hull, middle } from "./geometry";
+import { apart, between, direction, fromSegment, hull, middle } from "./geometry";
 import type { Placed } from "./geometry";
 import type { Force, Link, Pin, Slide, XY } from "./protocol";
 import { chosen, drawn, scene } from "./state";
@@ -199,7 +199,10 @@ export function Linkage({ at, named, look = "" }: { at: Placed; named: boolean; 
 
 function Label({ link, at }: { link: Link; at: Placed }): JSX.Element {
   const points = at.points(link).map(([, p]) => p);
-  const [x, y] = toScreen(middle(points));
+  const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  const [a, b] = [sorted[0]!, sorted.at(-1)!];
+  const straight = points.every((p) => fromSegment(p, a, b).distance < 1e-3 * apart(a, b));
+  const [x, y] = toScreen(straight ? between(a, b, 0.3) : middle(points)); // bars that cross do so halfway
   const steep = points.length > 1 && Math.abs(Math.sin(direction(points[0]!, points[1]!))) > 0.6;
   return (
     <text class="name" x={x + (steep ? 12 : 0)} y={y + (steep ? 4 : -12)} text-anchor={steep ? "start" : "middle"}>

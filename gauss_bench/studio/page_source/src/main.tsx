@@ -5,7 +5,7 @@ import { Canvas, shortcuts } from "./canvas";
 import { Dialogs, PictureBar } from "./dialogs";
 import { Properties, show } from "./properties";
 import { hear } from "./runs";
-import { dialog, drawn, hello, placed, recover, said, scene, start, touring } from "./state";
+import { dialog, drawn, hello, open, placed, recover, said, scene, start, touring } from "./state";
 import { Timeline } from "./timeline";
 import { choose, picks, tool } from "./tools";
 import { Moving, Prompt, Tools, Top, ViewSwitches, paint } from "./top";
@@ -74,18 +74,28 @@ function Empty(): JSX.Element | null {
   );
 }
 
-/** What a server that was killed had not saved. */
+/** What a server that was killed had not saved: of what is open, else of a file of the folder. */
 function Recovered(): JSX.Element | null {
-  if (!hello.value?.recovered || touring.value >= 0) return null;
+  const known = hello.value;
+  const other = scene.value?.path || scene.value?.links.length ? undefined : known?.kept?.[0];
+  if (!(known?.recovered || other) || touring.value >= 0) return null;
   return (
     <div class="picturebar" role="region" aria-label="Kept">
-      <p>What was drawn here before and not saved is kept.</p>
-      <button type="button" class="strong" onClick={() => void recover(true)}>
-        Recover it
-      </button>
-      <button type="button" class="quiet" onClick={() => void recover(false)}>
-        Let it go
-      </button>
+      <p>What was drawn {known?.recovered ? "here before" : `in ${other}`} and not saved is kept.</p>
+      {known?.recovered ? (
+        <>
+          <button type="button" class="strong" onClick={() => void recover(true)}>
+            Recover it
+          </button>
+          <button type="button" class="quiet" onClick={() => void recover(false)}>
+            Let it go
+          </button>
+        </>
+      ) : (
+        <button type="button" class="strong" onClick={() => void open({ name: other })}>
+          Open {other}
+        </button>
+      )}
     </div>
   );
 }

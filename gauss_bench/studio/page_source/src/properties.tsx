@@ -4,7 +4,7 @@ import { Check, Lock, NumberField, Read, TextField } from "./fields";
 import { apart, direction } from "./geometry";
 import { Sign } from "./icons";
 import type { Force, Link, Pin, Problem, Slide, XY } from "./protocol";
-import { dialog, edit, placed, scene, selection, sheet } from "./state";
+import { dialog, edit, placed, scene, selection, sheet, showCentres } from "./state";
 import type { Picked } from "./state";
 import { remove } from "./tools";
 
@@ -190,10 +190,12 @@ export function show(problem: Problem): void {
   if (out.length) selection.value = out;
 }
 
-function Part({ kind, id, text }: { kind: Picked["kind"]; id: string; text: string }): JSX.Element {
+/** A part in the list of all; a link with its number, where that names instant centres. */
+function Part({ kind, id, text, number }: { kind: Picked["kind"]; id: string; text: string; number?: number }): JSX.Element {
   return (
     <li>
       <button type="button" aria-label={`${kind} ${text}`} onClick={() => (selection.value = [{ kind, id }])}>
+        {number !== undefined && <small>{number}</small>}
         {text}
       </button>
     </li>
@@ -217,7 +219,7 @@ function Whole(): JSX.Element {
         </div>
       )}
       {now.links.length > 0 && <h3>Links</h3>}
-      <ul class="chips">{now.links.map((l) => <Part key={l.name} kind="link" id={l.name} text={l.name} />)}</ul>
+      <ul class="chips">{now.links.map((l, i) => <Part key={l.name} kind="link" id={l.name} text={l.name} number={showCentres.value ? i + 1 : undefined} />)}</ul>
       {now.pins.length > 0 && <h3>Pins</h3>}
       <ul class="chips">{now.pins.map((p) => <Part key={p.id} kind="pin" id={p.id} text={p.joint ?? p.members[0] ?? p.id} />)}</ul>
       {now.slides.length + now.forces.length > 0 && <h3>Slides and forces</h3>}

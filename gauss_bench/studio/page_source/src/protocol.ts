@@ -122,6 +122,7 @@ export interface Hello {
   folder?: string;
   engines: { name: string; here: boolean; reason: string | null }[];
   recovered: { text: string } | null;
+  kept?: string[]; // files of the folder of which more was drawn than was saved
   scene: Scene;
 }
 export interface Fault {

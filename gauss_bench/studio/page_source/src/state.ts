@@ -1,16 +1,16 @@
 // What the page knows: the scene, what is chosen, what is shown over it. Every change of the linkage goes through `edit`.
 import { batch, computed, signal } from "@preact/signals";
 import { Placed } from "./geometry";
-import type { Centre, Event, Hello, Motion, Poses, Reply, Scene, XY } from "./protocol";
+import type { Event, Hello, Motion, Poses, Reply, Scene, XY } from "./protocol";
 import { Refused, ask, connect, listen } from "./socket";
-import { fit } from "./view";
+import { fit, view, within } from "./view";
 
 export type Picked = { kind: "link" | "pin" | "slide" | "force"; id: string };
 
 export const hello = signal<Hello | null>(null);
 export const scene = signal<Scene | null>(null);
 export const selection = signal<Picked[]>([]);
-export const said = signal<{ text: string; level: "error" | "info"; field?: string } | null>(null); // the line that is read aloud
+export const said = signal<{ text: string; level: "error" | "notice" | "info"; field?: string } | null>(null); // the line that is read aloud
 export const dialog = signal<"" | "gallery" | "open" | "share" | "release" | "recommend" | "help" | "export" | "save" | "branches">("");
 export const sheet = signal<"" | "properties" | "curves">(""); // narrow screens: which panel covers the drawing
 export const touring = signal(-1);
@@ -26,11 +26,11 @@ export const playing = signal(false);
 export const clock = signal(0); // seconds of the motion
 export const pace = signal(1);
 export const ghost = signal<{ engine: string; times: number[]; poses: Record<string, [number, number, number][]> } | null>(null);
-export const centres = signal<Centre[] | null>(null);
 export const showCentres = signal(false);
 export const lined = signal(true); // a grid that pulls
 export const frames = signal({ solved: 0, ms: 0, jump: 0 });
 
+const FLIES = 4; // times the window that shows the sketch
 let fitting = false;
 let fitted = -Infinity; // when the motion was last fitted into the window
 
@@ -55,13 +55,28 @@ export function show(): void {
   fitting = motion.value === null && (scene.value?.links.length ?? 0) > 0;
 }
 
-const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
+/** Whether the sketch is in the window as a whole. */
+export const inView = (): boolean => within(scene.value);
+
+/** Shows the whole of the motion, where it leaves the window; one that flies off is let go. */
+export function follow(): void {
+  const before = view.value;
+  if (within(scene.value, swept())) return;
+  show();
+  if (view.value.scale < before.scale / FLIES) view.value = before;
+}
+
+/** The sample before an instant, and which share of the way to the next one has passed. */
+export const sampled = (times: number[], at: number): [number, number] => {
   const last = times.length - 1;
-  let i = Math.max(0, times.findIndex((t) => t >= at) - 1);
-  if (at >= (times[last] ?? 0)) i = Math.max(last - 1, 0);
+  const i = at >= (times[last] ?? 0) ? Math.max(last - 1, 0) : Math.max(0, times.findIndex((t) => t >= at) - 1);
   const t0 = times[i] ?? 0;
   const t1 = times[i + 1] ?? t0;
-  const share = t1 > t0 ? Math.max(0, Math.min(1, (at - t0) / (t1 - t0))) : 0;
+  return [i, t1 > t0 ? Math.max(0, Math.min(1, (at - t0) / (t1 - t0))) : 0];
+};
+
+const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
+  const [i, share] = sampled(times, at);
   const out: Poses = {};
   for (const [name, list] of Object.entries(poses)) {
     const a = list[i];
@@ -83,8 +98,8 @@ export const ghosted = computed(() =>
 );
 export const chosen = (kind: Picked["kind"], id: string): boolean => selection.value.some((p) => p.kind === kind && p.id === id);
 
-/** Says a sentence in the status line, which screen readers read aloud; what is no error goes by itself. */
-export function say(text: string, level: "error" | "info" = "info"): void {
+/** Says a sentence in the status line, which screen readers read aloud; mere information goes by itself. */
+export function say(text: string, level: "error" | "notice" | "info" = "info"): void {
   const word = { text, level };
   said.value = word;
   if (level === "info") setTimeout(() => said.value === word && (said.value = null), 6000);
@@ -112,7 +127,6 @@ export function take(next: Scene): void {
     if (other || !motion.value) {
       moving.value = playing.value = false;
       ghost.value = null;
-      centres.value = null;
     }
     const there = (p: Picked) =>
       p.kind === "link"
@@ -135,13 +149,21 @@ async function look(id: string | null): Promise<void> {
 }
 
 /** Whether what is drawn may be left: it is saved, or whoever drew it says so. */
-export const leaving = (): boolean =>
+const leaving = (): boolean =>
   !scene.value?.unsaved || !scene.value.links.length || confirm(`${scene.value.name} has changes that are not saved. Leave them?`);
 
 /** Another linkage is open: its motion is not here yet, and it is shown as a whole. */
 export function anew(): void {
   motion.value = null;
+  clock.value = 0;
   show();
+}
+
+/** Opens something else, if what is drawn may be left; the reply, or null where it stays as it is. */
+export async function open(what: object, verb = "open"): Promise<Reply | null> {
+  const reply = leaving() ? await edit(verb, what) : null;
+  if (reply) anew();
+  return reply;
 }
 
 /** Opens the linkage that the address carries, which is taken out of it. */
@@ -149,7 +171,7 @@ async function arrive(): Promise<void> {
   const fragment = location.hash.slice(1);
   if (!fragment) return;
   history.replaceState(null, "", location.pathname + location.search);
-  if (leaving() && (await edit("open", { fragment }))) anew();
+  await open({ fragment });
 }
 
 /** Takes up what was drawn before and lost with the server, or lets it go. */
@@ -180,19 +202,20 @@ let later: ReturnType<typeof setTimeout> | undefined;
 let wanted = 0;
 export const motionNote = signal("");
 
+const OPEN = "What does not assemble does not move: see the problems.";
+const FAST = "Nothing can move: the links hold each other fast. Take one away, or a pin off the ground.";
+const LOOSE = "Nothing can be driven yet: pin a link to the ground.";
+
 /** Computes the driven motion of the scene anew, a moment from now. */
 export function refresh(): void {
   clearTimeout(later);
   const mine = ++wanted;
   const now = scene.value;
   const driven = now?.scenarios.some((s) => s.kind === "driven");
-  if (!now || !now.status.assembles || !(driven || now.drivers_possible.length)) {
+  const fast = now?.status.dof === 0;
+  if (!now || !now.status.assembles || fast || !(driven || now.drivers_possible.length)) {
     motion.value = null;
-    motionNote.value = !now?.links.length
-      ? ""
-      : !now.status.assembles
-        ? "What does not assemble does not move: see the problems."
-        : "Nothing can be driven yet: pin a link to the ground.";
+    motionNote.value = !now?.links.length ? "" : !now.status.assembles ? OPEN : fast ? FAST : LOOSE;
     return;
   }
   later = setTimeout(() => void compute(mine), 250);
@@ -221,7 +244,7 @@ async function compute(mine: number): Promise<void> {
 
 /** The motion of now, computed if it is not there yet. */
 export async function ready(): Promise<Motion | null> {
-  if (!motion.value && scene.value?.status.assembles && scene.value.links.length) {
+  if (!motion.value && scene.value?.status.assembles && scene.value.status.dof !== 0 && scene.value.links.length) {
     clearTimeout(later);
     await compute(++wanted);
   }
@@ -238,11 +261,13 @@ export async function play(): Promise<void> {
     say(motionNote.value || "There is no motion to play.", "error");
     return;
   }
+  const began = !moving.value;
   batch(() => {
     if (clock.value >= (now.times.at(-1) ?? 0)) clock.value = 0;
     moving.value = true;
     playing.value = true;
   });
+  if (began && inView()) follow(); // who looks at a part of it goes on doing so
   let before = performance.now();
   const step = (t: number): void => {
     if (!playing.value || !motion.value) return;
@@ -268,39 +293,20 @@ export function still(): void {
   batch(() => {
     playing.value = false;
     moving.value = false;
-    centres.value = null;
   });
 }
 
-let asking = false;
-/** The instant centres of what is on show. */
-export async function findCentres(): Promise<void> {
-  if (asking || !showCentres.value) return;
-  asking = true;
-  const poses = Object.fromEntries(scene.value!.links.map((link) => [link.name, placed.value!.pose(link.name)]));
-  const reply = await attempt("centres", { at: poses });
-  asking = false;
-  if (reply) centres.value = (reply as { centres?: Centre[] }).centres ?? null;
-  else showCentres.value = false;
-}
-
-// A copy of the document in the browser, should the server be lost.
+// A copy of the text in the page: what can be saved from here when the server has gone.
 let keeping: ReturnType<typeof setTimeout> | undefined;
-const KEPT = "studio.document";
+export const copy = signal("");
 
 function keep(): void {
   clearTimeout(keeping);
   keeping = setTimeout(async () => {
-    try {
-      const reply = await ask("text");
-      localStorage.setItem(KEPT, String(reply.text ?? ""));
-    } catch {
-      // a copy is a courtesy: without it the server's own autosave remains
-    }
-  }, 1500);
+    const reply = await ask("text").catch(() => null); // a copy is a courtesy: the server keeps one itself
+    if (reply) copy.value = String(reply.text ?? "");
+  }, 300);
 }
-
-export const kept = (): string => localStorage.getItem(KEPT) ?? "";
 
 /** Greets the server after every opening of the socket. */
 export function start(onEvent: (event: Event) => void): void {

@@ -1,12 +1,13 @@
 // Below the drawing: play, scrub, pace, what drives the motion, and the curves of what is observed.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
+import { useEffect, useRef } from "preact/hooks";
 import { NumberField } from "./fields";
 import { figure } from "./geometry";
 import { Sign } from "./icons";
 import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
 import { choose } from "./tools";
-import { clock, dialog, edit, findCentres, ghost, motion, motionNote, moving, pace, play, playing, ready, refresh, scene, scrub, sheet, showCentres, still } from "./state";
+import { clock, dialog, edit, ghost, motion, motionNote, moving, pace, play, playing, refresh, scene, scrub, sheet, showCentres, still } from "./state";
 
 interface Curve {
   name: string;
@@ -101,6 +102,20 @@ const LAWS: [string, string][] = [["constant", "constant speed"], ["sine", "cycl
 
 /** What is driven, and by which laws: the scenario "driven" as it stands. Each change is an edit. */
 function Drive(): JSX.Element | null {
+  const ref = useRef<HTMLDetailsElement>(null);
+  useEffect(() => {
+    const leave = (e: PointerEvent): void => {
+      if (ref.current?.open && !ref.current.contains(e.target as Node)) ref.current.open = false;
+    };
+    addEventListener("pointerdown", leave, true);
+    return () => removeEventListener("pointerdown", leave, true);
+  }, []);
+  const away = (e: KeyboardEvent): void => {
+    if (e.key !== "Escape" || !ref.current?.open) return;
+    e.stopPropagation();
+    ref.current.open = false;
+    ref.current.querySelector("summary")?.focus();
+  };
   const now = scene.value;
   if (!now) return null;
   const scenario = now.scenarios.find((s) => s.name === "driven" && s.kind === "driven") ?? now.scenarios.find((s) => s.kind === "driven");
@@ -111,7 +126,7 @@ function Drive(): JSX.Element | null {
   const free = now.drivers_possible.filter((d) => !named.includes(d.name));
   const more = drivers.length === 0 || drivers.length < (now.status.dof ?? 0);
   return (
-    <details class="drive">
+    <details ref={ref} class="drive" onKeyDown={away}>
       <summary title="What moves, and by which law">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
       <div class="pop">
         {drivers.map((driver) => (
@@ -148,11 +163,7 @@ function lawOf(driver: Table): Table {
 }
 
 /** Drives a coordinate by what is usual for its kind, from where it is drawn. */
-function begin(name: string): Promise<unknown> {
-  const kind = scene.value?.drivers_possible.find((d) => d.name === name)?.kind;
-  if (!kind) return Promise.resolve();
-  return edit("drive", kind === "angle" ? { coordinate: name, law: "constant", speed: 2 * Math.PI, duration: 1 } : { coordinate: name, law: "sine", travel: 0.05, time: 1, duration: 1 });
-}
+const begin = (name: string): Promise<unknown> => edit("drive", { coordinate: name });
 
 function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind[]; duration: number }): JSX.Element {
   const name = nameOf(driver);
@@ -266,10 +277,7 @@ export function Timeline(): JSX.Element {
           aria-pressed={showCentres.value}
           aria-label="Instant centres"
           title="Points about which every two links turn at this instant"
-          onClick={() => {
-            showCentres.value = !showCentres.value;
-            if (showCentres.value) void ready().then(findCentres);
-          }}
+          onClick={() => (showCentres.value = !showCentres.value)}
         >
           <span class="long">Instant centres</span>
           <span class="short">Centres</span>

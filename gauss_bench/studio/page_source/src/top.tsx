@@ -2,9 +2,10 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { names } from "./canvas";
+import { download } from "./download";
 import { Sign } from "./icons";
 import { connected } from "./socket";
-import { dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
+import { copy, dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
 import { TOOLS, choose, current, finish, picks, tool } from "./tools";
 import { zoom } from "./view";
 
@@ -93,9 +94,14 @@ export function Top(): JSX.Element {
         </button>
       </div>
       {connected.value === "gone" && (
-        <p class="gone" role="alert">
-          The server has gone. Start it again and open the address that it prints: what was drawn here is kept, and offered there.
-        </p>
+        <div class="gone" role="alert">
+          The server has gone. Start it again in the same folder and open the address that it prints: what was drawn here is kept, and offered there.
+          {copy.value && (
+            <button type="button" class="quiet" onClick={() => download(`${now?.name || "linkage"}.toml`, copy.value, "text/plain")}>
+              Download a copy
+            </button>
+          )}
+        </div>
       )}
     </header>
   );

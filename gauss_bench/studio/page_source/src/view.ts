@@ -36,9 +36,17 @@ export function pan(dx: number, dy: number): void {
   view.value = { scale, origin: [origin[0] + dx, origin[1] + dy] };
 }
 
+const pointsOf = (scene: Scene | null): XY[] => [...(scene?.pins.map((p) => p.at) ?? []), ...(scene?.slides.flatMap((s) => [s.at, s.block_at]) ?? [])];
+
+const RIM = 16; // pixels: a joint nearer to the window's edge is cut
+
+/** Whether all points of the scene, and those given, are in the window. */
+export const within = (scene: Scene | null, more: XY[] = []): boolean =>
+  [...pointsOf(scene), ...more].map(toScreen).every(([x, y]) => x >= RIM && y >= RIM && x <= size.value[0] - RIM && y <= size.value[1] - RIM);
+
 /** All points of the scene, and those given, in the window with a margin. */
 export function fit(scene: Scene | null, more: XY[] = []): void {
-  const points = [...(scene?.pins.map((p) => p.at) ?? []), ...(scene?.slides.flatMap((s) => [s.at, s.block_at]) ?? []), ...more];
+  const points = [...pointsOf(scene), ...more];
   const [w, h] = size.value;
   if (!points.length) {
     view.value = { scale: Math.min(w, h) / 1.0, origin: [w * 0.3, h * 0.62] };
