@@ -320,8 +320,12 @@ sys.exit(cli.command())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(how: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]
+)
+def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(
+    how: signal.Signals, before: str, tmp_path: Path
+) -> None:
     asked = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:4000", "--engine", "gauss", "--until", "0.2", "--jobs", "2"]
     process = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTIBLE, *asked, "--out", str(tmp_path / "s")],
@@ -329,7 +333,14 @@ def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(how:
         text=True,
         env=os.environ | {"SIGN_OF_A_SWEEP": str(tmp_path)},
     )
-    while process.poll() is None and not any((tmp_path / "s" / PARTS).glob("part-*")):
+    sign = f"SIGN_OF_A_SWEEP={tmp_path}".encode()
+
+    def under_way() -> bool:
+        if before == "others":
+            return any((tmp_path / "s" / PARTS).glob("part-*"))
+        return any(b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in alive(sign))
+
+    while process.poll() is None and not under_way():
         time.sleep(0.02)
     process.send_signal(how)
     _, said = process.communicate(timeout=60)
@@ -338,6 +349,6 @@ def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(how:
         told = [x for x in said.splitlines() if " of 4000 samples, " not in x]
         assert told == ["4000 samples to run", "interrupted; what a run had finished is kept"]
     until = time.monotonic() + 30.0
-    while left := alive(f"SIGN_OF_A_SWEEP={tmp_path}".encode()):
+    while left := alive(sign):
         assert time.monotonic() < until, left
         time.sleep(0.1)

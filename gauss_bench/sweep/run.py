@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -220,11 +219,11 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
     total, missing = (sum(x.end - x.first for x in batches) for batches in (whole, waiting))
     tell(f"{missing} samples to run")
     told, started, done = time.monotonic(), time.monotonic(), total - missing
-    with _spread(where, engines) as parent:
+    with _spread(where, engines):
         # no more ahead than the queue of loky's processes takes, whose thread fails over the rest where a sweep is interrupted
         work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # its arguments travel to wherever batches are run, its rows come back here and are written here
-        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end], parent) for x in waiting):
+        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
             folder.write(batch.number, rows)
             done += batch.end - batch.first
             if time.monotonic() - told > PAUSE:
@@ -232,13 +231,10 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
                 tell(f"{done} of {total} samples, {told - started:.0f} s")
 
 
-def _done(asked: Asked, batch: _Batch, values: Array, parent: int | None) -> tuple[_Batch, Rows]:
-    if parent not in (None, os.getpid()):  # one job alone is done in place
-        _end_with(parent)
+def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
     return batch, rows_of(asked, batch.engine, np.arange(batch.first, batch.end), values)
 
 
-@cache
 def _end_with(parent: int) -> None:
     """Let this process end when its parent has: one that is killed tells nobody, and joblib's would wait for minutes."""
 
@@ -255,10 +251,8 @@ def _tasks(where: Where) -> int:
 
 
 @contextmanager
-def _spread(where: Where, engines: Sequence[str]) -> Iterator[int | None]:
+def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
     """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask.
-
-    What it gives is the process whose end the processes of joblib's have to look out for, if they are those.
 
     Raises:
         SweepError: there is no scheduler, or Dask is not installed.
@@ -266,9 +260,12 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[int | None]:
     from joblib import parallel_config
 
     if where.backend == "local":
-        threads = all(in_batches(x) or isolated(x) for x in engines)
-        with parallel_config(backend="threading" if threads else "loky", inner_max_num_threads=None if threads else 1):
-            yield None if threads else os.getpid()
+        if all(in_batches(x) or isolated(x) for x in engines):
+            backend = parallel_config(backend="threading")
+        else:
+            backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))
+        with backend:
+            yield
         return
     try:
         from distributed import Client, LocalCluster
@@ -280,7 +277,7 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[int | None]:
         except (OSError, TimeoutError, ValueError) as error:
             raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
         with client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
-            yield None
+            yield
         return
     os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
     with (
@@ -288,4 +285,4 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[int | None]:
         Client(cluster) as client,  # type: ignore[no-untyped-call]
         parallel_config(backend="dask", client=client, wait_for_workers_timeout=60),
     ):
-        yield None
+        yield
