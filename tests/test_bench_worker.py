@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import threading
 import time
 
 import pytest
@@ -97,3 +98,24 @@ def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
     monkeypatch.setattr(tasks.time, "monotonic", lambda: float(next(seconds)))
     assert list(tasks.told(4, "accuracy")) == [0, 1, 2, 3]
     assert capsys.readouterr().err == "accuracy: 4 to do\naccuracy: 3 of 4 done\n"
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3])
+def test_a_worker_that_is_stopped_from_elsewhere_says_so_to_who_waits_for_it(after: float) -> None:
+    failed: list[WorkerFailure] = []
+
+    def wait() -> None:
+        try:
+            worker.call(time.sleep, (60.0,), 60.0)
+        except WorkerFailure as failure:
+            failed.append(failure)
+
+    with Worker() as worker:
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        while worker.process is None:
+            time.sleep(0.001)
+        time.sleep(after)
+        worker.stop()
+        waiting.join(10.0)
+    assert [str(x) for x in failed] == ["the process was stopped"]

@@ -72,18 +72,18 @@ class Worker:
         self.log.close()
 
     def start(self) -> subprocess.Popen[bytes]:
-        if self.process is None or self.process.poll() is not None:
+        process = self.process  # which another thread may take away meanwhile
+        if process is None or process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
-            command = [sys.executable, "-m", "gauss_bench.runs.worker"]
-            self.process = subprocess.Popen(
-                command,
+            process = self.process = subprocess.Popen(
+                [sys.executable, "-m", "gauss_bench.runs.worker"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self.log,
                 env=environment,
                 start_new_session=True,
             )
-        return self.process
+        return process
 
     def stop(self) -> None:
         """End the process and all that it has started."""
@@ -112,8 +112,8 @@ class Worker:
         After `longest` seconds by the clock on the wall it is stopped too, whatever it waited for.
 
         Raises:
-            WorkerFailure: the worker crashed, exceeded `limit` seconds (in which it ran or slept, not those in which it waited for
-                a processor), or the function raised.
+            WorkerFailure: the worker crashed, was stopped by another thread, exceeded `limit` seconds (in which it ran or slept,
+                not those in which it waited for a processor), or the function raised.
         """
         process = self.start()
         assert process.stdin is not None
@@ -131,7 +131,11 @@ class Worker:
         except SpoiltAnswer as error:
             self.stop()
             raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
-        except (EOFError, BrokenPipeError) as error:
+        except (EOFError, OSError, ValueError) as error:
+            if self.process is not process:  # by another thread, which closes the pipes under this one
+                raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
+            if not isinstance(error, (EOFError, BrokenPipeError)):
+                raise
             code = self._ended(process)
             said = self._last_words()
             self.stop()
