@@ -105,27 +105,24 @@ class CompiledModel:
         row = 0
         for count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
-            if self.native:
+            if self.native and intervals == 1:
+                self.q[row + 1], self.v[row + 1] = self._rolled(q, v, t, h, count, None)
+            elif self.native:
                 whole = slice(row + 1, row + 1 + intervals)
                 self.q[whole], self.v[whole] = self._rolled(q, v, t, h, count * intervals, count)
             else:
                 for k in range(intervals):
                     for i in range(count):
-                        (q,), (v,) = self._rolled(q, v, t + (k * count + i) * h, h, 1, 1)
+                        q, v = self._rolled(q, v, t + (k * count + i) * h, h, 1, None)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
             row += intervals
         self.steps = self.planned
         differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
-    def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int) -> tuple[Array, Array]:
-        """Samples (n / every, n_q) of n steps."""
-        integrator = self.choice.integrator
-        if n == every:
-            last = self.kernel.rollout(q, v, h, n, t, integrator=integrator)
-            samples = last[0][None], last[1][None]
-        else:
-            samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=integrator)
+    def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
+        """Samples (n / every, n_q) of n steps, or the state (n_q,) they end with."""
+        samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
         return samples
 
