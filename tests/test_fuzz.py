@@ -19,6 +19,7 @@ from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import Heard
 from tests.fuzz.files import CHANGES, damaged_file
 from tests.fuzz.lists import hostile_lists
+from tests.fuzz.stored import over_stored
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 
@@ -197,6 +198,13 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
     *found, last = [x[2] for x in over_calls(opening, 400) if x[2]]
     assert found == ["wrong"]
     assert "handles more" in last
+
+
+@pytest.mark.long
+def test_what_is_damaged_on_disk_is_refused_or_made_again(tmp_path: Path) -> None:
+    found = [*over_stored(3, 0, 30, tmp_path)]
+    assert [x for x in found if x[1].fault] == []
+    assert {x[1].code for x in found} >= {0, 2}
 
 
 @pytest.mark.long

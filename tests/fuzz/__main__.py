@@ -23,6 +23,7 @@ from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import LATE, Ending, endings, run_one
 from tests.fuzz.kills import over_kills
 from tests.fuzz.motions import MOTIONS, over_motions
+from tests.fuzz.stored import over_stored
 
 PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
 BATCH = 500  # files that lie in the folder at a time
@@ -33,12 +34,13 @@ def main() -> int:
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     options.add_argument("--files", type=int, default=2000, metavar="N", help="damaged linkage files (default 2000)")
     options.add_argument("--lists", type=int, default=500, metavar="N", help="lists of arguments (default 500)")
+    options.add_argument("--stored", type=int, default=200, metavar="N", help="damaged files of runs and sweeps (default 200)")
     options.add_argument("--motions", type=int, default=200, metavar="N", help="runs held against other mechanics (default 200)")
     options.add_argument("--kills", type=int, default=10, metavar="N", help="kills of runs and sweeps (default 10)")
     options.add_argument("--calls", type=int, default=500, metavar="N", help="calls of simulate in one process (default 500)")
     options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file and list")
+    options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file, list and what was stored")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
     options.add_argument("--keep", type=Path, metavar="DIR", help="where files that broke something are kept")
     asked = options.parse_args()
@@ -60,8 +62,9 @@ def main() -> int:
         for kind, wanted, stream in (
             ("file", asked.files, over_files(asked.seed, asked.first, asked.files, folder, asked.late)),
             ("list", asked.lists, over_lists(asked.seed, asked.first, asked.lists, folder, asked.late)),
+            ("stored", asked.stored, over_stored(asked.seed, asked.first, asked.stored, folder / "stored", asked.late)),
         ):
-            for number, ending in stream:
+            for number, ending in stream if wanted else ():
                 tell(kind, number - asked.first, wanted)
                 word = ending.fault or ("at work" if ending.at_work else f"exit {ending.code}")
                 found[f"{kind}: {word}"] += 1
