@@ -144,7 +144,10 @@ def test_costs_against_lagrange_are_the_rows_own_ratio_with_its_spread() -> None
     own = row(step_ratio=1.5, step_ratio_low=1.4, step_ratio_high=1.6)
     rival = row(engine="lagrange", step_ratio=1.0, step_ratio_low=1.0, step_ratio_high=1.0)
     text = said("Cost of gauss against lagrange", own, rival, environment={"baseline_engine": "lagrange"})
-    assert "four_bar rk4 1.50 (1.40..1.60); slower in 1 of 1" in text
+    assert "four_bar rk4 1.50 (1.40..1.60); slower in 1 of 1." in text
+    wide = row(step_ratio=1.5, step_ratio_low=0.9, step_ratio_high=1.6)
+    text = said("Cost of gauss against lagrange", wide, rival, environment={"baseline_engine": "lagrange"})
+    assert "slower in 0 of 1, not told apart in 1." in text
     base, other = row(step_ratio=1.0), row(engine="lagrange", step_ratio=0.5, step_ratio_low=0.4, step_ratio_high=0.8)
     text = said("Cost of gauss against lagrange", base, other, environment={"baseline_engine": "gauss"})
     assert "four_bar rk4 2.00 (1.25..2.50)" in text

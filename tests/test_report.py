@@ -176,7 +176,8 @@ def test_own_cost_is_told_whichever_way_it_falls(tmp_path: Path) -> None:
     said = text_of(invented(), tmp_path)
     assert "four_bar rk4 1.50 (1.44..1.58)" in said
     assert "slower in 4 of 4" in said
-    cheap = [row | {"step_ratio": 0.8} if row["engine"] == "gauss" else row for row in invented()]
+    less = {"step_ratio": 0.8, "step_ratio_low": 0.78, "step_ratio_high": 0.82}
+    cheap = [row | less if row["engine"] == "gauss" else row for row in invented()]
     assert "four_bar rk4 0.80" in text_of(cheap, tmp_path)
     assert "slower in 0 of 4" in text_of(cheap, tmp_path)
 

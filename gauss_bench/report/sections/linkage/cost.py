@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from gauss_bench.report.content import (
+    NOTE,
     Cell,
     Finding,
     Section,
@@ -50,8 +51,7 @@ def section(run: Run, name: str) -> Section | None:
         one = (time_cell(row, "acceleration_time"), *ratio_cells(row, "acceleration_ratio"))
         built = (milliseconds(row, x) for x in ("build_time", "cold_build_time"))
         lines.append((engine_cell(row), *names, *step, *own, *one, *built))
-    note = "A spread is the range of the ratio from its 5 to its 95 percent point over resampled rounds."
-    table = Table(f"{name}: cost", head, tuple(lines), numeric, note=note)
+    table = Table(f"{name}: cost", head, tuple(lines), numeric, note=NOTE)
     return Section("Cost", f"{name}-cost", (Text(words), table))
 
 
@@ -71,12 +71,14 @@ def findings(run: Run) -> Iterator[Finding]:
             if ratio:  # an acceleration has no integrator: one per linkage
                 spreads.setdefault(f"{row['mechanism']}{' ' + row['integrator'] if quantity == 'step' else ''}", ratio)
         if spreads:
-            slower = sum(x[0] > 1 for x in spreads.values())
+            longer, slower = (sum(x[:2][end] > 1 for x in spreads.values()) for end in (0, -1))
+            level = sum(x[1] <= 1 <= x[2] for x in spreads.values() if len(x) > 1)
             told = listed(f"{name} {_with_spread(x)}" for name, x in spreads.items())
             yield Finding(
                 f"Cost of {OWN} against {RIVAL}",
-                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {told}; slower in {slower} of {len(spreads)}.",
-                "warn" if slower > len(spreads) / 2 else "good",
+                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {told}; slower in {slower} of {len(spreads)}"
+                f"{f', not told apart in {level}' if level else ''}.",
+                "warn" if longer > len(spreads) / 2 else "good",
             )
 
 
