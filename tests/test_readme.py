@@ -71,8 +71,8 @@ def losses() -> list[str]:
         f"`minimal`, one explicit equation for one degree of freedom, is faster on all {len(minimal)} linkages that it runs on, "
         f"and `by_hand`, equations derived by hand in C, on {sum(x < 1 for x in by_hand)} of {len(by_hand)};",
         f"a step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`;",
-        f"n - m unknowns against n + m, compiled alike, are faster beyond their spread on {won[0]} of {len(few)} linkages with one free "
-        f"coordinate, on {won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
+        f"n - m unknowns against n + m, compiled alike, are faster beyond their spread on {won[0]} of {len(few)} linkages with "
+        f"one free coordinate, on {won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
         f"Of MuJoCo's cases with its loops as shipped, {sum(bool(r['valid']) for r in soft)} of {len(soft)} may be used.",
     ]
 
