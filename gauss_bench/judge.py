@@ -206,7 +206,8 @@ def remark(evidence: Evidence) -> str:
     lost, told = evidence.disagreement, []
     if evidence.seen is not None:
         gap = float(np.abs(evidence.energy - evidence.seen).max(initial=0.0))
-        told.append(f"its energy is not decidable: {gap:.2g} J are lost between samples too far apart to see damping take them")
+        if gap > 0.0:
+            told.append(f"its energy is not decidable: {gap:.2g} J are lost between samples too far apart to see damping take them")
     if lost is not None and DIGITS < lost <= OFF_ACCELERATION:
         digits = int(-np.log10(lost))
         told.append(f"accelerations keep about {digits} digits: formulations differ by {lost:.1e} at the same states")

@@ -91,6 +91,7 @@ def test_energy_that_nothing_else_decides_is_objected_to() -> None:
     decided = judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=np.zeros(2))
     assert judge.judge(decided).valid
     assert "1 J are lost" in judge.remark(decided)
+    assert not judge.remark(judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=evidence.energy))
 
 
 def test_half_the_step_decides_where_no_truth_is_known(tmp_path: Any) -> None:
