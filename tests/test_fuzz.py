@@ -185,7 +185,7 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
     kept: list[object] = []
 
     def leaking(number: int) -> str:
-        kept.append(bytearray(5000))
+        kept.append(b"x" * 200_000)  # more than what other tests may have left free in this process
         return ""
 
     def opening(number: int) -> str:

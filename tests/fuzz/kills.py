@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from gauss_bench.bench.journal import entry_of
@@ -22,6 +22,7 @@ RUN += [x for name in ("gauss", "lagrange", "schur", "yuan_ge_eq16") for x in ("
 SWEEP = [*VERB, "sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:40", "--engine", "gauss"]
 SWEEP += ["--step", "0.01", "--until", "0.2"]
 SIGN, GONE = "SIGN_OF_KILLS", 20.0  # [s] until the workers of a killed run have ended
+VERBS = {"run": RUN, "sweep": SWEEP}
 MOMENTS = 0.25, 0.95  # of what the undisturbed run lasts
 TORN = b'{"key": "torn'  # what a kill in the middle of a write leaves
 
@@ -38,14 +39,19 @@ def undisturbed(verb: list[str], folder: Path) -> tuple[dict[Path, bytes], float
     return written_by(folder), time.monotonic() - began
 
 
-def over_kills(seed: int, count: int, folder: Path, jobs: int = 2) -> Iterator[tuple[int, str, str]]:
-    """Number of each of `count` kills, when it came, and a sentence where something was lost, doubled, changed or left."""
+def over_kills(
+    seed: int, count: int, folder: Path, jobs: int = 2, names: Sequence[str] = ("run", "sweep", "run", "run")
+) -> Iterator[tuple[int, str, str]]:
+    """Number of each of `count` kills, when it came, and a sentence where something was lost, doubled, changed or left.
+
+    `names` of what is killed, a folder each, over and over.
+    """
     chance, killed, at = random.Random(f"kills {seed}"), 0, 0
-    whole = {name: undisturbed(verb, folder / name) for name, verb in (("run", RUN), ("sweep", SWEEP))}
+    whole = {name: undisturbed(verb, folder / name) for name, verb in VERBS.items() if name in names}
     while killed < count:
-        name, verb = ("sweep", SWEEP) if at % 4 == 1 else ("run", RUN)
+        name = names[at % len(names)]
         place, at = folder / f"{name} {at}", at + 1
-        asked = [*verb, "--jobs", str(jobs), "--out", str(place)]
+        asked = [*VERBS[name], "--jobs", str(jobs), "--out", str(place)]
         known, ended = finished(place), False
         while killed < count and not ended:
             ended = not killed_once(asked, chance.uniform(*MOMENTS) * whole[name][1])
