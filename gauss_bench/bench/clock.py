@@ -242,11 +242,10 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
     Both (processes, rounds), or (rounds,) of one.
     """
     one, other = common(samples, baseline)
-    both = np.isfinite(one).any(axis=1)
-    if both.sum() != 1:
-        return quartiles(one)[both] / quartiles(other)[both]
-    rounds = np.isfinite(one[both][0])
-    pair = one[both][0][rounds], other[both][0][rounds]
+    if len(one) != 1:
+        return quartiles(one) / quartiles(other)
+    rounds = np.isfinite(one[0])
+    pair = one[0][rounds], other[0][rounds]
     picks = np.random.default_rng(seed).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
     longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
     return np.asarray(longer / shorter)
@@ -255,11 +254,10 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     """How many times longer one takes than the other, in the rounds that both have, and its spread; NaN where none has both."""
     one, other = common(samples, baseline)
-    both = np.isfinite(one).any(axis=1)
-    if not both.any():
+    if not len(one):
         return math.nan, math.nan, math.nan
-    low, high = ends(quotients(samples, baseline), several=both.sum() > 1)
-    return time_of(one[both]) / time_of(other[both]), low, high
+    low, high = ends(quotients(samples, baseline), several=len(one) > 1)
+    return time_of(one) / time_of(other), low, high
 
 
 def ends(values: Array, several: bool) -> tuple[float, float]:
@@ -284,12 +282,13 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Both (processes, rounds) with NaN where one has none: slow blocks sit the later rounds out."""
+    """Both (processes, rounds) in the processes that ran both, with NaN where one has none: slow blocks sit later rounds out."""
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
     first, second = (x[:, :rounds] for x in pair)
     both = np.isfinite(first) & np.isfinite(second)
-    return np.where(both, first, np.nan), np.where(both, second, np.nan)
+    ran = both.any(axis=1)
+    return np.where(both, first, np.nan)[ran], np.where(both, second, np.nan)[ran]
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gauss_bench.bench.clock import quotients, time_of
+from gauss_bench.bench.clock import common, quotients, time_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
@@ -213,6 +213,5 @@ def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 def level(samples: Array, fastest: Array) -> bool:
     """Whether one cannot be told from the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
-    found = quotients(samples, fastest)
-    several = len(np.atleast_2d(samples)) > 1
-    return bool(np.quantile(found, 0.25 if several else LUCK) <= 1.0)
+    several = len(common(samples, fastest)[0]) > 1
+    return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)
