@@ -67,11 +67,9 @@ def run(
     with Journal(folder / ".run" / "journal.jsonl") as journal:
         tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
         tables = gathered(finish(tasks, jobs, "accuracy", journal).values())
-        for stage in ("timed", "timed_again") if costs else ():
+        for stage, label in (("timed", "times"), ("timed_again", "times again")) if costs else ():
             tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
-            for table, rows in gathered(
-                finish(tasks, 1, stage.replace("timed", "times").replace("_", " "), journal).values()
-            ).items():
+            for table, rows in gathered(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     completed(suite, tables)
     _write(tables, suite, folder, name)

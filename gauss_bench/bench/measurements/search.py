@@ -215,10 +215,10 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     run, ladders = over(linkage, scenario, part), Ladders(rows)
     passing = passing_ways(ladders, part).values()
     ways = list(dict.fromkeys(way for some in passing for way in some))
-    estimates, lost = _survivors(estimated, run, ladders, ways, {}, part)
+    estimates, lost = _survivors(estimated, run, ladders, ways, part)
     costs = {Way(*r["way"]): float(r["seconds"]) for r in estimates}
     chosen = dict.fromkeys(way for some in passing for way in finalists({w: costs[w] for w in some if w in costs}))
-    told, more = _survivors(race, run, ladders, list(chosen), costs, part, lost)
+    told, more = _survivors(race, run, ladders, list(chosen), part, lost, costs, part.lead, part.rounds)
     return {"search_races": race_rows(run, 0, told, lost | more)}
 
 
@@ -228,7 +228,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     measured = measured_of(first)
     near = [way for some in passing_ways(ladders, part).values() for way in near_ways(some, measured)]
     costs = {way: time_of(x) for way, x in measured.samples.items()}
-    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), costs, part, lost_in(first))
+    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, lost_in(first), costs, part.lead, part.rounds)
     return {"search_races": race_rows(run, number, told, lost)}
 
 
@@ -237,13 +237,14 @@ def _survivors(
     run: Run,
     ladders: "Ladders",
     ways: Sequence[Way],
-    costs: Mapping[Any, float],
     part: Search,
     lost: Mapping[str, Any] = MappingProxyType({}),
+    costs: Mapping[Any, float] = MappingProxyType({}),
+    *numbers: float,
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
     """What a function tells of ways in a new process, and the engines that crash or hang in it."""
     asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in ways if way.engine not in lost]
-    arguments = (run.linkage, run.mechanism.scenario, run.until, asked, part.lead, part.rounds)
+    arguments = (run.linkage, run.mechanism.scenario, run.until, asked, *numbers)
     tables, more = survived(function, arguments, [x.name for x in searched(part) if x.name not in lost])
     return tables["ways"], more
 
@@ -311,16 +312,9 @@ def lost_in(races: Rows) -> dict[str, Row]:
 
 
 def estimated(
-    linkage: str,
-    scenario: str,
-    until: float,
-    rows: Sequence[Sequence[Any]],
-    lead: float,
-    rounds: int,
-    engines: Sequence[str],
-    path: str,
+    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str
 ) -> Tables:
-    """Estimated seconds of ways, each with its steps; called as `race` is."""
+    """Estimated seconds of ways, each with its steps."""
     steps = {Way(*r[:5]): int(r[5]) for r in rows if r[0] in engines}
     costs = steps_timed(Run(linkage, load(linkage, scenario or None), until), list(steps), steps, watching(path))
     return {"ways": [{"way": list(way), "seconds": x} for way, x in costs.items()]}
@@ -466,7 +460,7 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """A winner's time over that of our own; from the least to the largest in any process of whatever ties with either."""
+    """A winner's time over that of our own; the spread is that of whatever ties with either."""
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}
     spreads = [ratio(measured.of(x), measured.of(y)) for x in r["ties"] for y in fastest]
