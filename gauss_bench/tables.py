@@ -110,8 +110,8 @@ def spread(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
     """A lower quartile or a ratio of two, with its 5 and 95 percent points."""
     return (
         number(name, meaning, unit),
-        number(f"{name}_low", f"{meaning}: 5 percent point", unit),
-        number(f"{name}_high", f"{meaning}: 95 percent point", unit),
+        number(f"{name}_low", f"{meaning}: least that a second race may find; of one process, the 5 percent point", unit),
+        number(f"{name}_high", f"{meaning}: most that a second race may find; of one process, the 95 percent point", unit),
     )
 
 
