@@ -18,7 +18,7 @@ from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
-from gauss_bench.sweep.folder import PARTS
+from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import changed, number_at
 from gauss_bench.sweep.plan import plan
 from gauss_bench.sweep.run import How, Where, sweep
@@ -225,6 +225,22 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     with pytest.raises(SweepError, match="something else"):
         sweep("crank_slider", VARIED, tmp_path / "mine", samples=24, how=SHORT)
     assert table(folder) == whole
+
+
+@pytest.mark.parametrize("engine", ["gauss-native", "gauss"])
+def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
+    engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder
+) -> None:
+    def interrupt(folder: Folder, number: int, some: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 2)
+    monkeypatch.setattr(Folder, "write", interrupt)
+    told: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Where(jobs=2), tell=told.append)
+    assert told[-1] == "40 samples to run"
+    assert [str(x.message) for x in recwarn] == []
 
 
 def test_the_verb_says_what_it_cannot_use_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

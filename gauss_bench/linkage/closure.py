@@ -37,6 +37,8 @@ RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far 
 LARGE, REGULAR = 100, 1e-8  # rows and columns from which normal equations are solved, where their pivots are that even
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
+STILL = 1e-15  # [m, rad] a step of Gauss-Newton that only rounding makes
+NEARLY = 1e-9  # [m, rad] a step after which a place on the way is closed: what it leaves open is of its square
 FAR, ROUNDING = 100.0, 4e-16  # [m, rad] beyond it steps end at the rounding of the coordinates
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
 PATIENCE = 1500  # evaluations after which places between that cannot be closed are passed over
@@ -161,8 +163,11 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
                 )
 
 
-def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Array, float]:
-    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|, or infinity."""
+def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
+    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|, or infinity.
+
+    The last step is smaller than `enough`, or than the rounding of the coordinates where they are large.
+    """
     q = q.copy()
     for _ in range(iterations):
         F, J = residual(q)
@@ -171,7 +176,8 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60) -> tuple[Ar
         step = _shortest(J, -F)
         size = float(np.abs(step).max(initial=0.0))
         q += step if size < 0.5 else step * (0.5 / size)
-        if size < (1e-15 if np.abs(q).max(initial=0.0) < FAR else ROUNDING * np.abs(q).max()):
+        largest = float(np.abs(q).max(initial=0.0))
+        if size < (enough if largest < FAR else max(enough, ROUNDING * largest)):
             break
     return q, float(np.abs(residual(q)[0]).max(initial=0.0))
 
@@ -316,7 +322,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 (F, J), (value, rows) = close(x), held.of(x)
                 return np.concatenate([F, value - goal]), np.vstack([J, rows])
 
-            state, error = gauss_newton(state, residual)
+            state, error = gauss_newton(state, residual, enough=NEARLY if part else STILL)
             if closed and error > CLOSED:
                 break
         return state, error

@@ -4,8 +4,9 @@ import json
 import os
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -223,12 +224,22 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
         # no more ahead than the queue of loky's processes takes, whose thread fails over the rest where a sweep is interrupted
         work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # its arguments travel to wherever batches are run, its rows come back here and are written here
-        for batch, rows in work(delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting):
-            folder.write(batch.number, rows)
-            done += batch.end - batch.first
-            if time.monotonic() - told > PAUSE:
-                told = time.monotonic()
-                tell(f"{done} of {total} samples, {told - started:.0f} s")
+        tasks = (delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting)
+        with _no_word_of_tasks_broken_off(), closing(work(tasks)) as finished:
+            for batch, rows in finished:
+                folder.write(batch.number, rows)
+                done += batch.end - batch.first
+                if time.monotonic() - told > PAUSE:
+                    told = time.monotonic()
+                    tell(f"{done} of {total} samples, {told - started:.0f} s")
+
+
+@contextmanager
+def _no_word_of_tasks_broken_off() -> Iterator[None]:
+    """joblib warns of tasks that are left where an interrupt reaches us between two of its answers: whoever interrupts knows."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
+        yield
 
 
 def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
