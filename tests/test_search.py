@@ -14,7 +14,7 @@ from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, padded, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, raced, requirements
+from gauss_bench.bench.measurements.search import Ladders, beaten, first_race, further_race, ladder, raced, requirements
 from gauss_bench.bench.search import (
     Requirement,
     Scale,
@@ -448,6 +448,18 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert row["error"] == pytest.approx(1e-4, rel=1e-3)
     assert "by exact" in row["message"]
     assert "no error fell" in row["message"]
+
+
+def test_what_no_variant_can_determine_is_left_out_though_one_of_them_failed() -> None:
+    """Joint forces of redundant rows: the first variant gave up, the second moves, and its forces are nobody's."""
+    gave_up = Trial(1e-2, {}, 100, Status.NOT_CONVERGED, "gave up")
+    moves = Trial(1e-3, {"position": 1e-9, "force": math.nan}, 1000)
+    trials = {Way("mujoco", x, "rk4", "none", 0.0): [trial] for x, trial in (("first", gave_up), ("second", moves))}
+    told = beaten(Requirement("force", 1e-3), trials, Ladders([]), [])
+    assert told["status"] == "skip"
+    assert "redundant rows" in told["message"]
+    del trials[Way("mujoco", "second", "rk4", "none", 0.0)]
+    assert beaten(Requirement("force", 1e-3), trials, Ladders([]), []) == {"status": "not_converged", "message": "gave up"}
     assert row["raced"] == row["passing"] == 0
 
 

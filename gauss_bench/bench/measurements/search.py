@@ -428,7 +428,7 @@ def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], ladders: Ladders
     if not every:
         last = [x[-1] for x in trials.values()]
         status, message = (last[0].status, last[0].message) if last else (Status.SKIP, "it was not searched")
-        if status is Status.OK:
+        if any(trial.status is Status.OK for x in trials.values() for trial in x):
             status, message = Status.SKIP, f"errors of {wanted.kind} are not determined: redundant rows leave joint forces open"
         return {"status": str(status), "message": message}
     way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
