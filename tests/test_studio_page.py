@@ -113,6 +113,12 @@ class Page:
         """Where the joints are drawn, in pixels."""
         return {k: tuple(map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", x)))[:2] for k, x in self.places().items()}  # type: ignore[misc]
 
+    def stands_at(self) -> dict[str, XY]:
+        """Where the joints are in the world, wherever the window has been moved meanwhile."""
+        scale = float(self.canvas.get_attribute("data-scale"))
+        x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
+        return {k: ((at[0] - x) / scale, (y - at[1]) / scale) for k, at in self.drawn_at().items()}
+
     def button(self, name: str) -> Any:
         return self.page.get_by_role("button", name=name, exact=True)
 
@@ -137,9 +143,13 @@ class Page:
         raise AssertionError("the server does not answer")
 
     def fitted(self) -> None:
-        """Waits until the window is fitted to the motion, and once more to the room that its curves leave."""
+        """Waits until the window is fitted to the motion, and once more to the room that its curves leave: until it stays."""
         self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
-        self.page.wait_for_timeout(600)
+        seen, stayed = None, 0
+        while stayed < 12:
+            self.page.wait_for_timeout(50)
+            now = [self.canvas.get_attribute(f"data-{x}") for x in ("scale", "origin", "pending")]
+            seen, stayed = now, stayed + 1 if now == seen and now[2] == "0" else 0
 
     def pixel(self, at: XY) -> XY:
         scale = float(self.canvas.get_attribute("data-scale"))
@@ -390,7 +400,7 @@ def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(
     page.template("eight bar")
     page.button("Select").click()
     page.fitted()
-    begun = page.drawn_at()
+    begun, pixel = page.stands_at(), 1.0 / float(page.canvas.get_attribute("data-scale"))
     for moves, answered in ((180, True), (180, False)):
         before = used(browser)
         found = page.page.evaluate(DRAG, [page.pixel((0.08, 0.0)), page.pixel((0.0, 0.0)), moves, answered])
@@ -403,9 +413,9 @@ def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(
             assert found["frames"] / sum(spent.values()) > 30, spent
         assert page.status() == ("1", "3")
         assert not page.problems()
-        ended = page.drawn_at()
+        ended = page.stands_at()
         assert ended.keys() == begun.keys()
-        assert max(np.hypot(*np.subtract(ended[k], begun[k])) for k in begun) < 1.0
+        assert max(np.hypot(*np.subtract(ended[k], begun[k])) for k in begun) < pixel
         with capsys.disabled():
             rate = found["frames"] / found["seconds"]
             print(

@@ -143,7 +143,13 @@ def seen(x: Any) -> Any:
     """A value as JSON has it: no NaN, and digits that can be seen."""
     if isinstance(x, bool) or not isinstance(x, float):
         return x
-    return float(f"{x:.6g}") if math.isfinite(x) else None
+    return short(x, 5) if math.isfinite(x) else None
+
+
+def short(x: float, digits: int) -> float:
+    """A number in few digits; a whole one is written without a point."""
+    value = float(f"{x:.{digits}g}")
+    return int(value) if value.is_integer() and abs(value) < 10**digits else value
 
 
 def _figure(x: Any) -> Cell:

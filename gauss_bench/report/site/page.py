@@ -122,11 +122,17 @@ def _row(cells: Sequence[Cell], content: Table, lead: int) -> Markup:
     return Markup("").join(
         Markup("<td{}{}>{}</td>").format(
             _class(i, content, lead),
-            Markup(' data-sort="{}"').format(cell.sort) if isinstance(cell.sort, float) else "",
+            _sorted_by(cell),
             _toned(cell),
         )
         for i, cell in enumerate(cells)
     )
+
+
+def _sorted_by(cell: Cell) -> Markup:
+    """A number that rows are sorted by, where the text does not say it."""
+    told = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
+    return Markup("") if told == cell.text else Markup(' data-sort="{}"').format(told)
 
 
 def _toned(cell: Cell) -> Markup:

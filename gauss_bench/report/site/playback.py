@@ -22,6 +22,7 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
+from gauss_bench.report.content import short
 from gauss_bench.report.drawings.drawing import Canvas
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
@@ -188,7 +189,7 @@ def _listed(x: Array) -> list[Any]:
 
 
 def _short(x: float) -> float:
-    return float(f"{x:.{DIGITS}g}")
+    return short(x, DIGITS)
 
 
 def controls(svg: Markup, runs: Sequence[Played], scale: float, frames: int) -> Markup:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gauss_bench.report.content import seen
 from gauss_bench.report.rows import Row, Run, grouped, known, number, own_steps, ranked, run_time
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
@@ -169,7 +170,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
             for one in sorted(chosen.values(), key=lambda x: (x.seconds, x.engine)):
                 if one not in listed:
                     listed.append(one)
-                line.append([listed.index(one), one.seconds / best.seconds if best else None])
+                line.append([listed.index(one), seen(one.seconds / best.seconds) if best else None])
             picks[f"{i},{j}"] = line
     told = [_told(x) for x in listed]
     until = max((x.until for x in own if known(x.until)), default=math.nan)
@@ -186,9 +187,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
 
 def _told(x: Setting) -> dict[str, Any]:
     numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")}
-    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {
-        k: v if known(v) else None for k, v in numbers.items()
-    }
+    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {k: seen(v) for k, v in numbers.items()}
 
 
 def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, dict[str, Any]]:
