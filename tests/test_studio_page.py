@@ -146,10 +146,13 @@ class Page:
         """Waits until the window is fitted to the motion, and once more to the room that its curves leave: until it stays."""
         self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
         seen, stayed = None, 0
-        while stayed < 12:
+        for _ in range(1200):
             self.page.wait_for_timeout(50)
             now = [self.canvas.get_attribute(f"data-{x}") for x in ("scale", "origin", "pending")]
             seen, stayed = now, stayed + 1 if now == seen and now[2] == "0" else 0
+            if stayed == 12:
+                return
+        raise AssertionError("the window does not stay")
 
     def pixel(self, at: XY) -> XY:
         scale = float(self.canvas.get_attribute("data-scale"))

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gauss_bench.report.content import seen
+from gauss_bench.report.content import seen, short
 from gauss_bench.report.rows import Row, Run, grouped, known, number, own_steps, ranked, run_time
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
@@ -79,7 +79,7 @@ def method_of(row: Row) -> tuple[str, str, str, str, str, str]:
 
 
 def _size(row: Row) -> tuple[float, float]:
-    return tuple(-1.0 if not known(row.get(k)) else float(f"{row[k]:.6g}") for k in ("step", "tolerance"))  # type: ignore[return-value]
+    return tuple(-1.0 if not known(row.get(k)) else short(row[k], 6) for k in ("step", "tolerance"))  # type: ignore[return-value]
 
 
 def all_settings(run: Run) -> tuple[Setting, ...]:
