@@ -14,6 +14,7 @@ ALLOWED = {
     "trajectory": set(),
     "tables": set(),
     "suites": set(),
+    "reach": {"trajectory"},
     "mechanism": LIGHT,
     "linkage": {"mechanism", *LIGHT},
     "formulations": {"terms"},
@@ -40,11 +41,12 @@ ALLOWED = {
         "integrate",
         "judge",
         "metrics",
+        "reach",
         "suites",
         "tables",
         *LIGHT,
     },
-    "advice": {"linkage", "mechanism", "engines", "integrate", "reference", "metrics", "runs", "bench", *LIGHT},
+    "advice": {"reach", "linkage", "mechanism", "engines", "integrate", "reference", "metrics", "runs", "bench", *LIGHT},
     "diagnosis": {
         "linkage",
         "mechanism",
@@ -59,7 +61,7 @@ ALLOWED = {
         "tables",
         *LIGHT,
     },
-    "report": {"linkage", "mechanism", "reference", "tables", *LIGHT},  # certificates, for the motion that is true
+    "report": {"reach", "linkage", "mechanism", "reference", "tables", *LIGHT},  # certificates, for the motion that is true
     "docs": {"api", "linkage", "mechanism", "engines", "formulations", "integrate", *LIGHT},  # and a template of an engine
     "exchange": {
         "linkage",
@@ -103,6 +105,7 @@ ALLOWED = {
         "bench",
         "diagnosis",
         "reference",
+        "reach",
         "exchange",
         "tables",
         "gauss_bench",

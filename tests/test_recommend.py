@@ -13,7 +13,7 @@ from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, Recommender, Searched, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, variants
-from gauss_bench.bench.search import Scale, Trial, no_coarser
+from gauss_bench.bench.search import Scale, no_coarser
 from gauss_bench.bench.ways import Run, Way, request_of, sampled
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -21,6 +21,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.snippets import snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reach import Trial
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer

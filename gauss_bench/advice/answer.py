@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gauss_bench.bench import search
+from gauss_bench import reach
 
 LOOPS = "loops"  # an error that needs no truth: how far joints open
-UNITS = search.UNITS | {LOOPS: "m"}
+UNITS = reach.UNITS | {LOOPS: "m"}
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,14 @@ from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import raced_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
-from gauss_bench.bench.search import Requirement, Trial, coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
+from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
 from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import drift
+from gauss_bench.reach import Requirement, Trial
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.worker import Worker, WorkerFailure

@@ -15,11 +15,11 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from gauss_bench.bench.search import UNITS
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import Drift, drift, joint_force_errors, relative_acceleration_error, state_errors
+from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import Request, run_apart

@@ -12,7 +12,6 @@ from gauss_bench.advice.recommending import BEATS, Better, Recommender
 from gauss_bench.api.exchange import told_plainly
 from gauss_bench.api.results import Result
 from gauss_bench.api.telling import Told, nobody
-from gauss_bench.bench.search import UNITS
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice
@@ -20,6 +19,7 @@ from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import load
+from gauss_bench.reach import UNITS
 from gauss_bench.runs.asked import checked_budget, duration
 from gauss_bench.runs.offers import ChoiceError, Offer, offers
 from gauss_bench.runs.worker import WorkerFailure

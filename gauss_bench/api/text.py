@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gauss_bench.advice.answer import setting_said
-from gauss_bench.bench.search import UNITS
 from gauss_bench.linkage.load import built_in, document_of
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reach import UNITS
 from gauss_bench.runs.offers import offers
 from gauss_bench.tables import TABLES
 

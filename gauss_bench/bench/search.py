@@ -20,10 +20,10 @@ from typing import TypeVar
 import numpy as np
 
 from gauss_bench.bench.clock import common, quotients, time_of
+from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-UNITS = {"position": "m", "angle": "rad", "force": "N"}  # of errors, by what they are errors of
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)  # by a finer size
 COARSEST = 10  # steps of a run
 PER_OCTAVE = 4  # sizes: neighbours differ by a fifth where they need not meet beats, and by a half at most
@@ -32,48 +32,12 @@ SETTLED = 300  # steps of a run: below, errors of quickly turning links are as l
 STALLED = 3  # rungs of a ladder without ...
 FALLS = 0.7  # ... any unmet error falling below so much of the least before: even order one at half the step falls to 0.5
 HOPE = 4.0  # times the steps there may be, and an error that falls as it just fell is still given up
-STEADY = 0.2  # two orders of convergence that differ by less are one
 NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
 CLOSE = 1.25  # times the fastest of the first process: between processes a ratio of two ways moves by a tenth and more
 LUCK = 0.05  # of the resampled rounds of one process, in which one has to be as fast as the fastest
 FINALISTS = 8  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
 
 K = TypeVar("K", bound=Hashable)
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """The largest error over the whole run: of positions [m], angles [rad] or joint forces [N]."""
-
-    kind: str
-    limit: float
-
-    @property
-    def unit(self) -> str:
-        return UNITS[self.kind]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One evaluation of a variant.
-
-    Attributes:
-        size: step [s] or tolerance.
-        errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
-        steps: taken, or asked for.
-        status, message: OK, or why it failed.
-        evaluations: of accelerations, or None where the engine does not count them.
-    """
-
-    size: float
-    errors: Mapping[str, float]
-    steps: int = 0
-    status: Status = Status.OK
-    message: str = ""
-    evaluations: int | None = None
-
-    def meets(self, wanted: Requirement) -> bool:
-        return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
 
 
 @dataclass(frozen=True)
@@ -151,7 +115,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
         return ""
     if all(_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
-    if all(_steps_needed(trials, w) > HOPE * most for w in unmet):
+    if all(convergence(trials, [w])[1] > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
     return ""
 
@@ -163,17 +127,6 @@ def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
 def _stalled(errors: Sequence[float]) -> bool:
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
-
-
-def _steps_needed(trials: Sequence[Trial], wanted: Requirement) -> float:
-    """Steps at which an error meets a requirement if it goes on falling at the order of the last rungs; 0 where they have none."""
-    last = trials[-STALLED:]
-    errors, steps = np.array([t.errors.get(wanted.kind, math.nan) for t in last]), np.array([t.steps for t in last])
-    with np.errstate(all="ignore"):
-        orders = np.diff(np.log(errors)) / -np.diff(np.log(steps))
-    if not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
-        return 0.0
-    return float(steps[-1] * (errors[-1] / wanted.limit) ** (1 / orders[-1]))
 
 
 def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from gauss_bench.bench.clock import BLOCK, Block, Race, stepping, time_of
 from gauss_bench.bench.context import CASE_LIMIT
-from gauss_bench.bench.search import Trial
 from gauss_bench.bench.survived import Watch
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
@@ -20,6 +19,7 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
+from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended

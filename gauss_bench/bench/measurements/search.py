@@ -33,19 +33,7 @@ from gauss_bench.bench.clock import (
     time_of,
 )
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.search import (
-    UNITS,
-    Requirement,
-    Trial,
-    close,
-    coarsest,
-    equal_steps,
-    explore,
-    finalists,
-    nearest,
-    tolerances,
-    won,
-)
+from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.bench.ways import BEATS, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
@@ -53,13 +41,14 @@ from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.variants import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
 
-CANNOT = "cannot reach"
+STATUSES = dict.fromkeys((Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP)  # of tables; others by their own names
 
 
 def requirements(part: Search) -> list[Requirement]:
@@ -198,13 +187,6 @@ def trial_row(trial: Trial, adaptive: bool) -> Row:
     errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
     size = {"step": None, "tolerance": trial.size} if adaptive else {"step": trial.size, "tolerance": None}
     return size | {"steps": trial.steps, "status": str(trial.status), "message": trial.message} | errors
-
-
-def trial_of(r: Row) -> Trial:
-    """A trial as its row tells it."""
-    errors = {kind: float(r[f"{kind}_error"]) for kind in UNITS if r.get(f"{kind}_error") is not None}
-    size = r.get("step") or r.get("tolerance") or math.nan
-    return Trial(float(size), errors, int(r.get("steps") or 0), Status(r["status"]), str(r["message"]))
 
 
 # The race: what is cheapest
@@ -408,7 +390,7 @@ def winner_row(
     told["raced"] = sum(way in measured.samples for way in passing)
     near = near_ways(passing, measured)
     if not near:
-        return told | beaten(wanted, searched_trials, ladders, [measured.failed[x] for x in passing if x in measured.failed])
+        return told | not_won(wanted, searched_trials, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = won({way: measured.samples[way] for way in near})
     error = coarsest(searched_trials[winner._replace(size=0.0)], wanted)
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
@@ -420,21 +402,16 @@ def winner_row(
     return told | {"status": str(Status.OK), "message": "", "ties": tied} | spread("seconds", measured.of(winner))
 
 
-def beaten(wanted: Requirement, trials: dict[Way, list[Trial]], ladders: Ladders, failed: Sequence[Missing]) -> Row:
-    """Why an engine has no winner."""
-    if failed:
-        return {"status": str(failed[0].status), "message": str(failed[0])}
+def not_won(wanted: Requirement, trials: Mapping[Way, list[Trial]], failed: Sequence[Missing]) -> Row:
+    """Return the columns of an engine without a winner: the answer, and how near it came."""
+    found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
+    status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
+    told = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:
-        last = [x[-1] for x in trials.values()]
-        status, message = (last[0].status, last[0].message) if last else (Status.SKIP, "it was not searched")
-        if any(trial.status is Status.OK for x in trials.values() for trial in x):
-            status, message = Status.SKIP, f"errors of {wanted.kind} are not determined: redundant rows leave joint forces open"
-        return {"status": str(status), "message": message}
+        return told
     way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
-    least = place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
-    text = f"came to {trial.errors[wanted.kind]:.1e} {wanted.unit} in {trial.steps} steps by {way.settings}; {ladders.ended[way]}"
-    return least | {"status": CANNOT, "message": text}
+    return told | place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
