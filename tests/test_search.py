@@ -35,7 +35,7 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import joint_force_errors
-from gauss_bench.reach import Requirement, Trial
+from gauss_bench.reach import UNITS, Requirement, Trial
 from gauss_bench.reference.build import build_reference
 from gauss_bench.report.rows import Run
 from gauss_bench.runs import apart
@@ -385,6 +385,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     variants = {x: Variant(x, "rk4", "none", {"number": k}) for k, x in enumerate(WAYS)}
     monkeypatch.setattr(type(get("mujoco")), "variants", variants)
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    monkeypatch.setattr(apart, "_again", apart._Again())
     monkeypatch.setattr(apart, "isolated", lambda _: False)  # what stands in for them is known in this process alone
     return clock
 
@@ -449,6 +450,25 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert row["raced"] == row["passing"] == 0
 
 
+def test_a_ladder_and_a_race_build_the_model_of_a_variant_once(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kernel takes seconds to compile: sixteen evaluations, and a race of three sizes, are of one."""
+    kind, built = type(get("gauss-native")), []
+    build = kind.build
+    monkeypatch.setattr(kind, "build", lambda self, *asked: built.append(asked) or build(self, *asked))
+    monkeypatch.setitem(WAYS, "default", (1e-4, 4.0, 1e-7))
+    variant = next(x for x in space(offer("gauss-native")) if x.integrator == "rk4")
+    rows = ladder("four_bar", "torque", "gauss-native", variant, PART, str(tmp_path))["search_ladder"]
+    assert (len(rows) > 5, len(built)) == (True, 1)
+    run, models = WayRun("four_bar", load("four_bar", "torque"), 0.1), {}
+    ways = [Way("gauss-native", "default", "rk4", "none", 0.1 / steps) for steps in (100, 200, 400)]
+    blocks = [whole_run(run, way, round(0.1 / way.size), 0.0, 0.03, models) for way in ways]
+    assert len(built) == 2
+    for block, way in zip(blocks, ways, strict=True):
+        assert block.seconds() == pytest.approx(1e-7 * round(0.1 / way.size), rel=1e-3)
+
+
 def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`exact` is of second order here: 1e-4 rad at 1 ms, so that 1e-7 rad would need 3200 steps and all errors fall to the last."""
     monkeypatch.setitem(WAYS, "exact", (1e-4, 2.0, 2e-6))
@@ -503,10 +523,10 @@ def test_a_ratio_is_to_the_first_of_our_own_that_tie_and_its_spread_covers_all_t
 def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
     """2000 steps at 90 us are 0.18 s: of them 333 are run in a lead of 30 ms, and the time told is that of all."""
     run, way = WayRun("four_bar", load("four_bar", "torque"), 0.1), Way("mujoco", "dear", "rk4", "none", 5e-5)
-    block = whole_run(run, way, 2000, 0.18, 0.03)
+    block = whole_run(run, way, 2000, 0.18, 0.03, {})
     assert block.seconds() == pytest.approx(0.18, rel=2e-3)
     assert block.count == pytest.approx(333 / 2000)
-    whole = whole_run(run, way, 2000, 0.18, 1.0)
+    whole = whole_run(run, way, 2000, 0.18, 1.0, {})
     assert (whole.count, whole.seconds()) == pytest.approx((1.0, 0.18))
 
 
@@ -565,7 +585,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
 
 def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:
     (part,) = read_suite("search").search
-    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in search.UNITS for x in (1e-3, 1e-6, 1e-9)}
+    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in UNITS for x in (1e-3, 1e-6, 1e-9)}
     assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
     assert all(x % 10 == 0 for x in BEATS)
 

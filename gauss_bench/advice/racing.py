@@ -7,7 +7,7 @@ from typing import Any
 from gauss_bench.bench.clock import Race
 from gauss_bench.bench.survived import watching
 from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.ways import Run, Way, paced_run
+from gauss_bench.bench.ways import Models, Run, Way, paced_run
 from gauss_bench.linkage.load import load
 
 ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
@@ -34,12 +34,13 @@ def raced_there(
     run = Run(linkage, load(linkage, scenario), until)
     race, round_time = Race(watching(path)), 0.0
     slow: dict[str, tuple[Way, float]] = {}
+    models: Models = {}
     for row in (r for r in rows if r[0] in engines):
         way, steps = Way(*row[:5]), row[5]
         left = deadline - time.monotonic() - ROUNDS[0] * round_time
         if (race.blocks and left <= 0) or way.engine in slow:
             continue
-        race.add(way, paced_run, run, way, int(steps), LEAD, samples)
+        race.add(way, paced_run, run, way, int(steps), LEAD, samples, models)
         if not (race.blocks and race.blocks[-1].entry == way):
             continue
         begun = time.monotonic()

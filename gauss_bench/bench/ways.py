@@ -5,8 +5,8 @@ at), and what of one is raced.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -79,7 +79,7 @@ def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: 
     """One run over all beats, and its largest errors."""
     steps = beats if adaptive else round(run.until / way.size)
     wanted = sampled(run, steps, math.gcd(steps, beats))
-    return judged(run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT))
+    return judged(run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True))
 
 
 def sampled(run: Run, steps: int, samples: int) -> Sampling:
@@ -106,8 +106,26 @@ def is_adaptive(way: Way) -> bool:
     return way.integrator in offer(way.engine).adaptive
 
 
-def built(run: Run, way: Way) -> Model:
-    return get(way.engine).build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
+Models = dict[Way, Any]  # by variants: ways of size 0
+
+
+def built(run: Run, way: Way, models: Models) -> Model:
+    """Return the model of a way: that of another size of the same variant, where an engine's models take other sizes."""
+    engine, variant = get(way.engine), way._replace(size=0.0)
+    if variant not in models or not getattr(engine, "resizable", False):
+        models[variant] = engine.build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
+    return cast(Model, models[variant])
+
+
+def starting(run: Run, way: Way, model: Any, times: Array) -> Callable[[], None]:
+    """Return what readies a model that ways of other sizes share."""
+    choice = choice_of(way, is_adaptive(way), run.until)
+
+    def ready() -> None:
+        model.choice = choice
+        model.prepare(times)
+
+    return ready
 
 
 def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: Watch = id) -> dict[Way, float]:
@@ -118,31 +136,31 @@ def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: 
     finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
     rough = Race(watch)
     for variant, way in finest.items():
-        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, steps[way])
+        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, steps[way], {})
     seconds = {variant: time_of(x) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
     variants = {way: way._replace(size=0.0) for way in ways}
     return {way: seconds[v] * steps[way] for way, v in variants.items() if v in seconds}
 
 
-def _equal_steps(run: Run, way: Way, steps: int) -> Block:
-    return stepping(way, built(run, way), way.size, native=True)
+def _equal_steps(run: Run, way: Way, steps: int, models: Models) -> Block:
+    return stepping(way, built(run, way, models), way.size, native=True)
 
 
-def _adaptive_run(run: Run, way: Way, steps: int) -> Block:
+def _adaptive_run(run: Run, way: Way, steps: int, models: Models) -> Block:
     """A whole run, of which each of its steps is a repetition: the method's steps are not alike."""
-    block = whole_run(run, way, steps, 0.0, math.inf)
+    block = whole_run(run, way, steps, 0.0, math.inf, models)
     block.count = max(1, steps)
     return block
 
 
-def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float) -> Block:
+def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, models: Models) -> Block:
     """A run, whole, or its first part where equal steps take longer than `lead` [s], as often as BLOCK seconds take.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model, share = built(run, way), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
-    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+    model, share = built(run, way, models), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
+    return _repeated(run, way, model, np.array([0.0, share * run.until]), share)
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
@@ -150,7 +168,7 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
 
-def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Block:
+def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
     """As `whole_run`, of a way of which nobody has found out how long it takes.
 
     Steps of its own choice end at so many samples, as where they were judged.
@@ -158,19 +176,19 @@ def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int) -> Bloc
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model = built(run, way)
+    model = built(run, way, models)
     if is_adaptive(way):
-        return _repeated(way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
+        return _repeated(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
     first = min(steps, FIRST)
-    model.prepare(np.array([0.0, first / steps * run.until]))
+    starting(run, way, model, np.array([0.0, first / steps * run.until]))()
     seconds = max(processor_time(model.run), 1e-9) * steps / first
     share = share_of(seconds, lead, steps)
-    return _repeated(way, model, np.array([0.0, share * run.until]), share)
+    return _repeated(run, way, model, np.array([0.0, share * run.until]), share)
 
 
-def _repeated(way: Way, model: Model, times: Array, share: float) -> Block:
+def _repeated(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
     """Runs over the times, of which each is so much of a whole one, as often as BLOCK seconds take."""
-    block = Block(way, lambda: model.prepare(times), model.run, share)
+    block = Block(way, starting(run, way, model, times), model.run, share)
     block.ready()
     taken = processor_time(block.go)
     model.read()  # a run that is not to be trusted is not raced

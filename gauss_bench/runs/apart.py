@@ -55,19 +55,19 @@ class Request:
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
-def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None) -> Run:
+def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
     """The run that is asked for: own formulations in this process, everything else in a worker.
 
     Args:
         mechanism: that the request names, as read in this process.
         limit: [s] after which a worker is stopped.
         worker: to use; the one that is kept for the engine where not given.
+        again: whether the process may keep the model for the next request.
     """
-    wanted = request.wanted
-    if not isolated(request.engine):
-        altered = request.alter(mechanism)
-        return one_run(get(request.engine), altered, request.choice, wanted, request.ask, request.shortest)
-    return run_apart(request, mechanism, limit, worker or kept(request.engine))
+    if isolated(request.engine):
+        return run_apart(request, mechanism, limit, worker or kept(request.engine), again)
+    altered = request.alter(mechanism)
+    return _run_again(request, altered) if again else _run(request, get(request.engine), altered)
 
 
 def run_apart(
@@ -90,28 +90,37 @@ def run_apart(
 
 def performed_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """The run as plain data, in the process of the engine; what is no sample is left out here already."""
-    return _told(request, get(request.engine), request.alter(mechanism))
+    return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 
 
 def performed_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """As `performed_there`, with the model of the last such request where the two differ in step, tolerance and samples alone."""
+    return plain_run(_run_again(request, request.alter(mechanism)))
+
+
+def _run_again(request: Request, mechanism: Mechanism) -> Run:
     engine = get(request.engine)
     if not getattr(engine, "resizable", False):
-        return performed_there(request, mechanism)
+        return _run(request, engine, mechanism)
     choice = request.choice
-    key = (request.linkage, request.scenario, request.engine, choice.settings, choice.integrator, choice.stabilization)
+    place = request.linkage, request.scenario, mechanism.sha256, request.alter
+    key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
     if _again.key != key:
         _again.key, _again.model = key, None
-    told = _told(request, _Keeping(engine), mechanism)
-    if told["status"] != Status.OK:
+    run = _run(request, _Keeping(engine), mechanism)
+    if run.status is not Status.OK:
         _again.model = None
-    return told
+    return run
+
+
+def _run(request: Request, engine: Any, mechanism: Mechanism) -> Run:
+    return one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest)
 
 
 class _Again:
     """The model that this process keeps."""
 
-    key: tuple[str, ...] = ()
+    key: tuple[Any, ...] = ()
     model: Any = None
 
 
@@ -132,10 +141,6 @@ class _Keeping:
             _again.model = self.engine.build(mechanism, choice)
         _again.model.choice = choice
         return _again.model
-
-
-def _told(request: Request, engine: Any, mechanism: Mechanism) -> dict[str, Any]:
-    return plain_run(one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest))
 
 
 def plain_run(run: Run) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
-from gauss_bench.bench.ways import BEATS, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
+from gauss_bench.bench.ways import BEATS, Models, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.variants import Variant
 from gauss_bench.linkage.load import load
@@ -314,9 +314,10 @@ def race(
 ) -> Tables:
     """Seconds (rounds,) of ways, each with its steps and estimated cost, or why there are none."""
     run, entered = Run(linkage, load(linkage, scenario or None), until), Race(watching(path))
+    models: Models = {}
     for r in (r for r in rows if r[0] in engines):
         way = Way(*r[:5])
-        entered.add(way, whole_run, run, way, int(r[5]), r[6], lead)
+        entered.add(way, whole_run, run, way, int(r[5]), r[6], lead, models)
     measured = entered.run(rounds)
     told: Rows = [
         {"way": list(way), "seconds": x[0][np.isfinite(x[0])].tolist()}
