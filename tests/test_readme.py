@@ -31,18 +31,18 @@ def between(values: list[float]) -> str:
 def results() -> list[str]:
     """Lines of the table: each engine's times over those of the cheaper compiled formulation, from the times of the winners."""
     times: dict[str, dict[str, float]] = defaultdict(dict)
-    cannot: dict[str, int] = defaultdict(int)
+    missed: dict[str, int] = defaultdict(int)
     for r in read_table("search_winners", ROWS):
         if r["required"] == "position" and r["accuracy"] == 1e-6:
-            cannot[r["engine"]] += r["status"] == "cannot reach"
+            missed[r["engine"]] += r["status"] in ("not reached", "cannot reach")  # which older rows say
             if r["status"] == "ok":
                 times[r["engine"]][r["mechanism"]] = r["ratio"]
     own = {"gauss-native", "lagrange-native"}
-    engines = sorted(cannot.keys() - own, key=lambda x: median(times[x].values()) if times[x] else float("inf"))
+    engines = sorted(missed.keys() - own, key=lambda x: median(times[x].values()) if times[x] else float("inf"))
     lines = []
     for x in engines:
-        if times[x] or cannot[x]:
-            failed = f"; cannot on {cannot[x]}" if cannot[x] else ""
+        if times[x] or missed[x]:
+            failed = f"; not reached on {missed[x]}" if missed[x] else ""
             lines.append(f"| `{x}` | {len(times[x])}{failed} | {between(list(times[x].values()))} |")
     return lines
 

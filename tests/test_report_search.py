@@ -27,7 +27,7 @@ def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, 
     }
     row |= {"step": 1e-3, "error": accuracy / 2, "evaluations": 30.0, "passing": 2.0, "message": ""}
     if ratio is None:
-        return row | {"status": "cannot reach", "message": "came to 1e-3 m", "seconds": float("nan")}
+        return row | {"status": "not reached", "steps": 8600.0, "message": "", "seconds": float("nan")}
     spread = {"ratio": ratio, "ratio_low": 0.98 * ratio, "ratio_high": 1.02 * ratio}
     return row | {"status": "ok", "seconds": ratio * 1e-4} | spread
 
@@ -51,7 +51,7 @@ def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentenc
     (finding,) = search.findings(run(*ROWS))
     assert finding.title == "Within 1e-06 m of position over the whole run"
     (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
-    assert "`mujoco` four_bar 40.0 (39.2..40.8) and six_bar cannot" in sentence
+    assert "`mujoco` four_bar 40.0 (39.2..40.8) and six_bar not reached in 8,600 steps" in sentence
     assert "`pinocchio` four_bar 20.0 (19.6..20.4) and six_bar 7.00 (6.86..7.14)" in sentence
     assert all(x in sentence for x in ("24 evaluations", "100000 steps", "spread of the race"))
     narrower = [r | {"budget": 14.0, "most_steps": 1e4} if r["mechanism"] == "six_bar" else r for r in ROWS]
@@ -69,12 +69,12 @@ def test_where_an_engine_wins_stands_first() -> None:
     assert "Slower" not in next(search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), level))).text
 
 
-def test_where_we_cannot_stands_first_with_who_can() -> None:
+def test_where_we_do_not_reach_it_stands_first_with_who_does() -> None:
     lost = winner("jansen", "gauss-native", None)
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", None)))
-    assert finding.text.startswith("**Our own ways cannot reach it on jansen**. ")
+    assert finding.text.startswith("**Our own ways do not reach it on jansen**. ")
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}))
-    assert finding.text.startswith("**Our own ways cannot reach it on jansen**, `pinocchio` can. ")
+    assert finding.text.startswith("**Our own ways do not reach it on jansen**, `pinocchio` does. ")
     assert finding.tone == "warn"
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "lagrange-native", 1.0, own=True)))
     assert "Our own" not in finding.text
@@ -91,15 +91,20 @@ def test_what_is_left_out_stands_beside_the_figures() -> None:
     skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
     cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
     (finding,) = search.findings(Run({}, {"search_winners": (*ROWS, skipped), "results": cases}))
-    assert finding.text.endswith("Left out: `by_hand` on four_bar (no C compiler). Not searched: shaper.")
+    assert finding.text.endswith("Left out: `by_hand` on four_bar (not tried: no C compiler). Not searched: shaper.")
 
 
 def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
     lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
-    crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV", "budget": float("nan")}
+    crashed = winner("six_bar", "exudyn", None) | {
+        "status": "crashed",
+        "message": "SIGSEGV",
+        "steps": float("nan"),
+        "budget": float("nan"),
+    }
     first, second = search.findings(run(*ROWS, lost, crashed))
     assert (first.tone, "shaper: no answer within 600 s" in first.text) == ("bad", True)
-    assert "Left out: `exudyn` on six_bar (SIGSEGV)" in second.text
+    assert "`exudyn` six_bar not reached: SIGSEGV" in second.text
     assert search.section(run(lost)) is None
 
 

@@ -29,6 +29,7 @@ from gauss_bench.report.content import (
     times,
 )
 from gauss_bench.report.rows import Row, Run, end_bar, end_column, end_error, grouped, known, measure, number, ok, ranked
+from gauss_bench.report.sections.search import TRIED, answer_of
 from gauss_bench.report.site.write import SITE
 
 LOST = "**"  # findings set in bold what is lost
@@ -124,7 +125,7 @@ def _cheapest(run: Run) -> Section | None:
     for (required, accuracy, unit), some in sorted(grouped(rows, lambda r: (r["required"], r["accuracy"], r["unit"])).items()):
         by = {(r["engine"], r["mechanism"]): r for r in some}
         lines = [
-            (text_cell(engine), *(_ratio(by.get((engine, name))) for name in names))
+            (text_cell(engine), *(_ratio(run, by.get((engine, name))) for name in names))
             for engine in sorted({r["engine"] for r in some if r["status"] != "skip"})
         ]
         head, numeric = columns(("engine", *names), 1)
@@ -134,15 +135,16 @@ def _cheapest(run: Run) -> Section | None:
 
 SEARCHED = (
     "Time of the cheapest variant and step that were found exact enough, over that of the cheaper of `gauss-native` and "
-    "`lagrange-native`: above 1 it is slower than that, **below 1 faster**; no variant of an engine that cannot was exact enough. "
+    "`lagrange-native`: above 1 it is slower than that, **below 1 faster**. "
     "Spreads, steps and settings stand in `times/search_winners.csv`."
 )
 
 
-def _ratio(row: Row | None) -> Cell:
+def _ratio(run: Run, row: Row | None) -> Cell:
     if row is None:
         return Cell("-")
     if row["status"] != "ok":
-        return Cell("-" if row["status"] == "skip" else str(row["status"]).partition(" ")[0])
+        found = answer_of(run, row)
+        return Cell(found.words if found.kind in TRIED else str(found.kind))
     x = number(row, "ratio")
     return Cell(times(x), x, "bad" if x < 1 else "")

@@ -4,7 +4,9 @@ Every figure is the searched best of its engine; what was searched, with which b
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
+from gauss_bench.reach import Kind, Reach, Requirement
 from gauss_bench.report.content import (
     RANGE,
     Block,
@@ -26,9 +28,11 @@ from gauss_bench.report.content import (
     times,
     titled_table,
 )
+from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, grouped, known, number
 
 PLACE = 15
+TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
 TABLES = ("search_winners", "search_space", "search_knobs")
 SEARCH = (
     "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
@@ -45,7 +49,7 @@ HEAD = (
     *("step [s] or tolerance", "steps", "error", "time", "ratio", RANGE, "target", "met", "tried", "passing", "remark"),
 )
 KINDS = ("position", "angle", "force")
-OK, CANNOT, CANNOT_WORD = "ok", "cannot reach", "cannot"
+OK = "ok"
 SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
 KNOBS = ("engine", "knob", "meaning", "source")
 
@@ -56,6 +60,7 @@ def section(run: Run) -> Section | None:
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
+    winner = partial(_winner, run)
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
         blocks.append(
             titled_table(f"Searched best, by error of {kind}", HEAD, 6, in_order(group), winner, folded=kind != "position")
@@ -75,9 +80,7 @@ def in_order(rows: Sequence[Row]) -> list[Row]:
 
 def scope(rows: Sequence[Row]) -> str:
     """What was spent, and what is left out."""
-    return (
-        f"Each variant had {spent(rows)}: **cannot reach** means within these, by these variants, and with this suite's adapters."
-    )
+    return f"Each variant had {spent(rows)}; what was **not reached** was not within these, by these variants, with these adapters."
 
 
 def spent(rows: Sequence[Row]) -> str:
@@ -87,7 +90,12 @@ def spent(rows: Sequence[Row]) -> str:
     return f"{told[0]} evaluations and {told[1]} steps of a run at most"
 
 
-def winner(row: Row) -> tuple[Cell, ...]:
+def answer_of(run: Run, row: Row) -> Reach:
+    """Return the answer of a row of winners."""
+    return answer(run, str(row["mechanism"]), str(row["engine"]), [Requirement(str(row["required"]), number(row, "accuracy"))])
+
+
+def _winner(run: Run, row: Row) -> tuple[Cell, ...]:
     size = next((number(row, x) for x in ("step", "tolerance") if known(row.get(x))), None)
     return (
         text_cell(row["mechanism"]),
@@ -101,7 +109,7 @@ def winner(row: Row) -> tuple[Cell, ...]:
         *ratio_cells(row, "ratio"),
         *goal(row),
         *counts(row, "evaluations", "passing"),
-        remark(row),
+        remark(row) if row["status"] == OK else text_cell(answer_of(run, row).words, "warn"),
     )
 
 
@@ -120,14 +128,14 @@ def findings(run: Run) -> Iterator[Finding]:
         said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
         yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
     for (kind, accuracy), group in sorted(grouped((r for r in lines if r["required"]), _requirement).items(), key=_by_kind):
-        lost = [*slower(group), *out_of_reach(group), *short(group)]
-        rivals = grouped((r for r in group if not r.get("ours") and r["status"] in (OK, CANNOT)), lambda r: str(r["engine"]))
-        said = "; ".join(f"`{engine}` {listed(map(_multiple, rows))}" for engine, rows in rivals.items())
+        lost = [*slower(run, group), *out_of_reach(run, group), *short(run, group)]
+        rivals = grouped((r for r in group if not r.get("ours") and answer_of(run, r).kind in TRIED), lambda r: str(r["engine"]))
+        said = "; ".join(f"`{engine}` {listed(_multiple(run, r) for r in rows)}" for engine, rows in rivals.items())
         if not said:
             continue
         text = (
             f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
-            f"where each variant had {spent(group)} ({CANNOT_WORD}: not within these), and in brackets "
+            f"where each variant had {spent(group)}, and in brackets "
             f"the spread of the race.{''.join(not_told(run, group))}"
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
@@ -143,40 +151,43 @@ def _requirement(row: Row) -> tuple[str, float]:
     return str(row["required"]), number(row, "accuracy")
 
 
-def _multiple(row: Row) -> str:
+def _multiple(run: Run, row: Row) -> str:
     """A rival's time over our own on a linkage, with its spread."""
-    if row["status"] == CANNOT:
-        return f"{row['mechanism']} {CANNOT_WORD}"
+    if row["status"] != OK:
+        return f"{row['mechanism']} {answer_of(run, row).words}"
     x, low, high = (times(number(row, f"ratio{end}")) for end in ("", "_low", "_high"))
-    return f"{row['mechanism']} {x} ({low}..{high})" if known(row.get("ratio")) else f"{row['mechanism']} (ours {CANNOT_WORD})"
+    return f"{row['mechanism']} {x} ({low}..{high})" if known(row.get("ratio")) else f"{row['mechanism']} (ours {Kind.NOT_REACHED})"
 
 
-def slower(group: Sequence[Row]) -> Iterator[str]:
+def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Who is faster than our own best."""
-    faster = [f"`{r['engine']}` on {_multiple(r)}" for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    faster = [f"`{r['engine']}` on {_multiple(run, r)}" for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
     if faster:
         yield f"**Slower than {listed(faster)}.** "
 
 
-def out_of_reach(group: Sequence[Row]) -> Iterator[str]:
+def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Where none of our own ways reaches it, and who does there."""
     reached = {str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == OK}
-    for place in sorted({str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == CANNOT} - reached):
+    for place in sorted(
+        {str(r["mechanism"]) for r in group if r.get("ours") and answer_of(run, r).kind is Kind.NOT_REACHED} - reached
+    ):
         others = listed(f"`{r['engine']}`" for r in group if r["mechanism"] == place and r["status"] == OK)
-        yield f"**Our own ways cannot reach it on {place}**{f', {others} can' if others else ''}. "
+        yield f"**Our own ways do not reach it on {place}**{f', {others} does' if others else ''}. "
 
 
-def short(group: Sequence[Row]) -> Iterator[str]:
+def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Who is nearer than what was aimed at."""
     missed = [r for r in group if known(r.get("target")) and not r["met"]]
-    near = [f"`{r['engine']}` on {_multiple(r)} of {times(number(r, 'target'))}" for r in missed]
+    near = [f"`{r['engine']}` on {_multiple(run, r)} of {times(number(r, 'target'))}" for r in missed]
     if near:
         yield f"**Short of the aim**: {listed(near)}. "
 
 
 def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """What the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
-    for message, rows in grouped((r for r in group if r["status"] not in (OK, CANNOT)), lambda r: str(r["message"])).items():
+    untried = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
+    for message, rows in grouped(untried, lambda r: answer_of(run, r).words).items():
         engines = listed(dict.fromkeys(f"`{r['engine']}`" for r in rows))
         yield f" Left out: {engines} on {listed(sorted({str(r['mechanism']) for r in rows}))} ({message})."
     if rest := sorted(set(run.linkages) - {str(r["mechanism"]) for r in group}):

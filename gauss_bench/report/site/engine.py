@@ -18,9 +18,10 @@ from gauss_bench.report.content import (
     text_cell,
     time_of,
 )
+from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
 from gauss_bench.report.site.page import Page, file_name, heading, joined, link, paragraph, rich, table
-from gauss_bench.report.site.settings import POSITIONS, Setting, cheapest_stored, linkages
+from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, linkages
 
 OBJECT = (
     "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
@@ -106,20 +107,12 @@ def cases(rows: Sequence[Row]) -> Table:
 def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
     lines = []
     for linkage in linkages(run):
-        own = [x for x in settings if x.mechanism == linkage]
-        for position in POSITIONS[1::2] if own else ():
+        own = [x for x in settings if (x.mechanism, x.engine) == (linkage, name)]
+        for position in POSITIONS[1::2] if own or name in engines_of(run, linkage) else ():
             one = cheapest_stored(run, linkage, own, position, float("inf")).get(name)
             if one is None:
-                lines.append(
-                    (
-                        text_cell(linkage),
-                        Cell(f"{1e3 * position:g}", position),
-                        text_cell("cannot", "warn"),
-                        Cell("-"),
-                        Cell("-"),
-                        Cell("-"),
-                    )
-                )
+                words = text_cell(answer_of(run, linkage, name, own, position).words, "warn")
+                lines.append((text_cell(linkage), Cell(f"{1e3 * position:g}", position), words, *[Cell("-")] * 3))
                 continue
             size = f"{one.step:.3g} s" if known(one.step) else f"tolerance {one.tolerance:.0e}" if known(one.tolerance) else "own"
             lines.append(
@@ -128,7 +121,7 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
                     Cell(f"{1e3 * position:g}", position),
                     text_cell(one.words),
                     text_cell(size),
-                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds),
+                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds) if known(one.seconds) else text_cell("not timed"),
                     Cell(f"{1e3 * one.position:.1e}", one.position),
                 )
             )

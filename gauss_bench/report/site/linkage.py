@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.reach import Kind
 from gauss_bench.report.content import Chart, Table, count
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import posed_in
@@ -19,7 +20,7 @@ from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
 from gauss_bench.report.site.playback import side_by_side
-from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of
+from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of, not_held
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 PLAYED = 50  # points of a line in a figure
@@ -107,14 +108,18 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     """Who is cheapest within a tenth of a millimetre, in a sentence."""
     if not settings:
         return Markup("")
-    cheapest = sorted(cheapest_stored(run, name, settings, 1e-4, math.inf).values(), key=lambda x: x.seconds)
+    held = cheapest_stored(run, name, settings, 1e-4, math.inf).values()
+    cheapest = sorted((x for x in held if known(x.seconds)), key=lambda x: x.seconds)
+    missed = {x.engine: str(Kind.UNTIMED) for x in held if x not in cheapest}
+    missed |= {e: x.words for e, x in not_held(run, name, settings, 1e-4).items()}
+    others = "".join(f" `{e}`: {words}." for e, words in missed.items())
     if not cheapest:
-        return paragraph(f"No setting that was tried stays within {millimetres(1e-4)}.")
+        return paragraph(f"No setting that was timed stays within {millimetres(1e-4)}.{others}")
     said = ", ".join(f"`{x.engine}` {x.seconds / cheapest[0].seconds:.3g} x" for x in cheapest[1:5])
     rest = f"; then {said}" if said else ""
     return Markup("<p>{} {}</p>").format(
         paragraph(
-            f"Cheapest within {millimetres(1e-4)} over the whole run: `{cheapest[0].engine}` ({cheapest[0].words}){rest}."
+            f"Cheapest within {millimetres(1e-4)} over the whole run: `{cheapest[0].engine}` ({cheapest[0].words}){rest}.{others}"
         ).striptags(),
         link(f"index.html#linkage={name}", "Choose another tolerance"),
     )
@@ -153,7 +158,7 @@ def toggled(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[st
 def front(settings: Sequence[Setting]) -> list[Setting]:
     """Settings that none is both as cheap and as exact as, cheapest first."""
     kept: list[Setting] = []
-    for one in sorted(settings, key=lambda x: (x.seconds, x.position)):
+    for one in sorted((x for x in settings if known(x.seconds)), key=lambda x: (x.seconds, x.position)):
         if not kept or one.position < 0.98 * kept[-1].position:
             kept.append(one)
     return kept

@@ -11,7 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.report.content import seen, short
+from gauss_bench.report.reaches import answer, engines_of
 from gauss_bench.report.rows import Row, Run, grouped, known, number, own_steps, ranked, run_time
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
@@ -25,7 +27,7 @@ class Setting:
     """One way to run an engine, whose errors are known.
 
     Attributes:
-        seconds, low, high: processor time of the whole run, with its spread where it was raced.
+        seconds, low, high: processor time of the whole run, with its spread where it was raced; NaN where nothing tells it.
         position, force: largest errors over the whole run [m, N]; force NaN where it was not measured.
         until: end of that run [s].
     """
@@ -49,6 +51,11 @@ class Setting:
 
     def holds(self, position: float, force: float) -> bool:
         return self.position <= position and (math.isinf(force) or self.force <= force)
+
+    @property
+    def cost(self) -> tuple[float, float, str]:
+        """By which the cheapest is chosen: its time, and the number of its steps where it has none."""
+        return (self.seconds, 0.0, self.words) if known(self.seconds) else (math.inf, self.steps, self.words)
 
     @property
     def choice(self) -> tuple[Any, ...]:
@@ -83,7 +90,7 @@ def _size(row: Row) -> tuple[float, float]:
 
 
 def all_settings(run: Run) -> tuple[Setting, ...]:
-    """Every setting with known errors and a known time, of all linkages."""
+    """Every setting with known errors, of all linkages; those whose time nothing tells have none."""
     searched = {str(r["mechanism"]) for r in run.table("search_ladder")}
     return (*_searched(run), *(x for x in _cases(run) if x.mechanism not in searched))
 
@@ -93,19 +100,18 @@ def _searched(run: Run) -> Iterable[Setting]:
     steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
     for row in run.table("search_ladder"):
         times = raced.get(method_of(row), [])
-        if row["status"] != "ok" or not known(row.get("position_error")) or not times or not number(row, "steps") > 0:
+        if row["status"] != "ok" or not known(row.get("position_error")) or not number(row, "steps") > 0:
             continue
+        seconds = low = high = math.nan
         same = next((t for t in times if _size(t) == _size(row)), None)
         if same is not None:
             seconds, low, high = (number(same, f"seconds{end}") for end in ("", "_low", "_high"))
-        else:
+        elif times:
             near = min(
                 times, key=lambda t: abs(math.log(max(steps_of.get((method_of(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
             )
             each = number(near, "seconds") / max(steps_of.get((method_of(near), _size(near)), math.nan), 1.0)
-            seconds, low, high = each * number(row, "steps"), math.nan, math.nan
-        if not known(seconds):
-            continue
+            seconds = each * number(row, "steps")
         numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"), seconds, low, high)
         errors = (number(row, "position_error"), number(row, "force_error"), number(row, "until"))
         yield Setting(*method_of(row), *numbers, same is None, *errors)
@@ -122,11 +128,11 @@ def _cases(run: Run) -> Iterable[Setting]:
 
 
 def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Engine -> its cheapest setting that holds; of equally cheap ones the first by name."""
+    """Engine -> its cheapest setting that holds, of equal ones the first by name; where none has a time, that of fewest steps."""
     leaders: dict[str, Setting] = {}
-    for one in sorted(settings, key=lambda x: (x.seconds, x.words)):
-        if one.holds(position, force):
-            leaders.setdefault(one.engine, one)
+    for one in settings:
+        if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
+            leaders[one.engine] = one
     return leaders
 
 
@@ -162,23 +168,29 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
     own = [x for x in settings if x.mechanism == mechanism]
     listed: list[Setting] = []
     picks: dict[str, list[Any]] = {}
+    beyond: dict[str, list[int]] = {}  # engine -> for each requirement the place of its answer in `words`, -1 where it holds
+    words: dict[str, int] = {}
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
             chosen = cheapest_stored(run, mechanism, own, position, force)
-            best = min((x for x in chosen.values() if x.engine in OURS), key=lambda x: x.seconds, default=None)
+            best = min((x for x in chosen.values() if x.engine in OURS and known(x.seconds)), key=lambda x: x.seconds, default=None)
             line: list[Any] = []
-            for one in sorted(chosen.values(), key=lambda x: (x.seconds, x.engine)):
+            for one in sorted(chosen.values(), key=lambda x: (not known(x.seconds), x.seconds, x.engine)):
                 if one not in listed:
                     listed.append(one)
                 line.append([listed.index(one), seen(one.seconds / best.seconds) if best else None])
             picks[f"{i},{j}"] = line
+            for engine, missed in not_held(run, mechanism, own, position, force).items():
+                places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
+                places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
     told = [_told(x) for x in listed]
     until = max((x.until for x in own if known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if known(until) else [])
     return {
         "settings": told,
         "picks": picks,
-        "none": cannot(run, mechanism, own),
+        "none": beyond,
+        "words": list(words),
         "until": until,
         "horizons": horizons,
         "chosen": listed,
@@ -190,31 +202,33 @@ def _told(x: Setting) -> dict[str, Any]:
     return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {k: seen(v) for k, v in numbers.items()}
 
 
-def cannot(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, dict[str, Any]]:
-    """Engine -> how near it came at best [m, N], with which budget, or why it does not run there."""
-    nearest: dict[str, dict[str, Any]] = {}
-    for engine, rows in grouped(
-        (r for r in run.table("search_ladder") if r["mechanism"] == mechanism), lambda r: str(r["engine"])
-    ).items():
-        fine = [r for r in rows if r["status"] == "ok" and known(r.get("position_error"))]
-        steps = max((number(r, "steps") for r in fine), default=math.nan)
-        least = {
-            k: min((number(r, f"{k}_error") for r in fine if known(r.get(f"{k}_error"))), default=math.nan)
-            for k in ("position", "force")
-        }
-        skipped = next((str(r["message"]) for r in rows if r["status"] == "skip"), "") if not fine else ""
-        tried = {"tried": len(rows), "most": steps if known(steps) else None, "skipped": skipped}
-        nearest[engine] = tried | {k: v if known(v) else None for k, v in least.items()}
-    for engine in sorted({x.engine for x in settings} - nearest.keys()):
-        some = [x for x in settings if x.engine == engine]
-        nearest[engine] = {
-            "tried": len(some),
-            "most": max(x.steps for x in some),
-            "skipped": "",
-            "force": None,
-            "position": min(x.position for x in some),
-        }
-    return nearest
+def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Reach]:
+    """Engine -> the answer, of those none of whose settings on a linkage holds what is required."""
+    held = {x.engine for x in settings if x.holds(position, force)}
+    engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
+    return {e: answer_of(run, mechanism, e, settings, position, force) for e in engines if e not in held}
+
+
+def answer_of(
+    run: Run, mechanism: str, engine: str, settings: Sequence[Setting], position: float, force: float = math.inf
+) -> Reach:
+    """Return the answer of an engine: from its ladders, or from its cases on a linkage that was not searched."""
+    wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
+    cases = [x for x in settings if x.engine == engine]
+    if cases and engine not in engines_of(run, mechanism):
+        return _answer_of_cases(cases, wanted)
+    return answer(run, mechanism, engine, wanted)
+
+
+def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
+    """Return the answer of an engine on a linkage that was not searched, from its cases of the accuracy suite."""
+    if len(wanted) > 1 and not any(known(x.force) for x in cases):
+        return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
+    ladders: dict[tuple[str, ...], list[Trial]] = {}
+    for x in cases:
+        trial = Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps))
+        ladders.setdefault((x.settings, x.integrator, x.stabilization), []).append(trial)
+    return reach(ladders.values(), wanted)
 
 
 def linkages(run: Run) -> tuple[str, ...]:

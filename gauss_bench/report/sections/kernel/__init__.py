@@ -18,7 +18,6 @@ WORDS = {
 }
 NAMES = ("mechanism", "formulation", "stabilization", "settings", "place", "method")  # what tells rows of a table apart
 VALUES = ("ratio", "error", "rate", "velocity_drift")  # what is held against the target, in order of preference
-CANNOT = "cannot reach"
 MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
 
 
@@ -55,8 +54,8 @@ def _short(x: float) -> str:
 
 
 def failed(run: Run) -> Iterator[Finding]:
-    """What could not be measured, but for what is skipped with a reason or cannot reach an accuracy."""
-    lost = [(name, r) for name in MEASURED for r in run.table(name) if r.get("status") not in ("ok", "skip", CANNOT, "", None)]
+    """What could not be measured, but for what is skipped with a reason."""
+    lost = [(name, r) for name in MEASURED for r in run.table(name) if r.get("status") not in ("ok", "skip", "", None)]
     if lost:
         said = "; ".join(
             dict.fromkeys(f"{name.removeprefix('kernel_')} {row.get('mechanism', '')}: {row['message']}" for name, row in lost)

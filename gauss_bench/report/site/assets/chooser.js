@@ -45,8 +45,9 @@
   const passing = (one, index, ratio, share) => {
     const line = element("li");
     const size = one.step !== null ? `step ${digits(1e3 * one.step, 4)} ms` : one.tolerance !== null ? `tolerance ${one.tolerance.toExponential(0)}` : "its own steps";
-    const cost = element("span", "ratio", ratio === null ? time(one.seconds * share) : `${one.estimated ? "≈ " : ""}${times(ratio)} ×`);
-    cost.append(element("small", "", `${one.estimated ? "≈ " : ""}${time(one.seconds * share)}`));
+    const untimed = one.seconds === null;
+    const cost = element("span", "ratio", untimed ? "not timed" : ratio === null ? time(one.seconds * share) : `${one.estimated ? "≈ " : ""}${times(ratio)} ×`);
+    if (!untimed) cost.append(element("small", "", `${one.estimated ? "≈ " : ""}${time(one.seconds * share)}`));
     if (one.low !== null) cost.append(element("small", "", `${time(one.low * share)} to ${time(one.high * share)}`));
     const name = element("a", "engine", one.engine), what = element("div", "what", `${one.words}, ${size}`);
     name.href = engines[one.engine];
@@ -71,21 +72,20 @@
     return line;
   };
 
-  const failing = (engine, why) => {
+  const failing = (engine, words) => {
     const line = element("li", "no"), name = element("a", "engine", engine);
     name.href = engines[engine];
     name.style.setProperty("--dot", dots[engine]);
-    const near = [why.position === null ? "" : length(why.position), forces[force.value] === null || why.force === null ? "" : `${why.force.toExponential(1)} N`].filter(Boolean);
-    const reason = why.skipped || `not within ${why.tried} evaluations of at most ${digits(why.most ?? 0, 6)} steps${near.length ? `; came to ${near.join(" and ")}` : ""}`;
-    line.append(element("span", "ratio", "cannot"), name, element("div", "what", reason), element("span"));
+    line.append(element("span", "ratio", "–"), name, element("div", "what", words), element("span"));
     return line;
   };
 
   const show = () => {
     const one = choices[linkage.value], share = Number(horizon.value) / one.until;
-    const picks = one.picks[`${position.value},${force.value}`], there = new Set(picks.map(([i]) => one.settings[i].engine));
+    const asked = `${position.value},${force.value}`, picks = one.picks[asked];
     const lines = picks.map(([i, ratio]) => passing(one.settings[i], i, ratio, share));
-    for (const [engine, why] of Object.entries(one.none)) if (!there.has(engine)) lines.push(failing(engine, why));
+    const place = Number(position.value) * forces.length + Number(force.value);
+    for (const [engine, places] of Object.entries(one.none)) if (places[place] >= 0) lines.push(failing(engine, one.words[places[place]]));
     answers.replaceChildren(...lines);
     said.replaceChildren();
     const page = element("a", "", `All of ${linkage.value.replaceAll("_", " ")}`);

@@ -1,0 +1,140 @@
+"""No cell of any page or table denies what a stored row shows, worked out from the ladders by other code than the report's."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from gauss_bench.report.build import all_findings, read_run
+from gauss_bench.report.content import Section, Table
+from gauss_bench.report.rows import Run
+from gauss_bench.report.sections import search
+from gauss_bench.report.site.engine import bests, engine_names
+from gauss_bench.report.site.linkage import leaders
+from gauss_bench.report.site.settings import FORCES, POSITIONS, all_settings, answers, linkages
+from gauss_bench.report.summary import summary
+
+DENIED = re.compile(r"cannot|not reached|not tried|not determined|do not reach")
+ROOT = Path(__file__).parents[1]
+
+
+class Said(NamedTuple):
+    """What a cell says of an engine on a linkage, for errors that have to hold together."""
+
+    place: str
+    mechanism: str
+    engine: str
+    wanted: Mapping[str, float]
+    text: str
+
+
+def denied(cells: Iterator[Said], run: Run) -> tuple[int, list[Said]]:
+    """How many cells deny something, and those of them that a stored row contradicts."""
+    rows: dict[tuple[str, str], list[Any]] = {}
+    for r in run.table("search_ladder"):
+        if r["status"] == "ok":
+            rows.setdefault((r["mechanism"], r["engine"]), []).append(r)
+    told = [x for x in cells if DENIED.search(x.text)]
+    false = [
+        x
+        for x in told
+        if any(all(r[f"{k}_error"] <= limit for k, limit in x.wanted.items()) for r in rows.get((x.mechanism, x.engine), ()))
+    ]
+    return len(told), false
+
+
+def cells(run: Run) -> Iterator[Said]:
+    """Every cell, line and clause that says whether an engine holds something."""
+    settings, names = all_settings(run), linkages(run)
+    for name in names:
+        shown = answers(run, name, settings)
+        for (i, position), (j, force) in product(enumerate(POSITIONS), enumerate(FORCES)):
+            wanted = {"position": position} | ({} if math.isinf(force) else {"force": force})
+            there = {shown["settings"][k]["engine"]: "holds" for k, _ in shown["picks"][f"{i},{j}"]}
+            places = {e: some[i * len(FORCES) + j] for e, some in shown["none"].items()}
+            missed = {e: shown["words"][k] for e, k in places.items() if k >= 0}
+            assert not there.keys() & missed.keys()
+            yield from (Said("chooser", name, e, wanted, x) for e, x in (there | missed).items())
+        text = str(leaders(run, name, [x for x in settings if x.mechanism == name]))
+        for engine, words in re.findall(rf"\b({'|'.join(engine_names(run))}): ([^.]*)", text):
+            yield Said("linkage page", name, engine, {"position": 1e-4}, words)
+    for engine in engine_names(run):
+        for row in bests(run, engine, settings).rows:
+            wanted = {"position": 1e-3 * float(row[1].text)}
+            yield Said("engine page", row[0].text, engine, wanted, row[2].text)
+    section = search.section(run)
+    for block in section.blocks if section else ():
+        if isinstance(block, Table) and block.title.startswith("Searched best"):
+            for row in block.rows:
+                wanted = {block.title.split()[-1]: float(row[1].text.split()[0])}
+                yield Said("search", row[0].text, row[2].text.removesuffix(" (own)"), wanted, row[-1].text)
+    for block in tables(summary(run, ())):
+        if block.title.startswith("Within"):
+            for row in block.rows:
+                wanted = {block.title.split()[4]: float(block.title.split()[1])}
+                pairs = zip(block.head[1:], row[1:], strict=True)
+                yield from (Said("summary", x, row[0].text, wanted, cell.text) for x, cell in pairs)
+    for found in all_findings(run):
+        if found.title.startswith("Within") and "of " in found.title:
+            wanted = {found.title.split()[4]: float(found.title.split()[1])}
+            for clause in re.split(r"; (?=`)", found.text.partition("the searched best of ")[2]):
+                engine = clause.split("`")[1] if "`" in clause else ""
+                for name, words in re.findall(rf"\b({'|'.join(names)}) ((?:not|cannot|holds)[^)]*)", clause):
+                    yield Said("finding", name, engine, wanted, words)
+
+
+def tables(sections: tuple[Section, ...]) -> Iterator[Table]:
+    for section in sections:
+        yield from (x for x in section.blocks if isinstance(x, Table))
+        yield from tables(section.parts)
+
+
+def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
+    run = read_run(ROOT / "reports")
+    found = list(cells(run))
+    count, false = denied(iter(found), run)
+    assert not false
+    assert count > 100
+    assert {x.place for x in found} == {"chooser", "linkage page", "engine page", "search", "summary", "finding"}
+    assert not any("cannot" in x.text.replace("cannot be modelled", "") for x in found)
+
+
+ROW = {
+    "mechanism": "four_bar",
+    "scenario": "torque",
+    "engine": "exudyn",
+    "settings": "x",
+    "integrator": "rk4",
+    "stabilization": "none",
+}
+ROW |= {"tolerance": math.nan, "until": 1.0, "status": "ok", "message": "", "ended": ""}
+
+
+def planted(*errors: tuple[float, float, float], **winner: Any) -> Run:
+    """A run in which one engine was evaluated with errors (steps, position, force), and lost every race."""
+    rows = [ROW | {"step": 1 / n, "steps": n, "position_error": p, "angle_error": math.nan, "force_error": f} for n, p, f in errors]
+    lost = ROW | {"required": "position", "accuracy": 1e-6, "unit": "m", "step": 1e-4, "steps": 1e4, "error": 1e-5}
+    lost |= {"status": "cannot reach", "message": "came to 1.0e-05 m", "budget": 14.0, "most_steps": 1e4, "ours": False} | winner
+    return Run({}, {"search_ladder": tuple(rows), "search_winners": (lost,)})
+
+
+@pytest.mark.parametrize("status", ["cannot reach", "not reached", "crashed", "skip"])
+def test_what_holds_and_was_not_timed_is_denied_nowhere(status: str) -> None:
+    run = planted((100.0, 1e-2, 10.0), (20_000.0, 2e-7, 1e-4), status=status)
+    found = list(cells(run))
+    assert denied(iter(found), run)[1] == []
+    assert {x.text for x in found if x.place == "chooser" and x.wanted == {"position": 1e-6}} == {"holds"}
+    assert [x.text.partition(":")[0] for x in found if x.place in ("search", "finding")] == ["holds, not timed"] * 2
+    assert sum(x.place == "engine page" and x.text.startswith("not reached in 20,000 steps") for x in found) == 2  # 1e-7 m, 1e-9 m
+
+
+def test_a_cell_that_denies_a_stored_row_is_found() -> None:
+    run = planted((20_000.0, 2e-7, 1e-4))
+    lie = Said("chooser", "four_bar", "exudyn", {"position": 1e-6}, "cannot")
+    true = lie._replace(wanted={"position": 1e-7})
+    assert denied(iter([lie, true, lie._replace(text="holds")]), run) == (2, [lie])
+    assert denied(iter([lie._replace(wanted={"position": 1e-6, "force": 1e-5})]), run) == (1, [])
