@@ -1,27 +1,47 @@
 """What an adapter must keep to: sound ones do, and whoever breaks one rule is told which."""
 
 import json
+import os
+import re
 
 import numpy as np
 import pytest
 
 import gauss_bench.bench.conformance as rules
-from gauss_bench.bench.conformance import Check, conformance, effect, lateness
+from gauss_bench.bench import subject
+from gauss_bench.bench.agreement import _compared, effect
+from gauss_bench.bench.conformance import conformance, lateness
+from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, changes, probe
+from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import all_names
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.runs.offers import offers
 
 WRONG = "yuan_ge_eq16"  # as published
 ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the adapter of another
+
+
+SEEN = 1e-3  # of a relative error of any number in the accelerations: one of 1e-6 is then seen at 1e-9
 
 
 def broken(name: str) -> dict[str, str]:
     return {x.name: x.message for x in conformance(name) if x.passed is False}
 
 
+def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Ask these checks alone."""
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ in names])
+
+
 def test_a_sound_adapter_keeps_every_rule() -> None:
     checks = conformance("tests.faulty_engines:Sound")
     assert all(x.passed for x in checks), checks
-    assert len(checks) > 20
+    assert {"accelerations (default, rk4, none)", "accelerations follow every number (probe)"} <= {x.name for x in checks}
+    told = next(x.message for x in checks if x.name == "accelerations (default, rk4, none)")
+    count, said = re.fullmatch(r"agree to (\d+\.\d) digits at (.*)", told).groups()  # type: ignore[union-attr]
+    assert float(count) > 9
+    assert said == "72 states of 9 linkages"
 
 
 @pytest.mark.slow
@@ -31,7 +51,8 @@ def test_built_in_engines_keep_every_rule(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_formula_that_is_wrong_as_published_is_told() -> None:
+def test_a_formula_that_is_wrong_as_published_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "same_states")
     assert broken(WRONG)
 
 
@@ -43,19 +64,135 @@ def test_a_formula_that_is_wrong_as_published_is_told() -> None:
         ("Degrees", "_start", "the first sample is the start"),
         ("Late", "_derivatives", "velocities and accelerations are derivatives"),
         ("Short", "_times", "samples are at the times asked for"),
-        ("Weightless", "_forces", "a torque acts as defined"),
+        ("Weightless", "forces", "a torque acts as defined"),
         ("Unsure", "_undisturbed", "an acceleration is a finite number"),
     ],
 )
 def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the check of that rule; that a sound engine passes all of them is told above."""
-    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == check])
+    only(monkeypatch, check)
     assert any(name.startswith(rule) for name in broken(f"tests.faulty_engines:{fault}"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular"])
+def test_a_wrong_model_is_seen_in_its_accelerations(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "same_states")
+    found = broken(f"tests.faulty_engines:{fault}")
+    assert "probe loaded" in found["accelerations (default, rk4, none)"]
+
+
+@pytest.mark.slow
+def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "same_states", "motions")
+    assert not broken("tests.faulty_engines:Springs")
+    only(monkeypatch, "same_states")
+    assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
+
+
+def test_settings_cannot_be_declared_unfinished(monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "declarations")
+    assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
+
+
+@pytest.mark.slow
+def test_second_settings_and_integrators_are_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "same_states", "motions")
+    found = broken("tests.faulty_engines:Trap")
+    assert {"accelerations (tuned, rk4, none)", "accelerations (default, other, none)"} <= found.keys()
+    assert "no such method" in found["a run (default, other, none; probe loaded)"]
+    assert not any(name.startswith("accelerations (default, rk4") for name in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["TwoFaced", "Deaf"])
+def test_a_run_is_held_against_what_it_should_follow(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "same_states", "motions")
+    found = broken(f"tests.faulty_engines:{fault}")
+    assert found
+    assert all(name.startswith("a run") for name in found)
+
+
+def test_nothing_is_asked_once_the_time_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subject, "LONGEST", 0.0)
+    only(monkeypatch, "same_states", "motions", "_times")
+    checks = conformance("tests.faulty_engines:Trap")
+    assert {x.passed for x in checks[1:]} == {None}
+    assert all("are spent" in x.message for x in checks[1:])
+
+
+def test_processor_time_is_that_of_a_process_and_nothing_of_one_that_is_not_there() -> None:
+    mine = subject.time_of(os.getpid())
+    assert mine == pytest.approx(sum(os.times()[:4]), abs=0.1)
+    assert subject.time_of(0) == 0.0
+
+
+def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
+    """An error of order one, e at a step and e/2 at half of it, passes; the same error at every step does not."""
+    true = np.linspace(0.0, 1.0, 6).reshape(3, 2, 1) + np.zeros((3, 2, 4))
+    error = 1e-3 * np.ones_like(true)
+    words = ("positions", "velocities", "accelerations")
+    assert _compared(true, true + error, true + error / 2, words)[1] == ""
+    assert _compared(true, true + error, true + 0.7 * error, words)[1].startswith("positions are off by")
+    assert _compared(true, true + error, true + error, words[:0])[1] == ""
+    assert _compared(true, true, true, words)[1] == ""
+
+
+@pytest.mark.slow
+def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "changed_numbers")
+    (message,) = broken("tests.faulty_engines:Fixed").values()
+    assert "links.rod.inertia x 1.4" in message
+    assert "shows on 3 of 71" in message
+
+
+def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joints() -> None:
+    base = probe(PROBE, "loaded")
+    single = {name: x for name, x in changes(PROBE, "loaded").items() if len(x) == 1}
+    assert len(single) > 60
+    for name, change in single.items():
+        (factor,) = change.values()
+        other = AbsoluteCoordinates(probe(PROBE, "loaded", name).mechanism)
+        opened = np.abs(other.evaluator.constraints(base.t, base.q, base.v).phi).max()  # by where a ground pin or guide lies
+        assert max(opened, base.off(other.acceleration(base.t, base.q, base.v))) > SEEN * (factor - 1), name
+
+
+def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does() -> None:
+    base = probe(PROBE, "loaded")
+    motion, (t, q, v, a) = AbsoluteCoordinates(base.mechanism), (base.t, base.q, base.v, base.a)
+    rows = [motion.evaluator.terms(*state) for state in zip(t, q, v, strict=True)]
+    pushed = a + np.array([x.J.T @ np.ones(len(x.J)) / np.diag(x.M) for x in rows])
+    assert base.off(a) == 0
+    assert base.off(pushed) > 0.1
+    assert base.off_along(pushed) < 1e-12
+    along = np.array([motion.null_space(x)[:, 0] for x in q])
+    work = np.array([n @ x.M @ n for n, x in zip(along, rows, strict=True)])
+    loads = np.array([abs(n @ x.Q) for n, x in zip(along, rows, strict=True)])
+    freed = a + (0.25 * loads / work)[:, None] * along
+    assert base.off_along(freed) == pytest.approx(0.25, rel=1e-9)
+    assert base.off(2 * a) == pytest.approx(1.0)
+    assert base.off(np.nan * a) == np.inf
+
+
+def test_changes_are_one_by_one_of_a_kind_and_of_all() -> None:
+    found = changes(PROBE, "loaded")
+    masses = found["all masses x 1.3"]
+    assert len(masses) == 5 == len([name for name in found if name.endswith(".mass x 1.3")])
+    assert found[AS_IT_IS] == {}
+    assert len(found[EVERYTHING]) == len([name for name in found if name not in (AS_IT_IS, EVERYTHING) and name[:4] != "all "])
+    changed = probe(PROBE, "loaded", "all masses x 1.3").mechanism
+    for link, was in zip(changed.links, probe(PROBE, "loaded").mechanism.links, strict=True):
+        assert link.mass == pytest.approx(1.3 * was.mass)
+        assert link.inertia == was.inertia
+
+
+def test_own_engines_and_pinocchio_declare_nothing_inexact() -> None:
+    inexact = {x.name for x in offers(all_names()) if x.soft or x.unfinished}
+    assert inexact == {"mujoco", "exudyn"}
 
 
 def test_effects_are_told_apart() -> None:
     true = np.array([1.0, -2.0, 0.5])
-    assert effect(true, true) == ""
     assert effect(0 * true, true) == "it has no effect"
     assert effect(-true, true) == "it acts in the opposite direction"
     assert effect(9.81 * true, true).startswith("its effect is 9.81 times")

@@ -53,6 +53,33 @@ def test_a_line_is_a_variant_and_a_list_is_every_entry(tmp_path: Path) -> None:
         found.options("many")
 
 
+SOFT = GOOD.replace("rounds = 20,", 'soft = "the loops are springs of some stiffness", rounds = 20,')
+SHORT = '[[unfinished]]\nrounds = 1\ncause = "one round is too few from a cold start"\n'
+
+
+def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp_path: Path) -> None:
+    found = made(tmp_path, SOFT + SHORT)
+    soft = {"default", "plain", "pairs/[1.0, 1.0]", "pairs/[2.0, 2.0]"}
+    assert dict(found.soft) == dict.fromkeys(soft, "the loops are springs of some stiffness")
+    assert set(found.unfinished) == {name for name in found.space if name.startswith("many")}
+    assert "soft" not in found.settings["default"]
+    assert made(tmp_path, GOOD).soft == made(tmp_path, GOOD).unfinished == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SOFT.replace("the loops are springs of some stiffness", "so it is"), r"settings\.default\.soft: gives no cause"),
+        (GOOD + SHORT.replace("rounds", "laps"), "unfinished: laps is no knob"),
+        (GOOD + SHORT.replace("one round is too few from a cold start", "short"), r"unfinished\.cause: gives no cause"),
+        (GOOD + SHORT.replace("[[unfinished]]", "[unfinished]"), "unfinished: a list of tables is wanted"),
+    ],
+)
+def test_what_is_inexact_needs_a_cause(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(VariantError, match=said):
+        made(tmp_path, text)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

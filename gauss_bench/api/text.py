@@ -14,9 +14,9 @@ from gauss_bench.tables import TABLES
 
 if TYPE_CHECKING:  # which bring all that runs a suite, for verbs that only name things
     from gauss_bench.api.diagnose import Diagnosis
-    from gauss_bench.bench.conformance import Check
     from gauss_bench.bench.differences import Clocked, Differences
     from gauss_bench.bench.gate import Verdict
+    from gauss_bench.bench.subject import Check
     from gauss_bench.diagnosis.selftest import SelfTest
 
 SHOWN = 10  # lines of a long list

@@ -3,12 +3,14 @@
     [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
                  words that it may be besides those that stand below
     [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
+    [[unfinished]] KNOB = value, ... and cause = "...": which variants stop their solver before its end, and why that may be
     [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
     first = [NAME, ...], above the tables: which of them are tried first where a user's time is short
 
 A variant is one line. What it leaves out is as in its settings (the first ones where it names none), and "none" for the
 stabilisation. A list in the place of a value stands for each of its entries: the line is then every combination, and each is named
-by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` to their readers, which is no knob.
+by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` to their readers, which is no knob, and `soft`,
+the cause for which accelerations under them, and under their variants, keep the constraints J a = gamma only roughly.
 
 A knob without an address of documentation, example or tracker, and without a word on why it is our own search, is refused, and so
 is a value of an unknown knob: what nobody can look up is not raced.
@@ -16,7 +18,7 @@ is a value of an unknown knob: what nobody can look up is not raced.
 
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,7 @@ from gauss_bench.engines.own_options import Known
 FILE = "variants.toml"
 LEAST_WORDS = 20  # characters of a reason: shorter ones give none
 CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its settings
-REMARK = "remark"
+REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
 
@@ -71,12 +73,16 @@ class Variants:
         settings: label -> knob -> value.
         space: the points of the searched space by name, in the file's order.
         first: those that are tried first where time is short.
+        soft: settings and variants that keep J a = gamma only roughly -> cause.
+        unfinished: variants that stop their solver before its end -> cause.
     """
 
     knobs: Mapping[str, Knob]
     settings: Mapping[str, Mapping[str, Any]]
     space: Mapping[str, Variant]
     first: tuple[str, ...] = ()
+    soft: Mapping[str, str] = field(default_factory=dict)
+    unfinished: Mapping[str, str] = field(default_factory=dict)
 
     def options(self, name: str) -> Mapping[str, Any]:
         """The options of settings, of a variant, or of a text as `own_options` tells it.
@@ -109,20 +115,46 @@ def read_variants(room: Path) -> Variants:
     for name in ("knobs", "settings", "variants"):
         if not all(isinstance(x, dict) for x in document.get(name, {"": None}).values()):
             raise VariantError(f"{path}: {name}: a table of inline tables is wanted")
-    if strange := document.keys() - {"knobs", "settings", "variants", "first"}:
+    if strange := document.keys() - {"knobs", "settings", "variants", "first", "unfinished"}:
         raise VariantError(f"{path}: unknown table {min(strange)}")
     knobs = {name: _knob(f"{path}: knobs.{name}", name, table) for name, table in document["knobs"].items()}
     settings = _settings(str(path), knobs, document["settings"])
+    causes = {label: _cause(f"{path}: settings.{label}.soft", x[SOFT]) for label, x in document["settings"].items() if SOFT in x}
     space: dict[str, Variant] = {}
+    soft = dict(causes)
     for line, table in document["variants"].items():
         for variant in _points(f"{path}: variants.{line}", line, table, knobs, settings):
             if variant.name in space or variant.name in settings:
                 raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
             space[variant.name] = variant
+            if (label := table.get("settings", next(iter(settings)))) in causes:
+                soft[variant.name] = causes[label]
     first = tuple(map(str, document.get("first", ())))
     if absent := [name for name in first if name not in space]:
         raise VariantError(f"{path}: first: there is no variant {absent[0]!r}")
-    return Variants(knobs, settings, space, first)
+    return Variants(
+        knobs, settings, space, first, soft, _unfinished(f"{path}: unfinished", document.get("unfinished", []), knobs, space)
+    )
+
+
+def _cause(place: str, said: Any) -> str:
+    if not isinstance(said, str) or len(said) < LEAST_WORDS:
+        raise VariantError(f"{place}: gives no cause: {said}")
+    return said
+
+
+def _unfinished(place: str, tables: Any, knobs: Mapping[str, Knob], space: Mapping[str, Variant]) -> dict[str, str]:
+    """The variants whose options are those of one of the tables, with its cause."""
+    if not isinstance(tables, list):
+        raise VariantError(f"{place}: a list of tables is wanted, [[unfinished]]")
+    found: dict[str, str] = {}
+    for table in tables:
+        wanted = {key: x for key, x in table.items() if key != "cause"}
+        if strange := wanted.keys() - knobs.keys():
+            raise VariantError(f"{place}: {min(strange)} is no knob")
+        cause = _cause(f"{place}.cause", table.get("cause"))
+        found |= {name: cause for name, x in space.items() if all(x.options.get(key) == value for key, value in wanted.items())}
+    return found
 
 
 def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
@@ -148,7 +180,7 @@ def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -
         place = f"{path}: settings.{label}"
         options = {**next(iter(settings.values()), {}), **table}
         for name in table:
-            if name not in (*wanted, REMARK):
+            if name not in (*wanted, REMARK, SOFT):
                 raise VariantError(f"{place}: {name} is no knob of settings")
         if lacking := [name for name in wanted if name not in options]:
             raise VariantError(f"{place}: {lacking[0]} has no value")

@@ -42,6 +42,8 @@ class Offer:
         adaptive: the integrators that choose their own steps.
         options: those of its settings that can be given one by one, with further words that they may be.
         first: the variants that are tried first where time is short.
+        soft: settings and variants that declare to keep J a = gamma only roughly -> cause.
+        unfinished: variants that declare to stop their solver before its end -> cause.
         native_loop, python_loop: as in engines.base.
         status, reason: OK, or why it cannot be used.
     """
@@ -55,6 +57,8 @@ class Offer:
     adaptive: tuple[str, ...] = ()
     options: dict[str, tuple[str, ...]] = field(default_factory=dict)
     first: tuple[str, ...] = ()
+    soft: dict[str, str] = field(default_factory=dict)
+    unfinished: dict[str, str] = field(default_factory=dict)
     native_loop: bool = False
     python_loop: bool = False
     status: Status = Status.OK
@@ -203,10 +207,13 @@ def describe(name: str) -> Offer:
                 raise TypeError(f"it offers no {word}")
         adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
         options, first = _options(engine), tuple(map(str, getattr(engine, "first", ())))
+        soft, unfinished = (
+            {str(k): in_a_sentence(x) for k, x in dict(getattr(engine, word, {})).items()} for word in ("soft", "unfinished")
+        )
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
         return _broken(name, error)
-    offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, *loops)
+    offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, soft, unfinished, *loops)
     try:
         return replace(offer, version=_version(engine.version))
     except ImportError as error:

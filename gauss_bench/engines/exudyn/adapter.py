@@ -61,6 +61,7 @@ class Exudyn:
     stabilizations: tuple[str, ...] = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
     resizable = True  # a model takes another step or tolerance
     native_loop = True
     python_loop = False

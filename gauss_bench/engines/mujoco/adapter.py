@@ -84,6 +84,7 @@ class Mujoco:
     stabilizations = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
     native_loop = True
     python_loop = True
 

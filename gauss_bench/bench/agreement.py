@@ -1,0 +1,308 @@
+"""Checks that measure: accelerations at given states, and runs against the motion that they should follow.
+
+Accelerations are compared with own terms on linkages that hold every kind of joint, force and driver (`probes`), under every
+settings label, integrator and variant. A run is compared with own motion, or, where loops are declared soft, with the motion by the
+engine's own accelerations, which were compared before; it may be off by what half its step or a tighter tolerance changes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from gauss_bench.bench.measure import accelerations
+from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
+from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.variants import LEAST_WORDS
+from gauss_bench.integrate.fixed_step import STEPS
+from gauss_bench.linkage.load import document_of
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import absolute_motion
+from gauss_bench.runs.one_run import Run, nothing
+from gauss_bench.suites.read import FOLDER
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status, Trajectory
+
+EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
+ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
+RATIO = 3.0  # of what half the step changes: an error of order one is twice that, of a higher order less
+ROUNDING = 1e-9  # of the largest position, speed and acceleration
+GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)
+COARSE, TIGHT = 1e-6, 1e-8  # tolerances at which integrators run that choose their steps
+BUDGET = 80.0  # [s] of the processor, after which no further number is changed
+TIMES = np.linspace(0.0, DURATION, 21)  # [s]
+LEVELS = ("positions", "velocities", "accelerations")
+KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on what moves, three degrees of freedom, drivers of every kind
+LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of most engines last
+    *((PROBE, x) for x in ("loaded", "driven")),
+    *((KINDS, x) for x in ("loaded", "driven")),
+    *(("parallelogram", x) for x in ("torque", "cycloid")),
+    *PLAIN,
+)
+
+
+def declarations(subject: Subject) -> Iterator[Check]:
+    """What is declared inexact has a cause."""
+    offer = subject.offer
+    wrong = [f"{x} is no name of settings or variant" for x in (*offer.soft, *offer.unfinished) if x not in _labels(subject)]
+    wrong += [f"{x}: soft without a cause" for x, cause in offer.soft.items() if len(cause) < LEAST_WORDS]
+    wrong += [f"{x}: unfinished without a cause" for x, cause in offer.unfinished.items() if len(cause) < LEAST_WORDS]
+    wrong += [f"{x}: settings may be soft, but only variants unfinished" for x in offer.unfinished if x in offer.settings]
+    causes = dict.fromkeys((*offer.soft.values(), *offer.unfinished.values()))
+    yield Check("what is declared inexact has a cause", not wrong, "; ".join(wrong or causes))
+
+
+def _labels(subject: Subject) -> list[str]:
+    return [*subject.offer.settings, *subject.offer.variants]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an engine's accelerations on a probe came to.
+
+    Attributes:
+        off, along: errors, of the accelerations and of N^T (M a - Q); NaN where there are none.
+        refused: why the engine does not take the linkage; wrong: why there are no accelerations.
+        given: (k, n), or None.
+    """
+
+    off: float = float("nan")
+    along: float = float("nan")
+    refused: str = ""
+    wrong: str = ""
+    given: Array | None = None
+
+    def fault(self, soft: bool) -> str:
+        """What is wrong with it, or nothing."""
+        if self.wrong or self.refused:
+            return self.wrong
+        if not self.along <= ALONG:
+            return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: no loop that gives way, but a mass, a force or a row of J"
+        if not soft and not self.off <= EXACT:
+            return f"accelerations are off by {self.off:.1e} of the largest"
+        return ""
+
+
+def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
+    """The accelerations that an engine finds at the states of a probe."""
+    question = partial(accelerations, on.t, on.q, on.v)
+    run = subject.perform(on.mechanism, choice, np.array([0.0, STEP]), question, on.a.size)
+    if refusal(subject, choice, run, on.mechanism):
+        return Answer(refused=run.message)
+    if run.status is not Status.OK:
+        return Answer(wrong=run.message)
+    given = np.asarray(run.answer, dtype=float)
+    if given.shape != on.a.shape:
+        return Answer(wrong=f"accelerations have the shape {given.shape}, not {on.a.shape}")
+    return Answer(on.off(given), on.off_along(given), given=given)
+
+
+def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
+    """Whether an engine says that it does not take a linkage, its redundant rows, or, under a variant, that its solver gave up.
+
+    Variants are what searches try, and may fail with a sentence; settings are what users are offered.
+    """
+    redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
+    return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
+
+
+def named(choice: Choice) -> str:
+    """A choice in words."""
+    return ", ".join((choice.settings, choice.integrator, choice.stabilization))
+
+
+def digits(error: float) -> str:
+    return f"{-np.log10(max(error, 1e-16)):.1f} digits"
+
+
+def same_states(subject: Subject) -> Iterator[Check]:
+    """Accelerations at given states, under every label."""
+    for choice in subject.choices():
+        yield _at_states(subject, choice)
+
+
+def _at_states(subject: Subject, choice: Choice) -> Check:
+    """The accelerations under one choice: on every linkage under settings, on one under every integrator and variant."""
+    title, offer = f"accelerations ({named(choice)})", subject.offer
+    if cause := offer.unfinished.get(choice.settings):
+        return Check(title, None, f"declared unfinished: {cause}")
+    subject.tell(f"Accelerations under {named(choice)}.")
+    soft = choice.settings in offer.soft
+    linkages = [(*subject.moving[0], AS_IT_IS)]
+    if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
+        linkages = [*((*x, AS_IT_IS) for x in LINKAGES), (*subject.moving[0], EVERYTHING)]
+    answers = {_title(*x): ask(subject, choice, probe(*x)) for x in linkages}
+    return _summed(title, answers, soft)
+
+
+def _title(linkage: str, scenario: str, change: str) -> str:
+    name = probe(linkage, scenario).mechanism.name
+    return f"{name} {scenario}" if change == AS_IT_IS else f"{name} {scenario}, {change}"
+
+
+def _summed(title: str, answers: dict[str, Answer], soft: bool) -> Check:
+    """One check of what an engine answered, by the name of what it was asked on."""
+    taken = {name: x for name, x in answers.items() if not x.refused}
+    if not taken:
+        return Check(title, None, next(iter(answers.values())).refused)
+    faults = {name: fault for name, x in taken.items() if (fault := x.fault(soft))}
+    if faults:
+        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))
+        others = f"; it shows on {len(faults)} of {len(taken)}: {_few(list(faults))}"
+        return Check(title, False, f"{faults[worst]} ({worst}){others}")
+    off, along = max(x.off for x in taken.values()), max(x.along for x in taken.values())
+    count = sum(len(x.given) for x in taken.values() if x.given is not None)
+    told = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, " if soft else f"agree to {digits(off)} "
+    told += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
+    refused = [name for name, x in answers.items() if x.refused]
+    return Check(title, True, told + (f"; refused: {_few(refused)}" if refused else ""))
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def changed_numbers(subject: Subject) -> Iterator[Check]:
+    """Accelerations follow the numbers of the file, changed one by one and all of a kind."""
+    soft = subject.usual.settings in subject.offer.soft
+    for linkage, scenario in subject.moving:
+        answers: dict[str, Answer] = {}
+        names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]
+        for name in names:
+            if subject.spent > BUDGET:
+                break
+            answers[name] = ask(subject, subject.usual, probe(linkage, scenario, name))
+        title = f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})"
+        if not answers:
+            yield Check(title, None, f"not asked: {BUDGET:g} s of the processor are spent")
+            continue
+        check = _summed(title, answers, soft)
+        left = f"; {len(names) - len(answers)} further changes were not asked: {BUDGET:g} s of the processor are spent"
+        yield replace(check, message=check.message + (left if len(answers) < len(names) else ""))
+
+
+def forces(subject: Subject) -> Iterator[Check]:
+    """Every kind of force acts as defined: together, and where that is not so, each alone."""
+    document, _, _ = document_of(KINDS)
+    soft = subject.usual.settings in subject.offer.soft
+    together = _summed("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
+    yield together
+    if together.passed:
+        return
+    bare = probe(KINDS, "loaded", AS_IT_IS, ())
+    unloaded = ask(subject, subject.usual, bare)
+    if unloaded.refused:
+        return
+    for name in document["scenarios"]["loaded"]["forces"]:
+        title = f"a {document['forces'][name]['type']} acts as defined ({name})"
+        on = probe(KINDS, "loaded", AS_IT_IS, (name,))
+        answer = ask(subject, subject.usual, on)
+        check = _summed(title, {"kinds": answer}, soft)
+        if check.passed is False and answer.given is not None and unloaded.given is not None:
+            check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (on.a - bare.a).ravel()))
+        yield check
+
+
+def effect(measured: Array, true: Array) -> str:
+    """What is wrong with a force's effect on the accelerations (n,)."""
+    factor = float(measured @ true / (true @ true))
+    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
+        return "it has no effect"
+    if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():
+        return "it acts in the opposite direction"
+    return f"its effect is {factor:.6g} times what it should be, in the direction that it should have"
+
+
+def motions(subject: Subject) -> Iterator[Check]:
+    """Runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
+    usual, offer = subject.usual, subject.offer
+    for choice in subject.choices():
+        yield _followed(subject, choice, *subject.moving[0])
+    for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
+        yield _followed(subject, usual, linkage, scenario)
+    for name in offer.stabilizations:
+        if name != usual.stabilization:
+            yield _stabilized(subject, name)
+
+
+def _stabilized(subject: Subject, name: str) -> Check:
+    """A run under a stabilisation and the first integrator that goes with it."""
+    for integrator in subject.offer.integrators:
+        check = _followed(subject, replace(subject.usual, stabilization=name, integrator=integrator), *subject.moving[0])
+        if check.passed is not None:
+            break
+    return check
+
+
+def _followed(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
+    """A run under one choice, repeated more finely, against the motion that it should follow."""
+    subject.tell(f"A run under {named(choice)}.")
+    mechanism = probe(linkage, scenario).mechanism
+    title = f"a run ({named(choice)}; {mechanism.name} {scenario})"
+    unfinished = choice.settings in subject.offer.unfinished
+    soft = choice.settings in subject.offer.soft and not unfinished
+    question = partial(own_motion, mechanism.q0, mechanism.v0) if soft else nothing
+    tried = _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive)
+    runs = [subject.perform(mechanism, x, TIMES, question, 3 * len(TIMES) * mechanism.n, again=True) for x in tried]
+    for run in runs:
+        if run.trajectory is None:
+            return Check(title, None if refusal(subject, choice, run, mechanism) else False, run.message)
+    if soft and choice.stabilization != "none":
+        return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
+    *samples, fine = [_levels(run.trajectory) for run in runs if run.trajectory]
+    told = ""
+    for run, levels in zip(runs, samples, strict=False):
+        true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
+        if true.shape != levels.shape:
+            return Check(title, False, "its accelerations cannot be integrated")
+        # a soft loop's own accelerations are its gap times a stiffness, not the motion's
+        told, fault = _compared(true, levels, fine, LEVELS[: 2 if soft else 3])
+        if fault:
+            return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
+    return Check(title, True, told)
+
+
+def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
+    """The choices under which a run is repeated; the last is the finest."""
+    if adaptive:
+        return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
+    return [choice, replace(choice, step=choice.step / 2)]
+
+
+def _compared(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
+    """How near positions, velocities and accelerations (3, k, n) come to the true ones, and what is wrong with that, or nothing."""
+    way = np.array([true[0] - true[0, 0], true[1], true[2]])
+    scale = np.abs(way).max(axis=(1, 2))
+    off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))
+    for word, x, y in zip(words, off, moved, strict=False):
+        if not x <= RATIO * y + ROUNDING:
+            return "", f"{word} are off by {x:.1e} of the largest; a finer run changes them by {y:.1e}"
+    return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {moved[0]:.1e}", ""
+
+
+def _levels(x: Trajectory) -> Array:
+    """Positions, velocities and accelerations (3, k, n)."""
+    return np.array([x.q, x.v, x.a])
+
+
+def own_motion(q0: Array, v0: Array, model: Model) -> Array:
+    """The motion (3, k, n) at TIMES by a model's own accelerations; asked in the worker."""
+    step, count = STEPS["dop853_fixed"], 5
+    q, v, samples = q0, v0, []
+    for k, t in enumerate(TIMES.tolist()):
+        samples.append((q, v, model.acceleration(t, q, v)))
+        h = (TIMES[min(k + 1, len(TIMES) - 1)] - t) / count
+        for i in range(count if h else 0):
+            q, v = step(model.acceleration, t + i * h, q, v, h)
+    return np.array(samples).transpose(1, 0, 2)
+
+
+@lru_cache(maxsize=16)
+def _true_motion(linkage: str, scenario: str) -> Array:
+    """Own motion (3, k, n) at TIMES."""
+    return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
+
+
+MEASURED = (declarations, forces, same_states, motions, changed_numbers)

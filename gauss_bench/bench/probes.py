@@ -1,0 +1,162 @@
+"""Linkages on which an engine's accelerations are held against own terms: as they are, and with their numbers changed.
+
+An engine that leaves out, scales or hard-codes a number is wrong wherever that number shows in the accelerations, and every number
+of `suites/linkages/probe.toml` does. Engine and own terms are given the same changed linkage.
+
+With N (n, dof) a basis of the velocities that the constraints allow, accelerations a of whatever constraint forces obey
+
+    N^T (M a - Q) = 0
+
+because those forces do no work along N: a loop that gives way leaves this alone, a wrong mass, force or row of J does not.
+"""
+
+import copy
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.linkage.load import document_of, load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.absolute import AbsoluteCoordinates
+from gauss_bench.suites.read import FOLDER
+from gauss_bench.terms import Array
+
+PROBE = str(FOLDER / "linkages" / "probe.toml")
+STATES, SEED = 8, 20261123
+REACH, SLOW, FAST = 0.4, 2.0, 6.0  # of steps [m, rad] from state to state; of velocities [m/s, rad/s] along what can move
+FLOOR = 0.05  # of the largest among the states: below it a state counts as an equilibrium, where a share of nothing says nothing
+AS_IT_IS, EVERYTHING = "as it is", "every number changed"
+FACTORS = {"mass": 1.3, "inertia": 1.4, "length": 1.04, "angle": 1.1, "gravity": 1.2, "force": 1.3}
+PLURALS = {"mass": "masses", "inertia": "inertias", "length": "lengths", "angle": "angles", "gravity": "gravity", "force": "forces"}
+
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A linkage at states of motion.
+
+    Attributes:
+        change: what is changed in it.
+        t, q, v, a: (k,) and (k, n): states on the constraints, with the accelerations of own terms.
+    """
+
+    change: str
+    mechanism: Mechanism
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+    def off(self, a: Array) -> float:
+        """The largest error of accelerations (k, n), relative to the largest acceleration of the state."""
+        return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
+
+    def off_along(self, a: Array) -> float:
+        """The largest N^T (M a - Q) of accelerations (k, n), relative to N^T Q; 0 where nothing can move freely."""
+        motion = AbsoluteCoordinates(self.mechanism)
+        left, loads = [], []
+        for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
+            N = motion.null_space(q)  # (n, dof)
+            terms = motion.evaluator.terms(float(t), q, v)
+            left.append(np.abs(N.T @ (terms.M @ given - terms.Q)).max(initial=0.0))
+            loads.append(np.abs(N.T @ terms.Q).max(initial=0.0))
+        return _share(np.array(left), np.array(loads))
+
+
+def _share(errors: Array, sizes: Array) -> float:
+    """The largest error (k,) by its size (k,); infinite where one is no number."""
+    floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0))
+    share = np.divide(errors, floored, out=np.zeros_like(errors), where=floored > 0)
+    return float(share.max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
+
+
+@lru_cache(maxsize=256)
+def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
+    """A linkage with a change of `changes` made, at its states; under these of its forces alone, where they are given."""
+    document, digest, path = document_of(linkage)
+    changed = _changed(document, changes(linkage, scenario)[change])
+    if forces is not None:
+        changed["scenarios"][scenario]["forces"] = list(forces)
+    mechanism = load_document(changed, scenario, f"{path} ({change})", f"{digest} {change} {forces}", path.stem)
+    motion = AbsoluteCoordinates(mechanism)
+    t, q, v = moving_states(mechanism, motion)
+    return Probe(change, mechanism, t, q, v, motion.acceleration(t, q, v))
+
+
+def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Array, Array, Array]:
+    """States t (k,), q, v (k, n) that the constraints allow, by steps of random size from the start; the times are for drivers."""
+    random = np.random.default_rng(SEED)
+    times = np.linspace(0.05, 0.95, STATES) * (mechanism.duration if mechanism.drivers else 0.0)
+    q, states = mechanism.q0, []
+    for t in times:
+        N = motion.null_space(q)  # (n, dof)
+        for _ in range(2):  # the second closes what the first, from far away, leaves open
+            q, _ = motion.evaluator.project(t, q + N @ random.normal(0.0, REACH, N.shape[1]), 0.0 * q)
+            N = 0.0 * N
+        N = motion.null_space(q)
+        states.append(
+            motion.evaluator.project(t, q, N @ (random.choice([-1.0, 1.0], N.shape[1]) * random.uniform(SLOW, FAST, N.shape[1])))
+        )
+    return times, np.array([x[0] for x in states]), np.array([x[1] for x in states])
+
+
+@lru_cache(maxsize=8)
+def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
+    """The factors of a linkage's numbers by the name of the change: none, all, those of a kind, then one by one."""
+    document, _, _ = document_of(linkage)
+    found = {path: _kind(path) for path in numbers(document, scenario)}
+    kinds = {
+        f"all {PLURALS[kind]} x {factor:g}": {path: factor for path, other in found.items() if other == kind}
+        for kind, factor in FACTORS.items()
+    }
+    single = {f"{_told(path)} x {FACTORS[kind]:g}": {path: FACTORS[kind]} for path, kind in found.items()}
+    everything = {path: factor for change in kinds.values() for path, factor in change.items()}
+    return {AS_IT_IS: {}, EVERYTHING: everything, **{name: x for name, x in kinds.items() if x}, **single}
+
+
+def of_a_kind(linkage: str, scenario: str) -> list[str]:
+    """The changes of all numbers of a kind, and of all at once."""
+    return [name for name in changes(linkage, scenario) if name == EVERYTHING or name.startswith("all ")]
+
+
+def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
+    """The paths of every number but zero that a scenario's motion follows from, its start and laws apart."""
+    for key in ("gravity", "ground", "links", "joints"):
+        yield from _numbers(document.get(key), (key,))
+    for name in document["scenarios"][scenario].get("forces", ()):
+        yield from _numbers(document["forces"][name], ("forces", name))
+
+
+def _numbers(item: Any, path: Path) -> Iterator[Path]:
+    if isinstance(item, (dict, list)):
+        for key, value in item.items() if isinstance(item, dict) else enumerate(item):
+            yield from _numbers(value, (*path, key))
+    elif isinstance(item, (int, float)) and item:
+        yield path
+
+
+def _kind(path: Path) -> str:
+    """The kind of number that stands at a path."""
+    words = [x for x in path if isinstance(x, str)]
+    if words[0] in ("gravity", "forces"):
+        return words[0].removesuffix("s")
+    return {"mass": "mass", "kg_per_m": "mass", "inertia": "inertia", "angle_deg": "angle"}.get(words[-1], "length")
+
+
+def _told(path: Path) -> str:
+    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
+
+
+def _changed(document: dict[str, Any], factors: Mapping[Path, float]) -> dict[str, Any]:
+    """A copy of a document, numbers at some paths times their factors."""
+    changed = copy.deepcopy(document)
+    for path, factor in factors.items():
+        place: Any = changed
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] *= factor
+    return changed
