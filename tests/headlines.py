@@ -266,7 +266,7 @@ def search(run: Run) -> Iterator[None]:
             yield
 
 
-RAW = ("samples", "claim_races", "search_races", "search_times", "search_ladder")  # no section reads them
+RAW = ("samples", "claim_races", "scaling_races", "search_races", "search_times", "search_ladder")  # no section reads them
 
 
 def with_raw_rows(folder: Path) -> Run:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from gauss_bench.api.text import format_run
-from gauss_bench.bench.clock import Key, Measured, Missing, at_least, at_most
+from gauss_bench.bench.clock import Key, Measured, Missing, at_least, at_most, foreseen
+from gauss_bench.bench.context import Context
+from gauss_bench.bench.measurements import growth
 from gauss_bench.bench.measurements.claim import verdict
-from gauss_bench.bench.measurements.growth import exponents
+from gauss_bench.bench.measurements.growth import exponents, over_races
 from gauss_bench.bench.measurements.long_runs import judged
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.steps import step_rows
@@ -150,14 +152,51 @@ def test_a_long_run_must_keep_its_order_and_its_constraints(energy: float, drift
     assert judged(coarse | {"energy_max": energy, "position_drift": drift}, coarse, SUITE.long_runs[0])["met"] is met
 
 
+def of_process(number: int, size: int, seconds: float, engine: str = "a") -> dict[str, Any]:
+    told = {"engine": engine, "quantity": "q", "size": size, "process": number, "n": 9 * size, "status": "ok", "message": ""}
+    times = {"seconds": seconds, "seconds_low": 0.9 * seconds, "seconds_high": 1.1 * seconds}
+    return told | times | {"generate_seconds": 1.0 + number, "compile_seconds": 2.0, "error": 1e-15 * number}
+
+
 def test_growth_is_the_exponent_of_large_sizes_alone() -> None:
-    rows = [
-        {"engine": "a", "quantity": "q", "size": n, "seconds": 1.0 if n < 16 else 1e-9 * n**1.5, "status": "ok"}
-        for n in (1, 4, 16, 64, 256)
-    ]
-    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "status": "skip"}], 16)
+    rows = [of_process(0, n, 1.0 if n < 16 else 1e-9 * n**1.5) for n in (1, 4, 16, 64, 256)]
+    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "process": 0, "status": "skip"}], 16)
     assert found["exponent"] == pytest.approx(1.5)
-    assert found["sizes"] == 3
+    assert (found["sizes"], found["processes"]) == (3, 1)
+    assert np.isnan(found["exponent_low"])  # rounds of one process say nothing of a second race
+
+
+def test_the_exponent_of_several_processes_has_the_spread_of_theirs() -> None:
+    """Exponents 0.9, 1.0 and 1.1: Student's t of 2 freedoms at 0.995 is 9.925, the scatter 0.1 (pi / 3)^(1/2)."""
+    rows = [of_process(k, n, 1e-9 * n**p) for k, p in enumerate((0.9, 1.0, 1.1)) for n in (16, 64, 256)]
+    (found,) = exponents(rows, 16)
+    assert (found["exponent"], found["processes"]) == (pytest.approx(1.0), 3)
+    half = 9.924843 * 0.1 * np.sqrt(np.pi / 3)
+    assert [found["exponent_low"], found["exponent_high"]] == pytest.approx([1 - half, 1 + half], abs=1e-6)
+
+
+def test_a_process_that_lacks_a_size_tells_no_exponent_of_its_own() -> None:
+    rows = [of_process(k, n, 1e-9 * n) for k in range(3) for n in (16, 64, 256) if (k, n) != (2, 256)]
+    (found,) = exponents(rows, 16)
+    assert (found["exponent"], found["processes"]) == (pytest.approx(1.0), 2)
+
+
+def test_the_time_of_a_size_is_the_median_of_processes_and_its_spread_where_a_second_race_falls() -> None:
+    lost = {"engine": "b", "quantity": "", "size": 16, "n": 144, "status": "crashed", "message": "SIGSEGV"}
+    rows = [of_process(k, 16, x) for k, x in enumerate((1.0, 1.2, 1.1))] + [lost | {"process": k} for k in range(3)]
+    found, gone = over_races(rows)
+    assert [found["seconds"], found["low"], found["high"]] == [pytest.approx(1.1), *foreseen(np.array([1.0, 1.2, 1.1]))]
+    assert (found["processes"], found["generate_seconds"], found["error"]) == (3, 2.0, 2e-15)
+    assert gone == lost | {"processes": 0}
+    (single,) = over_races(rows[:1])
+    assert [single["low"], single["high"]] == [0.9, 1.1]
+
+
+def test_every_size_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
+    part = SUITE.growth[0].model_copy(update={"sizes": (1, 4), "processes": 3})
+    tasks = growth.timed(SUITE.model_copy(update={"growth": (part,)}), Context("", "stamp"), {})
+    assert [(t.start["size"], t.start["process"]) for t in tasks] == [(n, k) for k in range(3) for n in (1, 4)]
+    assert len({t.key for t in tasks}) == 6
 
 
 def test_a_chain_of_pendulums_has_as_many_freedoms_as_links() -> None:

@@ -275,10 +275,10 @@ def test_what_there_is_no_kernel_for_is_refused() -> None:
 
 
 def test_the_comparison_has_a_row_for_every_engine() -> None:
-    rows = scaling(1, 3)["scaling"]
+    rows = scaling(1, 3)["scaling_races"]
     own = [x for x in rows if x["engine"].startswith("loops")]
     assert {x["engine"] for x in own} == {"loops, gauss", "loops, lagrange"}
-    assert all(0 < x["low"] <= x["seconds"] <= x["high"] and x["error"] < ROUNDING for x in own)
+    assert all(0 < x["seconds_low"] <= x["seconds"] <= x["seconds_high"] and x["error"] < ROUNDING for x in own)
     assert all(x["message"] for x in rows if x["status"] != "ok")
 
 

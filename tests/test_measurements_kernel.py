@@ -16,7 +16,7 @@ from gauss_bench.bench.measurements.limits import bounded
 from gauss_bench.bench.measurements.long_runs import judged
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
-from gauss_bench.bench.measurements.turns import turn
+from gauss_bench.bench.measurements.turns import LEVELS, over_processes, turn
 from gauss_bench.bench.runner import completed
 from gauss_bench.bench.survived import ROOM, at_work
 from gauss_bench.compiler.closure import Closure
@@ -239,13 +239,26 @@ def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, mon
     assert own["met"] is False
 
 
+def test_kinematics_of_several_processes_are_their_median_and_meet_the_target_by_it() -> None:
+    start = {"mechanism": "four_bar", "method": "closure, compiled", "status": "ok"} | dict.fromkeys(LEVELS, 1e-15)
+    target = TURNS.targets["four_bar"]
+    times = [0.9 / target, 1.2 / target, 1.1 / target]
+    row = over_processes([start | {"seconds": x, "met": True} for x in times], TURNS)
+    low, high = foreseen(np.array(times))
+    assert [row["seconds"], row["seconds_low"], row["seconds_high"]] == pytest.approx([1.1 / target, low, high])
+    assert [row["rate"], row["rate_low"], row["rate_high"]] == pytest.approx([target / 1.1, 1 / high, 1 / low])
+    assert row["met"] is False
+    crashed = start | {"status": "crashed", "message": "SIGABRT"}
+    assert over_processes([start | {"seconds": 1.0}, crashed], TURNS) == crashed
+
+
 def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     charge(monkeypatch, clock, Kernel, "rollout", rolled(STEP))
     charge(monkeypatch, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
     for name in list(CONTENDERS):
         if name not in ("loops, gauss", "straight line, gauss"):
             monkeypatch.delitem(CONTENDERS, name)
-    rows = scaling(1, 3)["scaling"]
+    rows = scaling(1, 3)["scaling_races"]
     assert len(rows) == 4
     for row in rows:
         assert row["seconds"] == pytest.approx(STEP / 4 if row["quantity"] == "in its own loop" else CALL)

@@ -19,9 +19,9 @@ def abort(*_: object, **__: object) -> None:
     os.abort()
 
 
-def growth_in_which_straight_lines_abort(size: int, rounds: int, engines: Sequence[str], path: str) -> Tables:
+def growth_in_which_straight_lines_abort(size: int, rounds: int, number: int, engines: Sequence[str], path: str) -> Tables:
     growth.CONTENDERS |= {"straight line, gauss": abort}  # type: ignore[dict-item]
-    return growth.scaling(size, rounds, engines, watching(path))
+    return growth.scaling(size, rounds, number, engines, watching(path))
 
 
 def batch_in_which_the_rival_aborts(linkage: str, scenario: str, part: Batch, engines: Sequence[str], path: str) -> Tables:
@@ -39,7 +39,7 @@ def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monke
     monkeypatch.setattr(growth, "_race_of", growth_in_which_straight_lines_abort)
     for name in set(growth.CONTENDERS) - {"loops, gauss", "straight line, gauss"}:
         monkeypatch.delitem(growth.CONTENDERS, name)
-    *timed, lost = growth.raced(1, 2)["scaling"]
+    *timed, lost = growth.raced(1, 2)["scaling_races"]
     assert [(r["engine"], r["status"]) for r in timed] == [("loops, gauss", "ok")] * 2
     assert all(r["seconds"] > 0 for r in timed)
     assert (lost["engine"], lost["size"], lost["status"]) == ("straight line, gauss", 1, "crashed")

@@ -225,10 +225,18 @@ class Batch(OnLinkages):
 
 
 class Growth(Section):
-    """Right-hand sides of chains: windows, rounds, and from how many windows on growth is told."""
+    """Right-hand sides of chains.
+
+    Attributes:
+        sizes: windows.
+        rounds: of a race.
+        processes: each with a race of its own at every size.
+        large: windows from which on growth is told.
+    """
 
     sizes: tuple[Count, ...]
     rounds: Count
+    processes: Count = 1
     large: Count
 
 
@@ -249,10 +257,11 @@ class LongRuns(OnLinkages):
 
 
 class Turns(OnLinkages):
-    """Compiled kinematics over a turn: samples, rounds, least positions per second, and largest relative error."""
+    """Compiled kinematics over a turn: samples, rounds, processes, least positions per second, and largest relative error."""
 
     samples: Count
     rounds: Count
+    processes: Count = 1
     targets: Mapping[str, Positive] = {}
     error: Positive
 

@@ -5,9 +5,12 @@ Everything is asked for the accelerations of the same state, half a second after
 of coordinates around it.
 
 Own kernels are timed in their own loop, a quarter of a step of Runge and Kutta, and called from Python for one state. All of a size
-are timed in one interleaved run.
+are timed in one interleaved run, which is repeated in several processes: a time is the median of theirs. An exponent is fitted to
+the times of all processes, and its spread is where that of a second race falls, from the exponents of the single processes.
 """
 
+import math
+import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, interleaved, lasting
+from gauss_bench.bench.clock import Block, Key, foreseen, interleaved, lasting, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import Watch, patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables
@@ -46,15 +49,22 @@ Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
 
 def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
-    """One task for each size."""
-    tasks = [context.task("scaling", raced, (size, part.rounds), size=size) for part in suite.growth for size in part.sizes]
+    """A race for each process and size; those of a size lie apart in time."""
+    tasks = [
+        context.task("scaling_races", raced, (size, part.rounds, number), size=size, process=number)
+        for part in suite.growth
+        for number in range(part.processes)
+        for size in part.sizes
+    ]
     return list(map(patient, tasks))
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the exponents, which are worked out from all sizes."""
+    """Add the times over all processes, and the exponents, which are worked out from all sizes."""
+    races = tables.get("scaling_races", [])
     for part in suite.growth:
-        tables["kernel_growth"] = exponents(tables.get("scaling", []), part.large)
+        tables["scaling"] = over_races(races)
+        tables["kernel_growth"] = exponents(races, part.large)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,29 +91,28 @@ class Contender:
     compile_seconds: float
 
 
-def raced(size: int, rounds: int) -> Tables:
-    """What `scaling` tells; an engine that crashes or hangs in it is a row with that reason."""
-    tables, lost = survived(_race_of, (size, rounds), tuple(CONTENDERS))
+def raced(size: int, rounds: int, number: int = 0) -> Tables:
+    """The rows of one race; an engine that crashes or hangs in it is a row with that reason."""
+    tables, lost = survived(_race_of, (size, rounds, number), tuple(CONTENDERS))
     mechanism = load(f"n_four_bar_{size}")
-    tables["scaling"] += [_start(engine, size, mechanism) | failure.told for engine, failure in lost.items()]
+    tables["scaling_races"] += [_start(engine, size, number, mechanism) | failure.told for engine, failure in lost.items()]
     return tables
 
 
-def _race_of(size: int, rounds: int, engines: Sequence[str], path: str) -> Tables:
-    return scaling(size, rounds, engines, watching(path))
+def _race_of(size: int, rounds: int, number: int, engines: Sequence[str], path: str) -> Tables:
+    return scaling(size, rounds, number, engines, watching(path))
 
 
-def scaling(size: int, rounds: int, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
+def scaling(size: int, rounds: int, number: int = 0, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
     """Rows of some engines, or of all, at a size; what cannot be had leaves a row with a status and the reason."""
-    rows, blocks = entered(right(size), size, engines or tuple(CONTENDERS), watch)
+    rows, blocks = entered(right(size), size, number, engines or tuple(CONTENDERS), watch)
     samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
     for block, _, seconds in interleaved(blocks, rounds, watch=watch):
         samples[block.entry].append(seconds)
     places = {(r["quantity"], r["engine"]): k for k, r in enumerate(rows)}
     for key, x in samples.items():
-        k = places[key.quantity, key.engine]
-        rows[k] |= dict(zip(("seconds", "low", "high"), map(float, np.quantile(x, (0.25, 0.05, 0.95))), strict=True))
-    return {"scaling": rows}
+        rows[places[key.quantity, key.engine]] |= spread("seconds", np.array(x))
+    return {"scaling_races": rows}
 
 
 def right(size: int) -> Right:
@@ -114,16 +123,17 @@ def right(size: int) -> Right:
     return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
-def _start(engine: str, size: int, mechanism: Mechanism) -> Row:
-    return {"engine": engine, "quantity": "", "size": size, "n": mechanism.n, "status": "ok", "message": ""}
+def _start(engine: str, size: int, number: int, mechanism: Mechanism) -> Row:
+    start: Row = {"engine": engine, "quantity": "", "size": size, "process": number, "n": mechanism.n}
+    return start | {"status": "ok", "message": ""}
 
 
-def entered(wanted: Right, size: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
+def entered(wanted: Right, size: int, number: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
     """A row for each of some engines and way to ask it, and the blocks to be timed."""
     rows: list[Row] = []
     blocks: list[Block] = []
     for engine in engines:
-        start, build = _start(engine, size, wanted.mechanism), CONTENDERS[engine]
+        start, build = _start(engine, size, number, wanted.mechanism), CONTENDERS[engine]
         watch(Key("", engine))
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
         try:
@@ -182,17 +192,49 @@ CONTENDERS: dict[str, Callable[[Right], Contender]] = {
 }
 
 
-def exponents(rows: Rows, large: int) -> Rows:
-    """How time grows with size from `large` on, of everything that was timed at two such sizes or more."""
-    ended = [r for r in rows if r["status"] == Status.OK and r["size"] >= large]
-    ways = dict.fromkeys((r["engine"], r["quantity"]) for r in ended)
+def over_races(races: Rows) -> Rows:
+    """A row for each engine, way to ask and size: its time over the processes that timed it, or why none did."""
+    ended = [r for r in races if r["status"] == Status.OK]
+    timed_engines = {(r["engine"], r["size"]) for r in ended}
     told = []
-    for engine, quantity in ways:
-        here = [r for r in ended if (r["engine"], r["quantity"]) == (engine, quantity)]
-        if len(here) > 1:
-            names = {"engine": engine, "quantity": quantity, "sizes": len(here), "from": large}
-            told.append(names | {"exponent": exponent([r["size"] for r in here], [r["seconds"] for r in here])})
+    for rows in _grouped(ended, "engine", "quantity", "size").values():
+        found = spread("seconds", np.array([[r["seconds"]] for r in rows]))
+        first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
+        built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
+        times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
+        if len(rows) == 1:
+            times |= {end: rows[0][f"seconds_{end}"] for end in ("low", "high")}
+        told.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
+    lost = [r for r in races if r["status"] != Status.OK and (r["engine"], r["size"]) not in timed_engines]
+    for rows in _grouped(lost, "engine", "size").values():
+        told.append({k: x for k, x in rows[0].items() if k != "process"} | {"processes": 0})
     return told
+
+
+def exponents(races: Rows, large: int) -> Rows:
+    """How time grows with size from `large` on, of everything that was timed at two such sizes or more.
+
+    An exponent is that of the medians over the processes; its spread follows from those of the single processes.
+    """
+    ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
+    told = []
+    for (engine, quantity), rows in _grouped(ended, "engine", "quantity").items():
+        by_size = {size: [r["seconds"] for r in some] for (size,), some in _grouped(rows, "size").items()}
+        if len(by_size) > 1:
+            found = exponent(list(by_size), [statistics.median(x) for x in by_size.values()])
+            by_process = _grouped(rows, "process").values()
+            single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in by_process if len(x) == len(by_size)]
+            low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
+            names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
+            told.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
+    return told
+
+
+def _grouped(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
+    groups: dict[tuple[Any, ...], Rows] = {}
+    for r in rows:
+        groups.setdefault(tuple(r[x] for x in columns), []).append(r)
+    return groups
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
