@@ -48,6 +48,7 @@ class Column:
         unit: "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
         timed: whether a clock decides it: it lies apart then, and is rounded.
+        added: whether files of this format may lack it, since it came later: it is missing in their rows then.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Column:
     unit: str = ""
     exact: bool = False
     timed: bool = False
+    added: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,11 @@ def spread(name: str, meaning: str, unit: str = "") -> tuple[Column, ...]:
 def by_clock(*columns: Column) -> tuple[Column, ...]:
     """The same columns, as what a clock decides."""
     return tuple(replace(c, timed=True) for c in columns)
+
+
+def added(*columns: Column) -> tuple[Column, ...]:
+    """The same columns, as what older files lack."""
+    return tuple(replace(c, added=True) for c in columns)
 
 
 WHERE = (text("mechanism", "name of the linkage"), text("scenario", "of the linkage file"))
@@ -746,7 +753,7 @@ TABLES: dict[str, Table] = {
                 number("compile_seconds", "to compile it", "s"),
             ),
             number("error", "of the accelerations, relative to the largest"),
-            number("processes", "that timed it"),
+            *added(number("processes", "that timed it")),
             *by_clock(
                 number("seconds", "lower quartile of processor time, the median over the processes", "s"),
                 number("low", "least that a second race may find; of one process, the 5 percent point", "s"),
@@ -762,11 +769,13 @@ TABLES: dict[str, Table] = {
             text("quantity", "how it is asked"),
             number("sizes", "that the exponent is taken from"),
             number("from", "windows of the smallest of them"),
-            number("processes", "that timed all of them"),
-            *by_clock(
-                number("exponent", "p of seconds ~ size^p"),
-                number("exponent_low", "least that a second race may find; none from one process"),
-                number("exponent_high", "most that a second race may find; none from one process"),
+            *added(number("processes", "that timed all of them")),
+            *by_clock(number("exponent", "p of seconds ~ size^p")),
+            *added(
+                *by_clock(
+                    number("exponent_low", "least that a second race may find; none from one process"),
+                    number("exponent_high", "most that a second race may find; none from one process"),
+                )
             ),
         ),
         2,
@@ -1076,7 +1085,8 @@ def read_file(
         form = _own_format(path, head, lines)
     if form < FORMAT:
         head, lines = migrated(name, head, lines, form)
-    lacking = [c.name for c in (columns or table.columns if form == FORMAT else table.columns[:1]) if c.name not in head]
+    wanted = [c for c in columns or table.columns if not c.added] if form == FORMAT else table.columns[:1]
+    lacking = [c.name for c in wanted if c.name not in head]
     if lacking:
         raise TableError(f"{path}: table {name}: column {lacking[0]!r} is missing")
     rows = []

@@ -322,3 +322,16 @@ def test_curves_are_the_same_bytes_and_within_a_pens_width(tmp_path: Path) -> No
         assert found["measured_error"] == pytest.approx(row["measured_error"], rel=1.3e-4)
         assert found["t"] == pytest.approx(row["t"], rel=1e-7)
         assert found["step"] == row["step"]
+
+
+def test_a_file_without_a_column_that_came_later_is_read_and_without_another_refused(tmp_path: Path) -> None:
+    path = tmp_path / "times" / "kernel_growth.csv"
+    path.parent.mkdir()
+    tables.write_schema(tmp_path)
+    path.write_text("engine,quantity,sizes,from,exponent\na,q,3,16,1.5\n", encoding="utf-8")
+    (row,) = tables.read_table("kernel_growth", tmp_path)
+    assert row["exponent"] == 1.5
+    assert math.isnan(row["exponent_low"])
+    path.write_text("engine,quantity,sizes,from\na,q,3,16\n", encoding="utf-8")
+    with pytest.raises(TableError, match="'exponent' is missing"):
+        tables.read_table("kernel_growth", tmp_path)
