@@ -3,20 +3,25 @@
 import json
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import subject
-from gauss_bench.bench.agreement import _compared, effect
+from gauss_bench.bench.agreement import Answer, _compared, _from_coarse_to_fine, digits, effect, refusal
 from gauss_bench.bench.conformance import conformance, lateness
-from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, changes, probe
+from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import all_names
+from gauss_bench.engines.base import Choice
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from gauss_bench.runs.offers import offers
+from gauss_bench.runs.offers import offer, offers
+from gauss_bench.runs.one_run import Run, sampling_at
+from gauss_bench.runs.worker import Worker
+from gauss_bench.trajectory import Status
 
 WRONG = "yuan_ge_eq16"  # as published
 ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the adapter of another
@@ -125,6 +130,50 @@ def test_processor_time_is_that_of_a_process_and_nothing_of_one_that_is_not_ther
     mine = subject.time_of(os.getpid())
     assert mine == pytest.approx(sum(os.times()[:4]), abs=0.1)
     assert subject.time_of(0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("off", "along", "hard", "soft"),
+    [(0.9e-9, 0.9e-8, True, True), (1.1e-9, 0.9e-8, False, True), (0.67, 0.0, False, True), (0.9e-9, 1.1e-8, False, False)],
+)
+def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is_free(
+    off: float, along: float, hard: bool, soft: bool
+) -> None:
+    answer = Answer(off, along)
+    assert (answer.fault(soft=False) == "") is hard
+    assert (answer.fault(soft=True) == "") is soft
+    assert Answer(0.0, 0.0, wrong="it raised").fault(soft=True) == "it raised"
+    assert Answer().fault(soft=True) != ""
+
+
+def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
+    assert _share(np.array([1.0, 1.0]), np.array([2.0, 10.0])) == 0.5
+    assert _share(np.array([1.0, 1.0]), np.array([0.0, 10.0])) == pytest.approx(2.0)  # a twentieth of 10 counts
+    assert _share(np.zeros(2), np.zeros(2)) == 0.0
+    assert digits(1e-9) == "9.0 digits"
+    assert digits(0.0) == "16.0 digits"
+
+
+def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:
+    asked, m = subject.Subject(offer("mujoco"), Worker(), print), probe("four_bar", "torque").mechanism
+    lost = Run(Status.WARNING, "it gave up", None, None, sampling_at(1e-3, [0.0, 1e-3]))
+    for label, status, wanted in (
+        ("default", Status.WARNING, False),
+        ("lean/rk4", Status.WARNING, True),
+        ("lean/rk4", Status.ERROR, False),
+        ("lean/rk4", Status.NAN, False),
+        ("default", Status.SKIP, True),
+        ("default", Status.RANK_LOST, False),
+    ):
+        assert refusal(asked, asked.offer.choose(label, "rk4", None, 1e-3), replace(lost, status=status), m) is wanted
+    redundant = probe("parallelogram", "torque").mechanism
+    assert refusal(asked, asked.usual, replace(lost, status=Status.RANK_LOST), redundant)
+
+
+def test_a_finer_run_takes_half_the_step_or_a_tighter_tolerance() -> None:
+    choice = Choice(step=1e-3)
+    assert _from_coarse_to_fine(choice, adaptive=False) == [choice, Choice(step=5e-4)]
+    assert [x.tolerance for x in _from_coarse_to_fine(choice, adaptive=True)] == [1e-6, None, 1e-8]
 
 
 def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
