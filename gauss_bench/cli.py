@@ -459,9 +459,11 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.differences import accuracy_rows, differences
+    from gauss_bench.bench.measurements.search import searched
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
     from gauss_bench.runs.asked import checked_budget
+    from gauss_bench.runs.first_builds import build_first
 
     usable_folder(options.out, LOCAL)
     names = options.suite or ["quick"]
@@ -471,6 +473,8 @@ def run(options: argparse.Namespace) -> int:
         accuracy_rows(options.against)
     if suite.steps and not suite.accuracy:  # about compiled code and nothing else
         require("llvmlite")
+    for engine in (x for part in suite.search for x in searched(part)):
+        build_first(engine.name, engine.variants, tell)
     asked = (options.until, options.steps, limit)
     tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
     if options.json:

@@ -18,6 +18,7 @@ from gauss_bench.mechanism.parts import spread
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.asked import affordable
+from gauss_bench.runs.first_builds import build_first
 from gauss_bench.runs.offers import ChoiceError, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import as_truth, at_half_the_step, evidence_of
@@ -78,6 +79,7 @@ def simulate(
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     fixed = choice.integrator not in offered.adaptive
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
+    build_first(engine, [choice.settings], told)
     worker = kept(engine)  # which has described it already
     try:
         run = run_of(request, mechanism, limit, worker)

@@ -13,14 +13,17 @@ coordinates; mapped back to the tree it closes the open pins. Redundant rows tha
 iterations then do not settle, and the run is given up rather than followed. Projection keeps them together.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.build import absent, build_loop, missing
+from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_loop
+from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
+from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
@@ -33,7 +36,6 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
 
 
 class Pinocchio:
@@ -59,66 +61,27 @@ class Pinocchio:
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
-        return None
+        return (beyond_the_loop(mechanism, choice) or missing()) if is_compiled(choice.settings) else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
         return PinocchioModel(mechanism, choice)
 
+    def unbuilt(self, settings: str) -> str:
+        """What settings need that takes minutes to build, once for a user, and can be built; else an empty text."""
+        wanted = is_compiled(settings) and not missing() and absent()
+        return "Pinocchio's compiled loop (about 2 minutes, once)" if wanted else ""
 
-class ConstrainedDynamics:
-    """Tree accelerations (n,) of a tree state, as the integrators of the suite call them; `evaluations` counts the calls."""
+    def build_once(self) -> None:
+        """Build it."""
+        build_loop()
 
-    def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
-        pin = body.pin
-        self.model, self.forces, self.solve = body.model, forces, getattr(pin, options["algorithm"])
-        self.data: Any = body.model.createData()
-        self.rows: Any = body.constraints(gains)
-        self.row_data: Any = pin.StdVec_RigidConstraintData()
-        for row in self.rows:
-            self.row_data.append(row.createData())
-        if options["algorithm"] == "lcaba":
-            pin.computeJointMinimalOrdering(self.model, self.data, self.rows)
-        else:
-            pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
-        accuracies = options["absolute_accuracy"], options["relative_accuracy"]
-        self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
-        self.limit = SOLVED / options["mu"]
-        self.drive = DrivingTorques(forces, gains)
-        self.evaluations = 0
+    def loop(self, settings: str) -> str:
+        """What of the suite's own runs inside the time of a run."""
+        return str(VARIANTS.options(settings)["loop"])
 
-    def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        self.evaluations += 1
-        tau = self.forces(y, dy, t)
-        return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
 
-    def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
-        """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
-        tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
-        return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
-
-    def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
-        a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
-        if not self.prox.relative_residual <= self.limit:
-            self._doubt(t, a)
-        return a
-
-    def _doubt(self, t: float, a: Array) -> None:
-        """Second look, relative to the accelerations.
-
-        `relative_residual` is the last change of the forces f. `absolute_residual` is no help: at exact accelerations it is as
-        large as they are (4.1). `iter` is none either: with redundant rows f wanders along directions that move nothing.
-
-        Raises:
-            RunFailure: not finite, or the constraints are missed.
-        """
-        finite_acceleration(t, a, "Pinocchio")
-        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))
-        if not missed <= SOLVED * size:
-            raise RunFailure(
-                Status.NOT_CONVERGED,
-                f"t = {t:.6g} s: proximal iteration {self.prox.iter} still misses the constraints by {missed:.1e} m/s^2 where "
-                f"accelerations are {size:.1e}; redundant rows that have drifted apart do this: try projection or a smaller step",
-            )
+def is_compiled(settings: str) -> bool:
+    return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
 class PinocchioModel:
@@ -135,8 +98,9 @@ class PinocchioModel:
         verify(body, mechanism, self.tree)
         self.forces, corrector = TreeForces(mechanism, self.tree, body), ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
         proportional, rate = (float(self.options[x]) if choice.stabilization == "baumgarte" else 0.0 for x in corrector)
-        self.plain = ConstrainedDynamics(body, self.forces, self.options, (0.0, 0.0))  # what is reported has no Baumgarte terms
-        self.stabilized = ConstrainedDynamics(body, self.forces, self.options, (proportional, rate))
+        dynamics = CompiledDynamics if is_compiled(choice.settings) else ConstrainedDynamics
+        self.plain = dynamics(body, self.forces, self.options, (0.0, 0.0))  # what is reported has no Baumgarte terms
+        self.stabilized = dynamics(body, self.forces, self.options, (proportional, rate))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -149,7 +113,7 @@ class PinocchioModel:
         return self.plain.bare(y, dy), lambda: self.pin.difference(self.plain.model, y, dy)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only the suite's own loop, whatever `native` says."""
+        """The settings say whose loop it is, whatever `native` says."""
         self.times, self.steps, self.stabilized.evaluations = times, 0, 0
         start = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
         self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
@@ -167,6 +131,9 @@ class PinocchioModel:
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         try:
+            if isinstance(self.stabilized, CompiledDynamics):
+                self.steps = self.stabilized.advance_adaptive(self.times, self.y, self.dy, *tolerances)
+                return
             self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances, kinks=self.mechanism.kinks)
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
@@ -176,12 +143,15 @@ class PinocchioModel:
         projected = self.choice.stabilization == "projection"
         y, dy = self.y[0], self.dy[0]
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
-            dynamics = held_back(self.stabilized, last)
-            for i in range(count):
-                t = begin + i * h
-                y, dy = step(dynamics, t, y, dy, h)
-                if projected:
-                    y, dy = self._projected(t + h, y, dy)
+            if isinstance(self.stabilized, CompiledDynamics):
+                y, dy = self.stabilized.advance(self.choice.integrator, begin, y, dy, h, count)
+            else:
+                dynamics = held_back(self.stabilized, last)
+                for i in range(count):
+                    t = begin + i * h
+                    y, dy = step(dynamics, t, y, dy, h)
+                    if projected:
+                        y, dy = self._projected(t + h, y, dy)
             if row is not None:
                 self.y[row], self.dy[row] = y, dy
             self.steps += count
@@ -194,7 +164,7 @@ class PinocchioModel:
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        slow = ", ".join(f.name for f in self.forces.others)
+        slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
 

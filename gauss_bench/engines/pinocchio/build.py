@@ -1,0 +1,186 @@
+"""Building `loop.cpp` against the headers and the library of Pinocchio's wheel, once for a user.
+
+It takes about 100 s of a processor and 1.8 GB, so nothing that runs an engine builds it: a search does, and whoever names it. One
+process builds at a time; what is built is kept by its sources, flags, compiler and libraries in the user's cache, where nothing is
+moved before it is whole.
+"""
+
+import fcntl
+import hashlib
+import platform
+import resource
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from gauss_bench.compiler import user_cache
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
+
+SOURCE = Path(__file__).parent / "loop.cpp"
+# No -march: Eigen's objects cross into a library that was built for any processor. Definitions are those of Pinocchio's targets.
+FLAGS = (
+    "-std=c++17",
+    "-O2",
+    "-DNDEBUG",
+    "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION",
+    "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
+    "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30",
+    "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
+    "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
+    "-shared",
+    "-fPIC",
+    "-w",
+)
+COMPILERS = ("c++", "g++", "clang++")
+LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
+MEMORY = 3 << 30  # bytes of the compiler
+LONGEST = 1800.0  # [s] to compile on a busy machine
+NEEDED = {
+    "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
+    "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
+}
+HOW = "gauss-bench simulate four_bar --engine pinocchio --settings 'compiled/rk4/least depth'"
+
+
+def prefix() -> Path | None:
+    """The folder that holds `include` and `lib` of the Pinocchio that Python imports; None without one."""
+    found = find_spec("pinocchio")
+    if found is None or not found.origin:
+        return None
+    return next((x for x in Path(found.origin).parents if (x / "include").is_dir()), None)
+
+
+def compiler() -> str | None:
+    """The path of a C++ compiler, or None."""
+    return next(filter(None, map(shutil.which, COMPILERS)), None)
+
+
+def missing() -> str | None:
+    """Why the loop cannot be built on this machine, or None."""
+    root, reason = prefix(), None
+    if root is None:
+        reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
+    elif compiler() is None:
+        reason = f"there is no C++ compiler ({', '.join(COMPILERS)})"
+    else:
+        reason = next((why for path, why in NEEDED.items() if not (root / path).is_file()), None)
+    return reason and f"Pinocchio's compiled loop is not installed: {reason}"
+
+
+def absent() -> str | None:
+    """Why the loop that could be built cannot be loaded yet, or None."""
+    if (user_cache.folder() / _name()).is_file():
+        return None
+    return f"Pinocchio's compiled loop is not installed: it was not built yet, which takes about 2 minutes: {HOW}"
+
+
+def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
+    """The compiler's command line."""
+    include, library = root / "include", root / "lib"
+    paths = [f"-I{include}", f"-I{include / 'eigen3'}", f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"]
+    return [program, *FLAGS, str(source), "-o", str(target), *paths]
+
+
+def loop_library() -> bytes:
+    """The built loop.
+
+    Raises:
+        RunFailure: it cannot be built here, or was not.
+    """
+    if reason := missing():
+        raise RunFailure(Status.SKIP, reason)
+    content = user_cache.load(_name())
+    if content is None:
+        raise RunFailure(Status.SKIP, absent() or "Pinocchio's compiled loop is not installed: what is kept of it is broken")
+    return content
+
+
+def build_loop() -> None:
+    """Build the loop and keep it, unless another process has done so.
+
+    Raises:
+        RunFailure: it cannot be built here, the compiler refuses it, or it cannot be kept.
+    """
+    if reason := missing():
+        raise RunFailure(Status.SKIP, reason)
+    folder = user_cache.trusted()
+    if folder is None:
+        raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
+    with _alone(folder / "pinocchio-loop.lock"):
+        name = _name()
+        if user_cache.load(name) is None and not user_cache.store(name, _compiled()):
+            raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
+
+
+def _compiled() -> bytes:
+    program, root = _tools()
+    with TemporaryDirectory() as folder:
+        target = Path(folder) / "loop.so"
+        asked = command(program, root, SOURCE, target)
+        try:
+            done = subprocess.run(
+                asked,
+                capture_output=True,
+                text=True,
+                timeout=LONGEST,
+                check=False,
+                preexec_fn=_bound,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise RunFailure(Status.ERROR, f"{program} did not finish Pinocchio's compiled loop in {LONGEST:.0f} s") from error
+        if done.returncode:
+            raise RunFailure(Status.ERROR, f"{program} refuses Pinocchio's compiled loop: {in_a_sentence(done.stderr)}")
+        return target.read_bytes()
+
+
+def _bound() -> None:
+    """The compiler's memory; a limit is inherited by what it starts."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """One process at a time; the system lets go of a lock whose holder died."""
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _name() -> str:
+    """The name of the loop in the cache: another one wherever anything differs that it was built from."""
+    program, root = _tools()
+    parts = [
+        SOURCE.read_text(encoding="utf-8"),
+        *command(program, root, SOURCE, Path("loop.so")),
+        platform.machine(),
+        _says(program),
+    ]
+    return f"pinocchio-loop-{hashlib.sha256(chr(0).join([*parts, *map(_version, LIBRARIES)]).encode()).hexdigest()[:32]}.so"
+
+
+def _version(package: str) -> str:
+    try:
+        return f"{package} {version(package)}"
+    except PackageNotFoundError:
+        return package
+
+
+def _tools() -> tuple[str, Path]:
+    program, root = compiler(), prefix()
+    if program is None or root is None:
+        raise RunFailure(Status.SKIP, str(missing()))
+    return program, root
+
+
+@lru_cache
+def _says(program: str) -> str:
+    """A compiler's name and version."""
+    return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

@@ -1,0 +1,70 @@
+"""Accelerations of Pinocchio's constrained tree, called from Python: tau from the room's forces, and Pinocchio's own solver."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.tree import Multibody
+from gauss_bench.engines.shared import finite_acceleration
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+
+SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
+
+
+class ConstrainedDynamics:
+    """Tree accelerations (n,) of a tree state, as the integrators of the suite call them; `evaluations` counts the calls."""
+
+    def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
+        pin = body.pin
+        self.model, self.forces, self.solve = body.model, forces, getattr(pin, options["algorithm"])
+        self.data: Any = body.model.createData()
+        self.rows: Any = body.constraints(gains)
+        self.row_data: Any = pin.StdVec_RigidConstraintData()
+        for row in self.rows:
+            self.row_data.append(row.createData())
+        if options["algorithm"] == "lcaba":
+            pin.computeJointMinimalOrdering(self.model, self.data, self.rows)
+        else:
+            pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
+        accuracies = options["absolute_accuracy"], options["relative_accuracy"]
+        self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
+        self.limit = SOLVED / options["mu"]
+        self.drive = DrivingTorques(forces, gains)
+        self.evaluations = 0
+
+    def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        self.evaluations += 1
+        tau = self.forces(y, dy, t)
+        return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
+
+    def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
+        """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
+        tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
+        return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
+
+    def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
+        a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
+        if not self.prox.relative_residual <= self.limit:
+            self._doubt(t, a)
+        return a
+
+    def _doubt(self, t: float, a: Array) -> None:
+        """Second look, relative to the accelerations.
+
+        `relative_residual` is the last change of the forces f. `absolute_residual` is no help: at exact accelerations it is as
+        large as they are (4.1). `iter` is none either: with redundant rows f wanders along directions that move nothing.
+
+        Raises:
+            RunFailure: not finite, or the constraints are missed.
+        """
+        finite_acceleration(t, a, "Pinocchio")
+        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))
+        if not missed <= SOLVED * size:
+            raise RunFailure(
+                Status.NOT_CONVERGED,
+                f"t = {t:.6g} s: proximal iteration {self.prox.iter} still misses the constraints by {missed:.1e} m/s^2 where "
+                f"accelerations are {size:.1e}; redundant rows that have drifted apart do this: try projection or a smaller step",
+            )

@@ -1,0 +1,206 @@
+"""Pinocchio's compiled loop: it does what calls from Python do, and is built once and bounded, or said to be absent."""
+
+import os
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.compiler import user_cache
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.pinocchio import build as building
+from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.build import random_states
+from gauss_bench.trajectory import RunFailure, Status
+from tests.conftest import needs
+from tests.test_engines_pinocchio import made
+
+needs("pinocchio")
+ENGINE = Pinocchio()
+SEARCHED = ("crank_slider", "four_bar", "five_bar", "jansen", "eight_bar", "six_bar", "everything")
+built = pytest.mark.skipif(bool(building.missing() or building.absent()), reason=str(building.missing() or building.absent()))
+
+
+def pair(mechanism: Mechanism, integrator: str, stabilization: str = "none", **choice: Any) -> tuple[Any, Any]:
+    """The models of the same settings, called from Python and compiled."""
+    names = [
+        next(
+            k
+            for k, x in VARIANTS.space.items()
+            if k.startswith(start) and (x.integrator, x.stabilization) == (integrator, stabilization)
+        )
+        for start in (("one",), ("compiled",))
+    ]
+    options = [VARIANTS.options(x) for x in names]
+    assert {k for k in options[0] if options[0][k] != options[1][k]} <= {"loop", "tree"}
+    return tuple(ENGINE.build(mechanism, Choice(x, integrator, stabilization, **choice)) for x in names)  # type: ignore[return-value]
+
+
+@built
+@pytest.mark.parametrize("name", SEARCHED)
+def test_accelerations_of_the_compiled_loop_are_those_of_calls_from_python(name: str) -> None:
+    mechanism = made(name)
+    python, compiled = pair(mechanism, "rk4")
+    states = random_states(mechanism, 20)
+    for q, v in zip(states.q, states.v, strict=True):
+        expected, own = (x.acceleration(0.0, q, v) for x in (python, compiled))
+        assert np.abs(own - expected).max() < 1e-12 * max(1.0, np.abs(expected).max())
+
+
+@built
+@pytest.mark.parametrize("stabilization", ["none", "baumgarte"])
+@pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
+def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: str, stabilization: str) -> None:
+    if (integrator, stabilization) == ("dop853", "baumgarte"):
+        pytest.skip("searched by calls from Python on another line")
+    runs = []
+    for model in pair(load("five_bar"), integrator, stabilization, step=0.01):
+        model.prepare(np.array([0.0, 0.013, 0.2, 0.21, 0.5]))
+        model.run()
+        runs.append(model.read())
+    python, compiled = runs
+    for x in ("q", "v", "a"):
+        assert np.abs(getattr(python, x) - getattr(compiled, x)).max() < 1e-8
+    assert (python.steps, python.evaluations > 0) == (compiled.steps, compiled.evaluations > 0)
+
+
+def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
+    compiled = "compiled/rk4/least depth"
+    choice = Choice(compiled, "rk4", "projection")
+    assert "has no projection" in str(ENGINE.skip(load("four_bar"), choice))
+    driven = load("crank_slider", "driven")
+    assert "has no drivers" in str(ENGINE.skip(driven, Choice(compiled, "rk4")))
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(building, "missing", lambda: None)
+    building._says.cache_clear()
+    return tmp_path
+
+
+def compiler_in(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> Path:
+    """A stand-in for the compiler, which is found first: it writes down its arguments and does as `body` says."""
+    program = folder / "c++"
+    text = f"""#!{sys.executable}
+import sys, time, resource
+if "--version" in sys.argv:
+    print("stand-in 1"); raise SystemExit
+open({str(folder / "calls")!r}, "a").write(" ".join(sys.argv[1:]) + chr(10))
+target = sys.argv[sys.argv.index("-o") + 1]
+{body}
+"""
+    program.write_text(text)
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setattr(building, "prefix", lambda: folder)
+    return folder / "calls"
+
+
+WRITES = 'open(target, "w").write("library of " + str(resource.getrlimit(resource.RLIMIT_AS)[0]))'
+
+
+def test_a_loop_is_built_once_with_generic_alignment_and_bounded_memory(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = compiler_in(own_cache, monkeypatch, WRITES)
+    assert "not built yet" in str(building.absent())
+    assert "2 minutes" in ENGINE.unbuilt("compiled/rk4/least depth")
+    assert not ENGINE.unbuilt("default")
+    building.build_loop()
+    building.build_loop()
+    (arguments,) = calls.read_text().splitlines()
+    assert "-march" not in arguments
+    assert f"-Wl,-rpath,{own_cache / 'lib'}" in arguments
+    assert building.loop_library() == f"library of {3 << 30}".encode()
+    assert building.absent() is None
+    assert not ENGINE.unbuilt("compiled/rk4/least depth")
+
+
+def test_two_processes_that_want_the_loop_compile_it_once(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = compiler_in(own_cache, monkeypatch, f"time.sleep(0.3)\n{WRITES}")
+    both = [Thread(target=building.build_loop) for _ in range(2)]
+    for x in both:
+        x.start()
+    for x in both:
+        x.join()
+    assert len(calls.read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize("part", ["flags", "source", "compiler"])
+def test_another_source_flag_or_compiler_is_another_loop(part: str, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler_in(own_cache, monkeypatch, WRITES)
+    building.build_loop()
+    source = own_cache / "loop.cpp"
+    source.write_text("// another")
+    others: dict[str, tuple[str, Any]] = {
+        "flags": ("FLAGS", (*building.FLAGS, "-g")),
+        "source": ("SOURCE", source),
+        "compiler": ("_says", lambda program: "stand-in 2"),
+    }
+    monkeypatch.setattr(building, *others[part])
+    assert building.absent()
+
+
+@pytest.mark.parametrize(("body", "said"), [('sys.exit("no such header")', "no such header"), ("time.sleep(60)", "did not finish")])
+def test_a_build_that_fails_leaves_nothing(body: str, said: str, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler_in(own_cache, monkeypatch, body)
+    monkeypatch.setattr(building, "LONGEST", 1.0)
+    with pytest.raises(RunFailure, match=said):
+        building.build_loop()
+    assert [x.suffix for x in user_cache.folder().iterdir()] == [".lock"]
+    assert building.absent()
+
+
+def test_without_a_compiler_or_headers_a_run_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    choice = Choice("compiled/rk4/least depth", "rk4")
+    monkeypatch.setattr(building, "compiler", lambda: None)
+    assert "no C++ compiler" in str(ENGINE.skip(load("four_bar"), choice))
+    monkeypatch.undo()
+    monkeypatch.setattr(building, "compiler", lambda: "c++")
+    monkeypatch.setattr(building, "prefix", lambda: tmp_path)
+    assert "headers" in str(ENGINE.skip(load("four_bar"), choice))
+    assert ENGINE.skip(load("four_bar"), Choice("default", "rk4")) is None
+
+
+def test_a_loop_that_was_not_built_is_said_and_not_built_by_a_run(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = compiler_in(own_cache, monkeypatch, WRITES)
+    with pytest.raises(RunFailure, match="not built yet") as caught:
+        ENGINE.build(load("four_bar"), Choice("compiled/rk4/least depth", "rk4"))
+    assert caught.value.status is Status.SKIP
+    assert not calls.exists()
+
+
+@pytest.mark.slow
+def test_a_build_ends_with_the_process_that_asked_for_it(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = compiler_in(own_cache, monkeypatch, f'open({str(own_cache / "alive")!r}, "w")\ntime.sleep(4)\n' + WRITES)
+    asks = f"""
+from pathlib import Path
+from gauss_bench.runs.worker import Worker
+from tests.test_engines_pinocchio_compiled import stand_in_build
+Worker().call(stand_in_build, ({str(own_cache)!r},), 60.0)
+"""
+    process = subprocess.Popen([sys.executable, "-c", asks], env=os.environ | {"PYTHONPATH": os.getcwd()})
+    for _ in range(300):
+        if (own_cache / "alive").exists():
+            break
+        time.sleep(0.1)
+    process.kill()
+    process.wait()
+    time.sleep(6.0)
+    assert calls.exists()
+    assert not list(user_cache.folder().glob("*.so"))
+
+
+def stand_in_build(folder: str) -> None:
+    """In a worker, which has none of a test's patches."""
+    building.prefix = lambda: Path(folder)  # type: ignore[assignment]
+    building.missing = lambda: None  # type: ignore[assignment]
+    building.build_loop()
