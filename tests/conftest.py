@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import program
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.linkage.load import built_in, load, load_document
@@ -24,6 +25,7 @@ DOCUMENTATION = 0.9e6  # bytes that the documentation may take of the 8 MB of th
 FEW = 8  # attempts of the search for a program
 DEAREST = ("test_mutations", "test_isolation", "test_wheel", "test_contributing", "test_selftest", "test_recommend", "test_site")
 CACHE = pytest.StashKey[str]()
+USERS_CACHE = "GAUSS_BENCH_TESTS_USERS_CACHE"  # in the environment: the cache that a user has
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -37,6 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ[program.SHORTER], os.environ[native_code.QUICK] = str(FEW), "1"
     program.ATTEMPTS = FEW
     if not hasattr(config, "workerinput"):
+        os.environ[USERS_CACHE] = str(user_cache.folder().parents[1])  # what takes minutes to build is not built for tests
         config.stash[CACHE] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="gauss-bench-tests-")
 
 

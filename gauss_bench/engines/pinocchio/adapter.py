@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio.build import absent, build_loop, missing
+from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
 from gauss_bench.engines.pinocchio.forces import TreeForces
@@ -61,19 +61,19 @@ class Pinocchio:
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
-        return (beyond_the_loop(mechanism, choice) or missing()) if is_compiled(choice.settings) else None
+        return (beyond_the_loop(mechanism, choice) or building.missing()) if is_compiled(choice.settings) else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
         """What settings need that takes minutes to build, once for a user, and can be built; else an empty text."""
-        wanted = is_compiled(settings) and not missing() and absent()
+        wanted = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if wanted else ""
 
     def build_once(self) -> None:
         """Build it."""
-        build_loop()
+        building.build_loop()
 
     def loop(self, settings: str) -> str:
         """What of the suite's own runs inside the time of a run."""

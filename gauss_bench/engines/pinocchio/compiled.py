@@ -101,10 +101,10 @@ class CompiledDynamics(ConstrainedDynamics):
         require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        self.evaluations += 1
         state, a = [np.array(x, dtype=float) for x in (y, dy)], np.empty(self.n)
         if not self.library.accelerate(self.linkage, *map(_pointer, (*state, a))):
             self._fail(t, *state)
+        self.evaluations += self.library.evaluations(self.linkage)
         return a
 
     def advance(self, integrator: str, t: float, y: Array, dy: Array, h: float, count: int) -> tuple[Array, Array]:
