@@ -136,6 +136,8 @@ def test_a_variant_moves_the_linkage_as_all_do(engine: str, variant: str) -> Non
     needs("llvmlite" if engine in DERIVED else engine)
     mechanism, chosen = load("four_bar", "torque"), offer(engine).variants[variant]
     choice = Choice(variant, chosen.integrator, chosen.stabilization, 1e-4, 1e-9)
+    if chosen.options.get("loop") == "compiled":
+        pytest.skip("it takes minutes to build: tests/test_engines_pinocchio_compiled.py")
     assert get(engine).skip(mechanism, choice) is None
     ends = []
     for name, how in ((engine, choice), ("gauss", Choice("default", "dop853"))):
