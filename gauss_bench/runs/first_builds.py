@@ -12,7 +12,7 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 LIMIT = 1800.0  # [s] of a build: on a busy machine it takes ten times as long as on an idle one
 
 
-def build_first(engine: str, settings: Iterable[str], told: Callable[[str], None]) -> None:
+def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
     """Build what an engine needs for any of its settings, and is not there yet."""
     if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
         return
