@@ -45,10 +45,10 @@ def test_what_is_lost_is_said_first() -> None:
 
 
 def test_every_engine_has_its_least_error_and_every_winner_its_ratio(run: Run) -> None:
-    """Worked out a second time: the least error among usable cases, and times over that of the cheaper compiled formulation."""
+    """Worked out a second time: the least error among usable cases, and times over that of the fastest of all."""
     sections = summary(run, ())
     for name, table in tables(sections):
-        for row in table.rows:
+        for row in table.rows if table.head[1:2] != ("four_bar: error [m]",) else ():  # tests/test_readme.py holds that one
             if name in run.linkages:
                 cases = [r for r in run.of(name) if (r["engine"], r["settings"]) == (row[0].text, row[1].text)]
                 usable = [
@@ -61,11 +61,10 @@ def test_every_engine_has_its_least_error_and_every_winner_its_ratio(run: Run) -
                 for linkage, cell in zip(table.head[1:], row[1:], strict=True):
                     of = [x for x in run.table("search_winners") if x["mechanism"] == linkage]
                     found = {x["engine"]: x for x in of if (x["required"], x["accuracy"]) == (required, accuracy)}
-                    told = found.get(row[0].text, {"status": "skip"})
+                    told = found.get(row[0].text.removesuffix(" (own)"), {"status": "skip"})
                     if told["status"] == "ok":
-                        ours = (found[x] for x in ("gauss-native", "lagrange-native") if x in found)
-                        expected = told["seconds"] / min(x["seconds"] for x in ours if x["status"] == "ok")
-                        assert float(cell.text) == pytest.approx(expected, rel=0.15)  # of rounds that both sat, not of all
+                        expected = told["seconds"] / min(x["seconds"] for x in found.values() if x["status"] == "ok")
+                        assert float(cell.text) == pytest.approx(expected, rel=6e-3)
                     else:
                         kinds = ("-", "cannot be modelled", "not determined", "not tried")
                         assert cell.text in kinds or (told["status"] != "skip" and cell.text.startswith("not reached in "))

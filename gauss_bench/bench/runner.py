@@ -24,6 +24,7 @@ from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Tables, finish, gathered
+from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.runs.apart import Alteration, unaltered
@@ -107,6 +108,7 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
     where = environment() | {
         "suite": name,
         "baseline_engine": BASELINE,
+        "own_engines": list(AUTHORED),
         "gates": LIMITS,
         "engines": described(list(engines)),
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],

@@ -20,6 +20,7 @@ RIVALS = {  # known to searches and whoever asks by name; suites leave them out:
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
+AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # by the suite's authors: none of them is a rival
 
 
 def _from(target: str) -> Callable[[], Engine]:

@@ -16,6 +16,10 @@ KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilizat
 MEASURED_ERRORS = {"measured_error_t05": 0.5, "measured_error_t1": 1.0, "measured_error_t2": 2.0}
 SAME_ACCELERATION = 1e-6  # median: 100 times what numerical differentiation loses (1e-8), far below a soft loop (1e-2)
 VALID_ACCELERATION = 1e-2  # median: the validity gate, where a run does not record its own
+OWN_ENGINES = (  # where a run does not record them
+    *("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16"),
+    *("gauss-native", "lagrange-native", "minimal", "by_hand"),
+)
 OWN_STEPS = 0.02  # relative: a run whose number of steps differs more from duration / step chose them itself
 
 
@@ -34,6 +38,11 @@ class Run:
     def results(self) -> tuple[Row, ...]:
         """The cases."""
         return self.table("results")
+
+    @property
+    def own_engines(self) -> tuple[str, ...]:
+        """Those that the suite's authors wrote."""
+        return tuple(self.environment.get("own_engines", OWN_ENGINES))
 
     @property
     def linkages(self) -> tuple[str, ...]:
@@ -122,6 +131,18 @@ def below_reference(row: Row) -> bool:
 def plain(row: Row) -> bool:
     """Whether the run is without stabilisation."""
     return row["stabilization"] in ("none", "")
+
+
+def searched_until(run: Run, mechanism: str = "") -> float:
+    """End [s] of the runs that were searched, on one linkage or on all: the longest where they differ, NaN where none was."""
+    rows = (r for r in run.table("search_ladder") if mechanism in ("", r["mechanism"]))
+    return max((x for r in rows if known(x := number(r, "until"))), default=math.nan)
+
+
+def over_time(run: Run) -> str:
+    """The length of the runs that were searched, in words."""
+    until = searched_until(run)
+    return f"over {until:g} s" if known(until) else "over the whole run"
 
 
 def own_steps(row: Row) -> bool:

@@ -422,7 +422,8 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     """
     ended = [r for r in rows if r["status"] == Status.OK]
     ours = {way_of(r): r for r in ended if r["engine"] in part.own}
-    own, level = won({way: measured.of(way) for way in ours}) if ours else (None, [])
+    level = won({way: measured.of(way) for way in ours})[1] if ours else []
+    own = min(ours, key=measured.time, default=None)  # the cheaper, whatever ties with it
     fastest = [way for x in level for way in ours[x]["ties"]]
     told = []
     for r in rows:

@@ -3,8 +3,9 @@
 Every figure is the searched best of its engine; what was searched, with which budget, and where each knob comes from stands below.
 """
 
-from collections.abc import Iterator, Sequence
-from functools import partial
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from gauss_bench.reach import Kind, Reach, Requirement
 from gauss_bench.report.content import (
@@ -29,24 +30,39 @@ from gauss_bench.report.content import (
     titled_table,
 )
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.rows import Row, Run, grouped, known, number, over_time
+from gauss_bench.report.site.settings import multiples
 
 PLACE = 15
 TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
 TABLES = ("search_winners", "search_space", "search_knobs")
 SEARCH = (
     "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
-    "flags) the cheapest whose error stays within the requirement at every beat of the whole run. Errors depend on no clock; of "
+    "flags) the cheapest whose error stays within the requirement at every beat of the run. Errors depend on no clock; of "
     "the variants that pass, those near the cheapest race in one process, which is repeated in several: where code and data happen "
     "to lie moves a time by several per cent for the life of a process. Whoever is as fast as the fastest in a quarter of the "
     "processes ties with it, and of those that tie the first of the engine's file wins. "
-    "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; a ratio "
-    "is that of an engine to the suite's own cheapest way, marked **own**: above 1 the engine is slower. A range is where a second "
+    "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; **times "
+    "the fastest** is over the least of all engines' times, whoever made it; **ratio** is to the suite's own compiled way that is "
+    "marked **base**: above 1 the engine is slower. Engines marked **own** are by the suite's authors. A range is where a second "
     "race of as many processes falls in 99 of 100 cases, whichever of those that tie is named then."
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *("step [s] or tolerance", "steps", "error", "time", "ratio", RANGE, "target", "met", "tried", "passing", "remark"),
+    *(
+        "step [s] or tolerance",
+        "steps",
+        "error",
+        "time",
+        "times the fastest",
+        "ratio",
+        RANGE,
+        "target",
+        "met",
+        "tried",
+        "passing",
+        "remark",
+    ),
 )
 KINDS = ("position", "angle", "force")
 OK = "ok"
@@ -60,11 +76,9 @@ def section(run: Run) -> Section | None:
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
-    winner = partial(_winner, run)
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
-        blocks.append(
-            titled_table(f"Searched best, by error of {kind}", HEAD, 6, in_order(group), winner, folded=kind != "position")
-        )
+        title, line = f"Searched best, by error of {kind}", with_base(run, group)
+        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, folded=kind != "position"))
     if space := run.table("search_space"):
         blocks.append(titled_table(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True))
     if knobs := run.table("search_knobs"):
@@ -95,17 +109,32 @@ def answer_of(run: Run, row: Row) -> Reach:
     return answer(run, str(row["mechanism"]), str(row["engine"]), [Requirement(str(row["required"]), number(row, "accuracy"))])
 
 
-def _winner(run: Run, row: Row) -> tuple[Cell, ...]:
+def with_base(run: Run, rows: Sequence[Row]) -> Callable[[Row], tuple[Cell, ...]]:
+    """The line of a winner, which knows who is the fastest at each requirement and who is the authors' own."""
+    over: dict[tuple[Any, ...], float] = {}
+    for place, some in grouped(rows, lambda r: (r["mechanism"], r["required"], number(r, "accuracy"))).items():
+        over |= multiples({(*place, r["engine"]): number(r, "seconds") for r in some if r["status"] == OK})
+
+    def line(row: Row) -> tuple[Cell, ...]:
+        x = over.get((row["mechanism"], row["required"], number(row, "accuracy"), row["engine"]), math.nan)
+        marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
+        return _winner(run, row, f" ({', '.join(marks)})" if marks else "", x)
+
+    return line
+
+
+def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
     size = next((number(row, x) for x in ("step", "tolerance") if known(row.get(x))), None)
     return (
         text_cell(row["mechanism"]),
         Cell(f"{small(number(row, 'accuracy'))} {row['unit']}", number(row, "accuracy")),
-        text_cell(f"{row['engine']}{' (own)' if row.get('own') else ''}", "engine"),
+        text_cell(f"{row['engine']}{mark}", "engine"),
         *texts(row, "settings", "integrator", "stabilization"),
         Cell("-") if size is None else Cell(f"{size:.3g}", size),
         *counts(row, "steps"),
         error_cell(row, "error"),
         time_of(row),
+        Cell(times(over), over) if known(over) else Cell("-"),
         *ratio_cells(row, "ratio"),
         *goal(row),
         *counts(row, "evaluations", "passing"),
@@ -128,17 +157,20 @@ def findings(run: Run) -> Iterator[Finding]:
         said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
         yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
     for (kind, accuracy), group in sorted(grouped((r for r in lines if r["required"]), _requirement).items(), key=_by_kind):
+        group = over_the_cheaper(group)
         lost = [*slower(run, group), *out_of_reach(run, group), *short(run, group)]
-        rivals = grouped((r for r in group if not r.get("ours") and answer_of(run, r).kind in TRIED), lambda r: str(r["engine"]))
+        others = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
+        rivals = grouped(others, lambda r: str(r["engine"]))
         said = "; ".join(f"`{engine}` {listed(_multiple(run, r) for r in rows)}" for engine, rows in rivals.items())
         if not said:
             continue
+        ours = [f"`{x}`" for x in dict.fromkeys(str(r["engine"]) for r in group if r.get("ours"))]
         text = (
-            f"{''.join(lost)}The compiled kernel's cheapest way is this many times as fast as the searched best of {said}, "
+            f"{''.join(lost)}The cheaper of {listed(ours)} is this many times as fast as the searched best of {said}, "
             f"where each variant had {spent(group)}, and in brackets "
             f"the spread of the race.{''.join(not_told(run, group))}"
         )
-        title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} over the whole run"
+        title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} {over_time(run)}"
         yield Finding(title, text, "warn" if lost else "")
 
 
@@ -159,9 +191,20 @@ def _multiple(run: Run, row: Row) -> str:
     return f"{row['mechanism']} {x} ({low}..{high})" if known(row.get("ratio")) else f"{row['mechanism']} (ours {Kind.NOT_REACHED})"
 
 
+def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
+    """Rows whose ratios are to the cheaper of our own compiled ways on the linkage: stored ones may be to one that ties with it."""
+    least = {
+        place: min((number(r, "ratio") for r in some if r.get("ours") and known(r.get("ratio"))), default=math.nan)
+        for place, some in grouped(group, lambda r: str(r["mechanism"])).items()
+    }
+    columns = [f"ratio{end}" for end in ("", "_low", "_high")]
+    return [{**r, **{x: number(r, x) / least[str(r["mechanism"])] for x in columns}} for r in group]
+
+
 def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Who is faster than our own best."""
-    faster = [f"`{r['engine']}` on {_multiple(run, r)}" for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    """Who is faster than our own compiled formulations, others of our own included."""
+    ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
         yield f"**Slower than {listed(faster)}.** "
 

@@ -13,15 +13,16 @@ from gauss_bench.report.content import (
     error,
     error_cell,
     listed,
-    ratio_cells,
     small,
+    span,
     text_cell,
     time_of,
+    times,
 )
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
 from gauss_bench.report.site.page import Page, file_name, heading, joined, link, paragraph, rich, table
-from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, linkages
+from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, linkages, multiples
 
 OBJECT = (
     "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
@@ -55,8 +56,8 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
             paragraph("The cheapest setting within each tolerance, of all that were tried on a linkage."),
             table(bests(run, name, settings)),
         ]
-    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and known(r.get("ratio"))]:
-        body.append(table(raced(winners)))
+    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and known(r.get("seconds"))]:
+        body.append(table(raced(run, winners)))
     body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
     if reached := [r for r in run.table("atlas") if r["engine"] == name]:
         body.append(table(atlas(reached)))
@@ -133,24 +134,29 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
     )
 
 
-def raced(rows: Sequence[Row]) -> Table:
+def raced(run: Run, rows: Sequence[Row]) -> Table:
+    def fastest(r: Row) -> float:
+        same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
+        return multiples({str(x["engine"]): number(x, "seconds") for x in same if x["status"] == "ok"})[str(r["engine"])]
+
     lines = tuple(
         (
             text_cell(r["mechanism"]),
             text_cell(f"{r['required']} within {small(number(r, 'accuracy'))} {r['unit']}"),
             text_cell(" ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))),
             time_of(r),
-            *ratio_cells(r, "ratio"),
+            Cell(times(fastest(r)), fastest(r)),
+            span(r),
         )
         for r in rows
     )
-    head, numeric = columns(("linkage", "required", "setting", "time", "ratio", "spread"), 3)
+    head, numeric = columns(("linkage", "required", "setting", "time", "multiple", "spread of the time"), 3)
     return Table(
         "Raced against the others",
         head,
         lines,
         numeric,
-        note="Ratio: its time over that of this suite's cheapest own way at the same accuracy; below 1 it is faster.",
+        note="Multiple: its time over that of the fastest of all at the same accuracy, whoever made it.",
     )
 
 

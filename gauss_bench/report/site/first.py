@@ -7,10 +7,11 @@ from typing import Any
 from markupsafe import Markup
 
 from gauss_bench.report.content import AUTHORS, Finding
+from gauss_bench.report.first_table import SAID, first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, number
 from gauss_bench.report.site.cards import CARDS, Card
-from gauss_bench.report.site.page import Page, chart, file_name, finding, joined, link, paragraph, rich
+from gauss_bench.report.site.page import Page, chart, file_name, finding, heading, joined, link, paragraph, rich, table
 from gauss_bench.report.site.settings import FORCES, POSITIONS, USUAL, all_settings, answers, linkages, scenario_of
 
 LEAD = (
@@ -66,8 +67,11 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
     names = linkages(run)
     settings = all_settings(run)
     known_names = tuple(x for x in names if any(s.mechanism == x for s in settings))
+    table_of_all = first_table(run)
     cards = [made for make in CARDS if (made := make(run)) is not None]
     body = [chooser(run, known_names)] if known_names else []
+    if table_of_all is not None:
+        body += [heading(table_of_all.title, "first-table"), paragraph(SAID), table(table_of_all, caption=False)]
     if cards:
         body.append(
             Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(
@@ -107,7 +111,8 @@ def chooser_data(
     names_of = {e: f"engine-{file_name(e)}.html" for e in engines}
     colours = {e: f"var(--{slot})" for e, slot in slots(engines).items()}
     levels = {"positions": list(POSITIONS), "forces": [None if math.isinf(x) else x for x in FORCES]}
-    return {"choices": choices, "engines": names_of, "dots": colours} | levels, later
+    own = [x for x in engines if x in run.own_engines]
+    return {"choices": choices, "engines": names_of, "own": own, "dots": colours} | levels, later
 
 
 def packed(texts: list[str]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
-from gauss_bench.report.content import Chart, Table, count
+from gauss_bench.report.content import Chart, Table, count, times
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import posed_in
 from gauss_bench.report.palette import inline
@@ -20,7 +20,7 @@ from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
 from gauss_bench.report.site.playback import side_by_side
-from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of, not_held
+from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of, multiples, not_held
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 PLAYED = 50  # points of a line in a figure
@@ -115,11 +115,14 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     others = "".join(f" `{e}`: {words}." for e, words in missed.items())
     if not cheapest:
         return paragraph(f"No setting that was timed stays within {millimetres(1e-4)}.{others}")
-    said = ", ".join(f"`{x.engine}` {x.seconds / cheapest[0].seconds:.3g} x" for x in cheapest[1:5])
+    over = multiples({x.engine: x.seconds for x in cheapest})
+    name_of = {x.engine: f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in cheapest}
+    said = ", ".join(f"{name_of[x.engine]} {times(over[x.engine])} x" for x in cheapest[1:5])
     rest = f"; then {said}" if said else ""
     return Markup("<p>{} {}</p>").format(
         paragraph(
-            f"Cheapest within {millimetres(1e-4)} over the whole run: `{cheapest[0].engine}` ({cheapest[0].words}){rest}.{others}"
+            f"Cheapest within {millimetres(1e-4)} over {cheapest[0].until:g} s: {name_of[cheapest[0].engine]} "
+            f"({cheapest[0].words}){rest}.{others}"
         ).striptags(),
         link(f"index.html#linkage={name}", "Choose another tolerance"),
     )
@@ -141,9 +144,10 @@ def accuracy(settings: Sequence[Setting]) -> Chart | None:
             )
     if not rows:
         return None
-    spec = points(rows, "processor time of the whole run [s]", "largest position error [mm]")
+    longest = max(x.until for x in settings)
+    spec = points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
     words = (
-        "Largest error of any link's centre of mass over the run, against its time; of each engine the settings "
+        f"Largest error of any link's centre of mass over {longest:g} s, against the time of that run; of each engine the settings "
         "that none of its others beats in both, projection and other stabilisation included."
     )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}

@@ -14,7 +14,7 @@ from typing import Any
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.report.content import seen, short
 from gauss_bench.report.reaches import answer, engines_of
-from gauss_bench.report.rows import Row, Run, grouped, known, number, own_steps, ranked, run_time
+from gauss_bench.report.rows import Key, Row, Run, grouped, known, number, own_steps, ranked, run_time
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
@@ -27,8 +27,8 @@ class Setting:
     """One way to run an engine, whose errors are known.
 
     Attributes:
-        seconds, low, high: processor time of the whole run, with its spread where it was raced; NaN where nothing tells it.
-        position, force: largest errors over the whole run [m, N]; force NaN where it was not measured.
+        seconds, low, high: processor time until `until`, with its spread where it was raced; NaN where nothing tells it.
+        position, force: largest errors until `until` [m, N]; force NaN where it was not measured.
         until: end of that run [s].
     """
 
@@ -160,7 +160,11 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
     return leaders
 
 
-OURS = ("gauss-native", "lagrange-native", "gauss", "lagrange", "gauss_pinv", "schur", "udwadia_kalaba")
+def multiples(seconds: Mapping[Key, float], over: Iterable[Key] = ()) -> dict[Key, float]:
+    """Return times over the least of them, whoever it belongs to; or over the least of those that are named."""
+    named = set(over)
+    least = min((x for k, x in seconds.items() if known(x) and (not named or k in named)), default=math.nan)
+    return {k: x / least for k, x in seconds.items() if known(x)}
 
 
 def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
@@ -173,12 +177,12 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
             chosen = cheapest_stored(run, mechanism, own, position, force)
-            best = min((x for x in chosen.values() if x.engine in OURS and known(x.seconds)), key=lambda x: x.seconds, default=None)
+            over = multiples({engine: x.seconds for engine, x in chosen.items()})
             line: list[Any] = []
             for one in sorted(chosen.values(), key=lambda x: (not known(x.seconds), x.seconds, x.engine)):
                 if one not in listed:
                     listed.append(one)
-                line.append([listed.index(one), seen(one.seconds / best.seconds) if best else None])
+                line.append([listed.index(one), seen(over.get(one.engine, math.nan))])
             picks[f"{i},{j}"] = line
             for engine, missed in not_held(run, mechanism, own, position, force).items():
                 places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))

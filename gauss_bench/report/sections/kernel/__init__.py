@@ -34,7 +34,7 @@ def missed(run: Run) -> Iterator[Finding]:
         return
     off = [(name, row) for name, row in aimed if not row.get("met")]
     if not off:
-        text = f"All {count(len(aimed), 'target')} that were set for the compiled kernel are met."
+        text = f"All {count(len(aimed), 'target')} that the authors set for their own compiled kernel are met."
         yield Finding("Targets of the kernel", text, "good")
         return
     said = listed(f"{WORDS[name]} of {_named(row)}" for name, row in off)

@@ -1,7 +1,7 @@
 "use strict";
 // The first screen: what is required in, the cheapest passing setting of each engine out.
 (() => {
-  const { choices, positions, forces, engines, dots } = site.data, by = (id) => document.getElementById(id);
+  const { choices, positions, forces, engines, own, dots } = site.data, by = (id) => document.getElementById(id);
   const fields = ["linkage", "position", "force", "horizon"].map(by), [linkage, position, force, horizon] = fields;
   const answers = by("answers"), said = by("said");
   const element = (tag, css, text) => {
@@ -10,6 +10,7 @@
     if (text !== undefined) made.textContent = text;
     return made;
   };
+  const engineName = (x) => (own.includes(x) ? `${x} (own)` : x);
   const digits = (x, n = 3) => Number(x.toPrecision(n)).toString();
   const length = (x) => (x === null ? "not measured" : x >= 1e-3 ? `${digits(1e3 * x, 2)} mm` : x >= 1e-6 ? `${digits(1e6 * x, 2)} µm` : `${digits(1e9 * x, 2)} nm`);
   const time = (x) => (x >= 1 ? `${digits(x)} s` : x >= 1e-3 ? `${digits(1e3 * x)} ms` : `${digits(1e6 * x)} µs`);
@@ -49,7 +50,7 @@
     const cost = element("span", "ratio", untimed ? "not timed" : ratio === null ? time(one.seconds * share) : `${one.estimated ? "≈ " : ""}${times(ratio)} ×`);
     if (!untimed) cost.append(element("small", "", `${one.estimated ? "≈ " : ""}${time(one.seconds * share)}`));
     if (one.low !== null) cost.append(element("small", "", `${time(one.low * share)} to ${time(one.high * share)}`));
-    const name = element("a", "engine", one.engine), what = element("div", "what", `${one.words}, ${size}`);
+    const name = element("a", "engine", engineName(one.engine)), what = element("div", "what", `${one.words}, ${size}`);
     name.href = engines[one.engine];
     name.style.setProperty("--dot", dots[one.engine]);
     what.append(element("span", "", `error ${length(one.position)}${one.force === null ? "" : `, joint forces ${one.force.toExponential(1)} N`}, ${digits(one.steps, 6)} steps`));
@@ -73,7 +74,7 @@
   };
 
   const failing = (engine, words) => {
-    const line = element("li", "no"), name = element("a", "engine", engine);
+    const line = element("li", "no"), name = element("a", "engine", engineName(engine));
     name.href = engines[engine];
     name.style.setProperty("--dot", dots[engine]);
     line.append(element("span", "ratio", "–"), name, element("div", "what", words), element("span"));
@@ -91,7 +92,7 @@
     const page = element("a", "", `All of ${linkage.value.replaceAll("_", " ")}`);
     page.href = one.page;
     const shorter = share < 1 ? ` Errors hold over ${digits(one.until)} s and so over the shorter run, where a cheaper setting might do.` : "";
-    said.append(page, ` (scenario ${one.scenario}). × is the time over that of this suite's cheapest own way; ≈ follows from the time of a step raced at another size. Times are processor time of one thread, with the spread of their race (what it spans stands with its table).${shorter}`);
+    said.append(page, ` (scenario ${one.scenario}). × is the time over that of the fastest of all, whoever made it (first in the list); own: written by this suite's authors; ≈ follows from the time of a step raced at another size. Times are processor time of one thread, with the spread of their race (what it spans stands with its table).${shorter}`);
     document.documentElement.dataset.answered = `${linkage.value} ${position.value} ${force.value} ${horizon.value}`;
   };
 
