@@ -473,6 +473,8 @@ def run(options: argparse.Namespace) -> int:
         accuracy_rows(options.against)
     if suite.steps and not suite.accuracy:  # about compiled code and nothing else
         require("llvmlite")
+    if suite.hours:
+        print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
     for engine in (x for part in suite.search for x in searched(part)):
         build_first(engine.name, engine.variants, tell)
     asked = (options.until, options.steps, limit)

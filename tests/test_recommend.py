@@ -10,7 +10,7 @@ import pytest
 import gauss_bench
 from gauss_bench.advice import budget
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SEARCHED, Recommender, Searched, work
+from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, variants
 from gauss_bench.bench.search import Scale, no_coarser
@@ -26,7 +26,7 @@ from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Reference
+from gauss_bench.trajectory import Reference, Status
 from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
 
@@ -346,6 +346,27 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
     assert [x.tried for x in answers] == [1, 1, 1]
     assert all(x.evaluations >= 1 and x.errors and not x.complete for x in answers), answers
     assert all(SHORT.until / x.steps <= recommender.first / 2 for x in answers if x.steps), "rather too fine than not enough"
+
+
+def engine_with(*trials: Trial, refused: tuple[Status, str] | None = None) -> _Engine:
+    way = Way("exudyn", "default", "rk4", "none", 0.0)
+    return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest=6.0, refused=refused)
+
+
+def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> None:
+    """Each answer that recommendations give where nothing holds; the words are those of every page."""
+    late = Trial(0.1, {}, 0, Status.TIMEOUT, "no answer within 6 s")
+    near = [Trial(1 / n, {SHARE: 2e6 / n**2}, n) for n in (250, 500, 1000)]  # half of the requirement at 2000 steps
+    said = {
+        "not tried: there was no time": engine_with(),
+        "not reached within 6 s: no run ended": engine_with(late),
+        "not reached in 1,000 steps; order 2.0 extrapolates to 2,000": engine_with(*near),
+        "not reached in 20 steps: no run ended: SIGSEGV": engine_with(Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")),
+        "cannot be modelled: no knife edge": engine_with(refused=(Status.SKIP, "no knife edge")),
+        "not tried: not installed: no package exudyn": engine_with(refused=(Status.SKIP, "not installed: no package exudyn")),
+        "not tried: ImportError: broken": engine_with(refused=(Status.ERROR, "ImportError: broken")),
+    }
+    assert [answer_of(x).words for x in said.values()] == [*said]
 
 
 def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:

@@ -1,14 +1,20 @@
 """Suites are data: each is read, joins what it builds on, and says why it leaves cases out; a faulty one is told."""
 
+import math
 from pathlib import Path
 
 import pytest
 
 from gauss_bench.bench.cases import Case, cases, left_out
+from gauss_bench.bench.clock import Measured
+from gauss_bench.bench.measurements.search import Ladders, winner_row
+from gauss_bench.bench.search import COARSEST
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import load
+from gauss_bench.reach import Kind, Requirement, Trial, reach, trial_of
 from gauss_bench.suites.read import SECTIONS, SuiteError, names, of_engines, read_suite, restricted
 from gauss_bench.suites.schema import FORMAT, LeftOut, OnLinkages
+from gauss_bench.tables import read_table
 
 GOOD = f"""
 format = "{FORMAT}"
@@ -31,6 +37,32 @@ def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
     assert len(set(found)) == len(found)
     timed = [linkage for part in suite.cost for linkage in part.linkages]
     assert len(set(timed)) == len(timed), "one race of a linkage, so that a cost has one value"
+
+
+@pytest.mark.parametrize("name", [x for x in names() if read_suite(x).search])
+def test_a_suite_that_searches_states_its_time(name: str) -> None:
+    assert read_suite(name).hours
+
+
+def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for() -> None:
+    """Within 1e-6 m, on every linkage that it models: its budget holds what its published ladders extrapolate to."""
+    ladders: dict[str, dict[str, list[Trial]]] = {}
+    for r in read_table("search_ladder", Path(__file__).parents[1] / "reports"):
+        if r["engine"] == "exudyn":
+            ladders.setdefault(r["mechanism"], {}).setdefault(r["settings"], []).append(trial_of(r))
+    for part in read_suite("full").search:
+        most = part.steps_of.get("exudyn", part.most_steps)
+        assert part.budget >= math.log2(most / COARSEST) + 6  # evaluations: the octaves, and the gaps of three requirements
+        for linkage in part.linkages:
+            found = reach(ladders[linkage].values(), [Requirement("position", 1e-6)])
+            assert found.kind in (Kind.TIMED, Kind.NO_MODEL) or found.needed < 0.9 * most, (linkage, found.words)
+
+
+def test_an_engine_of_lower_order_may_take_more_steps() -> None:
+    part = read_suite("full").search[1].model_copy(update={"most_steps": 20, "steps_of": {"exudyn": 40}})
+    asked = Requirement("position", 1.0), Ladders([]), Measured({}, {})
+    rows = [winner_row({}, asked[0], engine, [], asked[1], asked[2], part) for engine in ("exudyn", "mujoco")]
+    assert [r["most_steps"] for r in rows] == [40, 20]
 
 
 def test_a_suite_joins_those_it_builds_on_once_each() -> None:

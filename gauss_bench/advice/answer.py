@@ -15,7 +15,7 @@ class Answer:
     """What is recommended of an engine, or why nothing is.
 
     Attributes:
-        status: "ok", "cannot reach", "skip" or how it failed; message: why.
+        status: "ok", "not reached", "not tried" or "skip"; message: the answer of `gauss_bench.reach` in words.
         settings, integrator, stabilization: of the engine; empty without a setting.
         step, tolerance: [s] or relative; one of them.
         steps: of the run.

@@ -32,7 +32,7 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import drift
-from gauss_bench.reach import Requirement, Trial
+from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -58,7 +58,6 @@ ONE_TRY = 0.1  # of the budget, that the first run of an engine may take in any 
 TRIED = 0.85  # of the budget: until then an engine that had no turn may have one
 LAST = 1.25  # times the budget: snippets are written after the race
 LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
-CANNOT = "cannot reach"
 
 Told = Callable[[str], object]
 Better = Callable[[Answer], object]
@@ -76,6 +75,7 @@ class _Engine:
         left: variants that were not tried yet; options: of all of them.
         trials: variant -> its trials; ended: variant -> why there are no more.
         cut: whether time ended a variant; busy: whether it is at work; ran: whether it has been.
+        longest: that a run of it was given [s].
         refused: why it runs nothing of this linkage.
     """
 
@@ -90,6 +90,7 @@ class _Engine:
     cut: bool = False
     busy: bool = False
     ran: bool = False
+    longest: float = 0.0
     refused: tuple[Status, str] | None = None
 
     def passing(self) -> dict[Way, Trial]:
@@ -298,7 +299,7 @@ class Recommender:
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sampled(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
-        engine.ran = True
+        engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
         trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
@@ -415,25 +416,32 @@ class Recommender:
 
     def _not_held(self, engine: _Engine) -> Answer:
         counts: dict[str, Any] = self._counts(engine)
+        found = answer_of(engine)
+        status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
         best = [(way, trial) for way, x in engine.trials.items() if (trial := nearest(x, SHARE)) is not None]
-        if engine.refused is not None:
-            return Answer(engine.name, str(engine.refused[0]), engine.refused[1], **counts)
-        if not best:
-            last = [x[-1] for x in engine.trials.values() if x]
-            if not last:
-                return Answer(engine.name, CANNOT, "it was not tried: there was no time", **counts)
-            status, message = last[0].status, last[0].message
-            if status is Status.TIMEOUT:
-                return Answer(engine.name, CANNOT, f"no run of it ended within its share of the budget: {message}", **counts)
-            if status is Status.OK:
-                status, message = Status.SKIP, "errors of joint forces are not determined: redundant rows leave them open"
-            return Answer(engine.name, str(status), message, **counts)
+        if found.kind is not Kind.NOT_REACHED or not best:
+            return Answer(engine.name, status, found.words, **counts)
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         placed = said(way._replace(size=trial.size), engine)
-        why = engine.ended.get(way, "")
-        message = f"came to {self._errors(trial)} with {placed}; {why}" + ("" if counts["complete"] else "; not all was tried")
-        return Answer(engine.name, CANNOT, message, steps=trial.steps, errors=errors, **counts)
+        message = f"{found.words}; came to {self._errors(trial)} with {placed}" + (
+            "" if counts["complete"] else "; not all was tried"
+        )
+        return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
+
+
+def answer_of(engine: _Engine) -> Reach:
+    """Return the answer of an engine none of whose trials holds."""
+    if engine.refused is not None and engine.refused[0] is not Status.SKIP:
+        return Reach(Kind.NOT_TRIED, engine.refused[1])
+    if engine.refused is not None:
+        return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
+    trials = [trial for some in engine.trials.values() for trial in some]
+    if not trials:
+        return Reach(Kind.NOT_TRIED, "there was no time")
+    if all(trial.status is Status.TIMEOUT for trial in trials):
+        return Reach(Kind.NOT_REACHED, "no run ended", seconds=engine.longest)
+    return reach(engine.trials.values(), [HALF])
 
 
 def said(way: Way, engine: "_Engine | None" = None, adaptive: bool = False) -> str:

@@ -346,7 +346,7 @@ def format_recommendation(recommendation: dict[str, Any]) -> str:
 
 def _answer(answer: dict[str, Any], required: dict[str, float]) -> str:
     if answer["status"] != "ok":
-        return f"  {answer['engine']:16} {answer['status']}: {answer['message']}"
+        return f"  {answer['engine']:16} {answer['message']}"
     size = f"tolerance {answer['tolerance']:.2g}" if answer["step"] is None else f"step {answer['step']:.4g} s"
     setting = f"{setting_said(answer['settings'], answer['integrator'], answer['stabilization'])}, {size}"
     errors = "  ".join(f"{answer['errors'][kind]:.1e} {UNITS[kind]}" for kind in required)

@@ -107,6 +107,7 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
     where = environment() | {
         "suite": name,
+        "hours": suite.hours,
         "baseline_engine": BASELINE,
         "own_engines": list(AUTHORED),
         "gates": LIMITS,

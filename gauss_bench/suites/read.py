@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from gauss_bench.suites.schema import OnLinkages, Suite
 
 FOLDER = Path(__file__).parent
-SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "parts"))
+SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
 
 
 class SuiteError(ValueError):

@@ -177,6 +177,7 @@ class Search(OnLinkages):
         position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
         budget: evaluations of one variant on one linkage.
         most_steps: of a run: smaller steps are not tried.
+        steps_of: engine -> the same, of engines whose methods are of a lower order than others.
         processes: that race what passed, one after the other.
         rounds: of the race in each of them.
         lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
@@ -192,6 +193,7 @@ class Search(OnLinkages):
     force: tuple[Positive, ...] = ()
     budget: Count
     most_steps: Count
+    steps_of: Mapping[str, Count] = {}
     processes: Count = 7
     rounds: Count
     lead: Positive
@@ -292,10 +294,15 @@ class Certificates(Section):
 
 
 class Suite(Section):
-    """A whole suite; sections may be told several times, and those of the suites named in `with` come first."""
+    """A whole suite; sections may be told several times, and those of the suites named in `with` come first.
+
+    Attributes:
+        hours: within which it ends on two cores that nobody else uses; what is interrupted goes on where it was.
+    """
 
     format: Literal["gauss-bench-suite/1"]
     title: str
+    hours: Positive | None = None
     parts: tuple[str, ...] = Field(default=(), alias="with")
     accuracy: tuple[Accuracy, ...] = ()
     left_out: tuple[LeftOut, ...] = ()

@@ -171,8 +171,9 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     if beats is None:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
-    scale = tolerances() if adaptive else equal_steps(run.until, beats, part.most_steps)
-    judge, most = Evaluator(run.mechanism), 0 if adaptive else part.most_steps
+    most_steps = part.steps_of.get(engine, part.most_steps)
+    scale = tolerances() if adaptive else equal_steps(run.until, beats, most_steps)
+    judge, most = Evaluator(run.mechanism), 0 if adaptive else most_steps
 
     def evaluate(size: float) -> Trial:
         return evaluated(run, judge, truth, way._replace(size=size), adaptive, beats)
@@ -387,7 +388,7 @@ def winner_row(
     searched_trials = ladders.of(engine)
     told = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit, "engine": engine}
     told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": len(passing)}
-    told |= {"budget": part.budget, "most_steps": part.most_steps}
+    told |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
     told["raced"] = sum(way in measured.samples for way in passing)
     near = near_ways(passing, measured)
     if not near:

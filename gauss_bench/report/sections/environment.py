@@ -7,6 +7,7 @@ PLACE = 110
 TABLES = ()
 FACTS = (
     "suite",
+    "hours",
     "date",
     "commit",
     "dirty",
@@ -22,7 +23,7 @@ FACTS = (
 
 
 def section(run: Run) -> Section:
-    facts = [(name, run.environment[name]) for name in FACTS if name in run.environment]
+    facts = [(name, run.environment[name]) for name in FACTS if run.environment.get(name) is not None]
     if not facts:
         return Section("Environment", "environment", (Text("The run recorded no environment."),))
     lines = [(text_cell(name.replace("_", " ")), _value(name, value)) for name, value in facts]
