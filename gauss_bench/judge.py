@@ -1,8 +1,9 @@
 """Whether a finished run may be used: one judge for every verb, from what our own code found in the trajectory.
 
 A run is valid where nothing is objected to: it has every sample that was asked for, its loops stay closed, its energy balances, its
-accelerations are those of this linkage, and, where a truth is known, it is where it should be. Each limit asks "is this still the
-motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
+accelerations are those of this linkage, its velocities and accelerations are the rates of what it tells, and it is where it should
+be: where a truth says so, or else where a repetition ends up too, at half the step or at a tighter tolerance. Each limit asks "is
+this still the motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +23,9 @@ OFF_ENERGY = 1e-2  # of the energy that moves: half a per cent of every speed, m
 OFF_ACCELERATION = 1e-2  # of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # [rad], and of the linkage's size: a link turned by so much has its far end off by 5 % of its length
 HUGE = 1e100  # what is larger has no square, and counts as not finite
-FEWEST = 2.0  # steps in a period of the fastest mode: with fewer, samples of it are those of a slower one, whatever the method
+OFF_RATES = OFF_MOTION / 2  # of size, rad and largest speeds: how far rates may lead from what they are the rates of
+SHARED = 2.0  # times what a repetition changes: of a method of first order, half the step leaves half of a gap
+FEWEST = 2.0  # steps in a period of the fastest mode or force: with fewer, samples of it are those of a slower one
 DIGITS = 1e-9  # of an acceleration: two formulations that differ by more have lost digits that must be told
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
@@ -38,6 +41,8 @@ class Subject(StrEnum):
     MOTION = "motion"
     STIFFNESS = "stiffness"
     STEP = "step"
+    RATES = "rates"
+    REPETITION = "repetition"
 
 
 @dataclass(frozen=True)
@@ -79,8 +84,13 @@ class Evidence:
         seen: as `energy`, without what damping may have taken between samples that do not resolve it, or None where they do.
         errors: against the truth, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
-        halving: where no truth is known, what the run differs by from one at half the step, or None.
+        rates: of the run; rates_again: of its repetition, at the same samples as far as it goes, or None.
+        duration: from the first sample to the last [s].
+        halving: where no truth is known, what the run differs by from its repetition, or None.
+        finer: how it was repeated: "half the step" or "a tighter tolerance".
+        unrepeated: why there is neither a truth nor a repetition, or an empty text.
         steps_a_period: of the fastest mode, where the step is fixed and no truth is known, or None.
+        steps_a_forcing: of the fastest force that swings with time, where the step is fixed, or None.
         disagreement: of two own formulations' accelerations at the run's states, relative, or None.
     """
 
@@ -95,6 +105,12 @@ class Evidence:
     steps_a_period: float | None = None
     disagreement: float | None = None
     seen: Array | None = None
+    rates: metrics.RateGaps | None = None
+    rates_again: metrics.RateGaps | None = None
+    duration: float = 0.0
+    finer: str = "half the step"
+    unrepeated: str = ""
+    steps_a_forcing: float | None = None
 
 
 def completeness(trajectory: object, times: Array, n: int) -> Judgement:
@@ -106,7 +122,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     if not isinstance(trajectory, Trajectory):
         return refused(Subject.COMPLETENESS, 0, len(times), f"the engine returned {type(trajectory).__name__}, not a trajectory")
     try:
-        t, *levels = (np.asarray(x, dtype=float) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+        t, *levels = (copy_numbers(x) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     except (TypeError, ValueError) as error:
         return refused(Subject.COMPLETENESS, 0, len(times), f"the samples are not numbers: {in_a_sentence(error)}")
     if t.shape != times.shape:
@@ -134,7 +150,7 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     if not isinstance(trajectory, Trajectory):
         return None
     try:
-        t, q, v, a = (np.asarray(x, dtype=float) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+        t, q, v, a = (copy_numbers(x) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
         steps = _count(trajectory.steps)
         evaluations = None if trajectory.evaluations is None else _count(trajectory.evaluations)
     except (TypeError, ValueError, OverflowError):
@@ -147,6 +163,18 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
         sound &= (np.abs(x[:k]) < HUGE).all(axis=1)
     k = k if sound.all() else int(sound.argmin())
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
+
+
+def copy_numbers(x: object) -> Array:
+    """Copy real numbers into an array of this process's own, which nobody else can change later.
+
+    Raises:
+        TypeError: complex numbers, truth values, texts or objects.
+    """
+    given = np.asarray(x)
+    if given.dtype.kind not in "fiu":
+        raise TypeError(f"{given.dtype} where real numbers are wanted")
+    return np.array(given, dtype=float)
 
 
 def _count(x: Any) -> int:
@@ -167,7 +195,9 @@ def examine(
         energy, bar = metrics.energy_error(evaluator, trajectory)
         scale = metrics.energy_scale(evaluator, trajectory)
         errors = metrics.state_errors(mechanism, trajectory, reference) if reference else None
-    return Evidence(mechanism.size, drift, energy, bar, scale, errors, acceleration_error)
+        rates = metrics.rate_gaps(trajectory)
+    duration = float(trajectory.t[-1] - trajectory.t[0])
+    return Evidence(mechanism.size, drift, energy, bar, scale, errors, acceleration_error, rates=rates, duration=duration)
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -189,16 +219,52 @@ def judge(evidence: Evidence) -> Judgement:
     if x.steps_a_period is not None:
         said = f"{x.steps_a_period:.2g} steps in a period of the fastest oscillation, which {FEWEST:g} do not resolve yet"
         checks.append((Subject.STIFFNESS, FEWEST, x.steps_a_period, said))
+    if x.steps_a_forcing is not None:
+        said = f"{x.steps_a_forcing:.2g} steps in a period of the fastest force, which {FEWEST:g} do not resolve yet"
+        checks.append((Subject.STIFFNESS, FEWEST, x.steps_a_forcing, said))
     if x.halving is not None:  # of a method of first order, half of the error shows
         length, turn = float(x.halving.length.max(initial=0.0)), float(x.halving.angle.max(initial=0.0))
-        checks.append((Subject.STEP, length, OFF_MOTION / 2 * x.size, f"half the step moves a link by {length:.2g} m"))
-        checks.append((Subject.STEP, turn, OFF_MOTION / 2, f"half the step turns a link by {turn:.2g} rad"))
+        checks.append((Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"))
+        checks.append((Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"))
+    checks += _check_rates(x)
+    if x.unrepeated:
+        checks.append((Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
     if x.disagreement is not None:
         said = (
             f"formulations of the same accelerations differ by {x.disagreement:.2g} (median): masses or lengths lie too far apart"
         )
         checks.append((Subject.MODEL, x.disagreement, OFF_ACCELERATION, said))
     return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
+
+
+def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
+    """Hold positions against the integral of velocities, and velocities against that of accelerations.
+
+    The allowance of each comes from the samples, whose every second one is left out, and from the repetition: gaps that it halves
+    are those of the method's steps, as rates half a step beside the motion; gaps that stay are of another motion. It never is more
+    than the motion itself may be off by.
+    """
+    if x.rates is None:
+        return []
+    slow = OFF_RATES * x.size / x.duration if x.duration else 0.0  # so slow that no link leaves its place by it
+    limits = {
+        "place": (OFF_RATES * x.size, "m", "positions", "velocities"),
+        "turn": (OFF_RATES, "rad", "angles", "angular velocities"),
+        "speed": (max(OFF_RATES * x.rates.fastest[0], slow), "m/s", "velocities", "accelerations"),
+        "spin": (max(OFF_RATES * x.rates.fastest[1], slow / x.size), "rad/s", "angular velocities", "angular accelerations"),
+    }
+    checks = []
+    for bar, (name, (limit, unit, what, rates)) in zip(x.rates.bars, limits.items(), strict=True):
+        gaps: Array = getattr(x.rates, name)
+        allowed = limit + SHARED * bar
+        if x.rates_again is not None:
+            again: Array = getattr(x.rates_again, name)
+            common = min(len(gaps), len(again))
+            changed = float(np.abs(gaps[:common] - again[:common]).max(initial=0.0))
+            allowed += min(SHARED * changed, OFF_MOTION / OFF_RATES * limit)
+        largest = float(gaps.max(initial=0.0))
+        checks.append((Subject.RATES, largest, allowed, f"{what} are {largest:.2g} {unit} off the integral of their {rates}"))
+    return checks
 
 
 def remark(evidence: Evidence) -> str:
@@ -219,7 +285,7 @@ def trusted_until(
 ) -> float:
     """The last time [s] up to which nothing is objected to in loops, energy and motion; found by halving, to a sample.
 
-    `reference` is the truth and `finer` the same run at half the step, where they are known.
+    `reference` is the truth and `finer` the repetition, where they are known.
     """
     good, bad = 0, len(trajectory.t)
     while bad - good > 1:
@@ -228,18 +294,20 @@ def trusted_until(
         part = Trajectory(t, q, v, a, 0)
         evidence = examine(evaluator, part, reference)
         if finer is not None:
-            evidence = replace(evidence, halving=metrics.state_errors(evaluator.mechanism, part, finer))
+            again = Trajectory(finer.t[: middle + 1], finer.q[: middle + 1], finer.v[: middle + 1], finer.a[: middle + 1], 0)
+            halving = metrics.state_errors(evaluator.mechanism, part, finer)
+            evidence = replace(evidence, halving=halving, rates_again=metrics.rate_gaps(again))
         good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
 
 
-def advice(objections: tuple[Objection, ...], step: float, stabilized: bool) -> str:
-    """What may mend a run that is objected to, or an empty text."""
+def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, adaptive: bool = False) -> str:
+    """Return what may mend a run that is objected to, or an empty text."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         return "no step mends accelerations that are another linkage's: look for another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
-        return ""
-    smaller = f"take a step smaller than {step:g} s"
+        return "do not trust it" if subjects & {Subject.RATES, Subject.REPETITION} else ""
+    smaller = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"
     project = Subject.LOOPS in subjects and not stabilized
     return f"do not trust it; {smaller}, or stabilization projection" if project else f"do not trust it; {smaller}"

@@ -51,6 +51,58 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     return Drift(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
 
 
+@dataclass(frozen=True, eq=False)
+class RateGaps:
+    """How far what is told of a motion departs from the integral of its own rates; largest of the links at each sample.
+
+    Attributes:
+        place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
+        speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
+        bars: of these four: what the integrals change by where every second sample is left out.
+        fastest: largest |v| of the motion [m/s] and [rad/s].
+    """
+
+    place: Array
+    turn: Array
+    speed: Array
+    spin: Array
+    bars: tuple[float, float, float, float]
+    fastest: tuple[float, float]
+
+
+def rate_gaps(trajectory: Trajectory) -> RateGaps:
+    """Integrate velocities and accelerations through the samples and hold them against positions and velocities."""
+    t, gaps, bars = trajectory.t, [], []
+    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    for level, rate in ((trajectory.q, trajectory.v), (trajectory.v, trajectory.a)):
+        fine, coarse = integral(t, rate), integral(t[half], rate[half])
+        # two samples tell a straight line: what lies between them is known to the difference of its two ends' rectangles
+        unknown = coarse - fine[half] if len(t) > 2 else np.diff(rate, axis=0) * np.diff(t)[:, None]
+        for part in (slice(0, 2), slice(2, 3)):
+            gaps.append(_largest(level - level[:1] - fine, part))
+            bars.append(float(_largest(unknown, part).max(initial=0.0)))
+    fastest = tuple(float(_largest(trajectory.v, part).max(initial=0.0)) for part in (slice(0, 2), slice(2, 3)))
+    return RateGaps(gaps[0], gaps[1], gaps[2], gaps[3], (bars[0], bars[1], bars[2], bars[3]), (fastest[0], fastest[1]))
+
+
+def _largest(x: Array, part: slice) -> Array:
+    """Largest |x| (k,) over the links of x (k, 3 links): of their centres of mass, or of their angles."""
+    return np.asarray(np.abs(x.reshape(len(x), -1, 3)[..., part]).max(axis=(1, 2), initial=0.0))
+
+
+def integral(t: Array, x: Array) -> Array:
+    """Integrals (k, n) from t[0] to each of the times t (k,) of x (k, n): trapezia with Gregory's correction of their ends.
+
+    int x dt = h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, the derivatives from differences of neighbours.
+    """
+    if len(t) < 2:
+        return np.zeros_like(x)
+    h, slope = np.diff(t)[:, None], np.gradient(x, t, axis=0)
+    pieces = h * (x[1:] + x[:-1]) / 2 + h * h * (slope[:-1] - slope[1:]) / 12
+    whole: Array = np.concatenate([np.zeros_like(x[:1]), np.cumsum(pieces, axis=0)])
+    return whole
+
+
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Multipliers (k, m) of M a + J^T lambda = Q from the trajectory's own accelerations.
 

@@ -1,5 +1,8 @@
 """No wrong answer is called ok: the certificate, half the step, the fastest mode and the lost digits, each with a known answer."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +13,18 @@ from gauss_bench import judge, metrics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document
-from gauss_bench.runs.scrutiny import as_truth, disagreement, fastest_rate
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.runs.offers import Offer
+from gauss_bench.runs.one_run import Run, sampling
+from gauss_bench.runs.scrutiny import as_truth, disagreement, evidence_of, fastest_rate, finer_tolerance
+from gauss_bench.trajectory import Status, Trajectory
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import Mechanics, true_end
 from tests.fuzz.motions import over_motions
 from tests.random_linkages import random_linkage
 
+MECHANISMS = Path(__file__).parents[1] / "mechanisms"
 MASS, K = 2.0, 8e4
 
 
@@ -69,12 +76,28 @@ def test_a_step_that_resolves_no_period_is_not_ok(tmp_path: Any) -> None:
     assert simulate(str(path), step=1e-5, at=[0.0, 0.01]).status == "ok"
 
 
-def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path: Any) -> None:
-    """A block let go by a stiff spring is at rest after 0.2 ms; samples lie a millisecond apart."""
+@pytest.fixture
+def sparse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples lie a millisecond apart, however fast the linkage is."""
+    monkeypatch.setattr("gauss_bench.api.simulate.sample_spacing", lambda mechanism, t_end: 1e-3)
+
+
+def test_samples_lie_close_enough_to_see_what_a_quick_damper_takes(tmp_path: Any) -> None:
+    """A block let go by a stiff spring is at rest after 0.2 ms."""
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
+    found = simulate(str(path), step=2e-6, at=[0.0, 0.005])
+    assert found.status == "ok", found.message
+    assert "not decidable" not in found.message
+    assert found.metrics["energy_error"] < 0.03 * found.metrics["energy_scale"]
+    assert len(found.t) == 2
+
+
+def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path: Any, sparse: None) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
     found = simulate(str(path), step=2e-5, at=[0.0, 0.005])
-    assert found.status == "ok", found.message
+    assert {x.subject for x in found.objections} == {"rates"}  # no sample sees a velocity
     assert "energy is not decidable" in found.message
     assert found.metrics["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
 
@@ -196,3 +219,173 @@ def rows_of(path: str, integrator: str, stabilization: str, until: float) -> lis
     """Rows of `compare` by gauss at this integrator and stabilisation."""
     found = gauss_bench.compare(path, engines=["gauss"], t_end=until, jobs=1).to_dict("records")
     return [x for x in found if (x["integrator"], x["stabilization"]) == (integrator, stabilization)]
+
+
+FORCED = """
+[forces.hum]
+type = "torque"
+link = "crank"
+value = 1.0
+over_time = { law = "sine", frequency = 4000.0, phase_deg = 90.0 }
+[scenarios.hum]
+start = { crank_deg = 0.0, speed = 0.0 }
+duration = 0.02
+forces = ["hum"]
+"""
+
+
+@pytest.fixture
+def humming(tmp_path: Path) -> str:
+    """The four-bar under a torque that swings 4000 times a second; no certificate can be had of it."""
+    path = tmp_path / "four_bar.toml"
+    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
+    path.write_text(text + FORCED, encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize(("step", "status"), [(1e-3, "invalid"), (1e-4, "ok"), (3.7e-5, "ok")])
+def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
+    step: float, status: str, humming: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = simulate(humming, scenario="hum", step=step)
+    assert found.status == status, found.message
+    warned = "does not resolve a force that swings with a period of 0.00025 s" in capfd.readouterr().err
+    assert warned == (status == "invalid")
+    if status == "ok":
+        assert found.metrics["energy_error"] <= found.metrics["energy_error_bar"] + 1e-2 * found.metrics["energy_scale"]
+    else:
+        assert "0.25 steps in a period of the fastest force" in found.message
+
+
+def played(linkage: str, scenario: str, until: float, change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
+    """What the judge says of a sound run by 1 ms that is changed before it, as is its repetition by half the step."""
+    mechanism = load(linkage, scenario)
+
+    def run(step: float) -> Trajectory:
+        model = get("gauss").build(mechanism, Choice("default", "rk4", step=step))
+        model.prepare(1e-3 * np.arange(round(until / 1e-3) + 1))
+        model.run()
+        return change(model.read())
+
+    first, second = run(1e-3), run(5e-4)
+    finer = Run(Status.OK, "", second, None, sampling(5e-4, until))
+    evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), first, None, finer)
+    return judge.judge(evidence)
+
+
+def frozen(x: Trajectory) -> Trajectory:
+    return replace(x, q=x.q * 0 + x.q[0], v=x.v * 0 + x.v[0], a=x.a * 0 + x.a[0])
+
+
+CHANGED: dict[str, Callable[[Trajectory], Trajectory]] = {
+    "frozen at its start": frozen,
+    "velocities scaled": lambda x: replace(x, v=0.9 * x.v),
+    "velocities reversed": lambda x: replace(x, v=-x.v),
+    "half the speed": lambda x: replace(x, q=np.repeat(x.q, 2, axis=0)[: len(x.t)], v=np.repeat(x.v, 2, axis=0)[: len(x.t)]),
+    "accelerations of another time": lambda x: replace(x, a=np.roll(x.a, 40, axis=0)),
+    "a jump half way": lambda x: replace(x, q=x.q + 0.06 * (x.t > 0.1)[:, None]),
+}
+
+
+@pytest.mark.parametrize("how", CHANGED)
+@pytest.mark.parametrize("scenario", ["torque", "conservative"])
+def test_a_motion_whose_rates_are_of_another_motion_is_refused(how: str, scenario: str) -> None:
+    assert played("four_bar", scenario, 0.2, lambda x: x).valid
+    assert judge.Subject.RATES in {x.subject for x in played("four_bar", scenario, 0.2, CHANGED[how]).objections}
+
+
+@pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
+def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: float, valid: bool) -> None:
+    """A gap alone; size 0.2 m, speeds 3 m/s and 40 rad/s."""
+    limits = {"place": 0.2 * judge.OFF_RATES, "turn": judge.OFF_RATES, "speed": 3 * judge.OFF_RATES, "spin": 40 * judge.OFF_RATES}
+    none = np.zeros(5)
+    gaps = dict.fromkeys(limits, none) | {name: none + share * limits[name]}
+    drift = metrics.Drift(none, none, none)
+    rates = metrics.RateGaps(**gaps, bars=(0.0, 0.0, 0.0, 0.0), fastest=(3.0, 40.0))
+    evidence = judge.Evidence(0.2, drift, none, 0.0, 1.0, rates=rates, duration=1.0)
+    assert judge.judge(evidence).valid == valid
+    again = replace(rates, **{name: none + 0.45 * share * limits[name]})  # a gap that half the step halves is the method's own
+    assert judge.judge(replace(evidence, rates_again=again)).valid
+    huge = replace(rates, **{name: none + 4 * limits[name]})  # but never more than the motion may be off by
+    assert not judge.judge(replace(evidence, rates=huge, rates_again=replace(rates, **{name: none}))).valid
+
+
+def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() -> None:
+    t = np.linspace(0.0, 1.0, 101)
+    p = np.polynomial.Polynomial([0.1, -2.0, 3.0])
+    columns = np.array([1.0, 2.0, -1.0])
+    q, v, a = (x(t)[:, None] * columns for x in (p, p.deriv(), p.deriv(2)))
+    gaps = metrics.rate_gaps(Trajectory(t, q, v, a, 100))
+    assert max(float(x.max()) for x in (gaps.place, gaps.turn, gaps.speed, gaps.spin)) < 1e-12
+    off = metrics.rate_gaps(Trajectory(t, q, 1.1 * v, a, 100))
+    assert off.turn[-1] == pytest.approx(0.1 * abs(p(1.0) - p(0.0)), rel=1e-9)
+    assert off.place[-1] == pytest.approx(0.2 * abs(p(1.0) - p(0.0)), rel=1e-9)
+    assert off.fastest == pytest.approx((2.2 * np.abs(p.deriv()(t)).max(), 1.1 * np.abs(p.deriv()(t)).max()))
+
+
+def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_tolerance(tmp_path: Path) -> None:
+    path = tmp_path / "oscillator.toml"
+    path.write_bytes(toml(oscillator(k=800.0)))
+    loose = simulate(str(path), integrator="dop853", settings="dop853_rtol=0.02,dop853_atol=0.02", at=[0.0, 1.0])
+    assert loose.status == "invalid"
+    assert "a tighter tolerance moves a link" in loose.message
+    assert "ask for a tighter tolerance" in loose.advice
+    sound = simulate(str(path), integrator="dop853", at=[0.0, 1.0])
+    assert sound.status == "ok"
+    assert 0 < sound.metrics["halving_length"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("settings", "asked", "finer"),
+    [
+        ({"dop853_rtol": 1e-6, "dop853_atol": 1e-9}, None, 1e-8),
+        ({"reltol": 1e-4}, None, 1e-6),
+        ({"other": 3.0}, None, 1e-8),
+        ({"reltol": 1e-4}, 1e-5, 1e-7),
+        ({"reltol": 1e-13}, None, 1e-11),
+    ],
+)
+def test_a_tighter_tolerance_is_a_hundredth(settings: dict[str, Any], asked: float | None, finer: float) -> None:
+    engine = Offer("x", settings={"default": settings}, integrators=("x",), adaptive=("x",))
+    assert finer_tolerance(engine, Choice("default", "x", tolerance=asked)) == pytest.approx(finer)
+
+
+def test_the_same_bits_at_another_tolerance_are_no_repetition() -> None:
+    mechanism = load("four_bar", "conservative")
+    model = get("gauss").build(mechanism, Choice("default", "rk4"))
+    model.prepare(1e-3 * np.arange(11))
+    model.run()
+    x = model.read()
+    again = Run(Status.OK, "", x, None, sampling(1e-3, 0.01))
+    evidence, _ = evidence_of(mechanism, Choice("default", "own"), x, None, again, adaptive=True)
+    assert judge.Subject.REPETITION in {y.subject for y in judge.judge(evidence).objections}
+    lost = replace(again, status=Status.TIMEOUT, message="too late", trajectory=None)
+    evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), x, None, lost)
+    assert "half the step gave no motion to compare with: timeout, too late" in judge.judge(evidence).sentence
+
+
+@pytest.mark.parametrize("kind", [complex, object, bool, str])
+def test_samples_that_are_no_real_numbers_are_refused(kind: type) -> None:
+    t, states = np.arange(3.0), np.zeros((3, 3))
+    good = Trajectory(t, states, states, states, 2)
+    assert judge.completeness(good, t, 3).valid
+    bad = replace(good, v=states.astype(kind))
+    assert "real numbers are wanted" in judge.completeness(bad, t, 3).sentence
+    assert judge.leading(bad, t, 3) is None
+
+
+def test_what_an_engine_keeps_a_hold_of_changes_nothing_that_was_received() -> None:
+    t, states = np.arange(3.0), np.zeros((3, 3))
+    taken = judge.leading(Trajectory(t, states, states, states, 2), t, 3)
+    states += 1.0
+    assert taken is not None
+    assert not taken.q.any()
+
+
+def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An engine whose places are right and whose velocities are half of what they should be, where the truth is known."""
+    read = InterpretedModel.read
+    monkeypatch.setattr(InterpretedModel, "read", lambda model: replace(x := read(model), v=0.9 * x.v))
+    found = simulate("four_bar", scenario="torque", at=[0.0, 0.2])
+    assert "rates" in {x.subject for x in found.objections}

@@ -6,7 +6,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.api.results import Simulation, named
-from gauss_bench.api.telling import Told, nobody
+from gauss_bench.api.telling import Told, nobody, tell
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
@@ -21,7 +21,7 @@ from gauss_bench.runs.asked import affordable
 from gauss_bench.runs.first_builds import build_first
 from gauss_bench.runs.offers import ChoiceError, offer
 from gauss_bench.runs.one_run import Run, sampling_through
-from gauss_bench.runs.scrutiny import as_truth, at_half_the_step, evidence_of
+from gauss_bench.runs.scrutiny import as_truth, evidence_of, has_sound_rates, repeat_finer, sample_spacing, warn_of_forcing
 from gauss_bench.runs.worker import kept
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
@@ -75,9 +75,11 @@ def simulate(
     if not offered.usable:
         return described(mechanism, engine, choice, offered.status, offered.reason, at[-1])
     affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
-    wanted = sampling_through(choice.step, at)
+    wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
-    fixed = choice.integrator not in offered.adaptive
+    adaptive = choice.integrator in offered.adaptive
+    if warning := warn_of_forcing(mechanism, choice, adaptive):
+        tell(f"warning: {warning}")
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
     build_first(engine, [choice.settings], told)
     worker = kept(engine)  # which has described it already
@@ -86,11 +88,11 @@ def simulate(
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
             truth = certified_until(mechanism, at[-1])
-            if truth is None and fixed and len(trajectory.t) > 1:
-                finer = run_of(at_half_the_step(request, run.seconds, trajectory.t), mechanism, limit, worker)
+            if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
+                finer = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
     finally:
         worker.stop()
-    return judged(mechanism, engine, choice, run, at, truth, finer)
+    return judged(mechanism, engine, choice, run, at, truth, finer, adaptive)
 
 
 def certified_until(mechanism: Mechanism, t_end: float) -> Reference | None:
@@ -109,29 +111,37 @@ def judged(
     at: list[float],
     truth: Reference | None = None,
     finer: Run | None = None,
+    adaptive: bool = False,
 ) -> Simulation:
     """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached.
 
-    It is judged by the truth where that is known, else by what the same run at half the step found.
+    It is judged by the truth where that is known, else by what its repetition found.
     """
     with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
-        return _judged(mechanism, engine, choice, run, at, truth, finer)
+        return _judged(mechanism, engine, choice, run, at, truth, finer, adaptive)
 
 
 def _second(finer: Run | None) -> Reference | None:
-    """What a run at half the step found, in the place of a truth."""
+    """What a repetition found, in the place of a truth."""
     return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
 
 
 def _judged(
-    mechanism: Mechanism, engine: str, choice: Choice, run: Run, at: list[float], truth: Reference | None, finer: Run | None
+    mechanism: Mechanism,
+    engine: str,
+    choice: Choice,
+    run: Run,
+    at: list[float],
+    truth: Reference | None,
+    finer: Run | None,
+    adaptive: bool,
 ) -> Simulation:
     trajectory = run.trajectory or run.reached
     if trajectory is None:
         return described(mechanism, engine, choice, run.status, run.message, at[-1])
     try:
         evaluator = Evaluator(mechanism)
-        evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer)
+        evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
         figures, verdict = measured(evidence, trajectory, run), judge(evidence)
         until = float(trajectory.t[-1]) if verdict.valid else trusted_until(evaluator, trajectory, truth, _second(finer))
         last, status = float(trajectory.t[-1]), run.status
@@ -140,7 +150,7 @@ def _judged(
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
         told = "; ".join(filter(None, (*sentences, undecided, remark(evidence))))
-        return described(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until)
+        return described(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until, adaptive)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
         return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
@@ -158,6 +168,7 @@ def described(
     verdict: Judgement | None = None,
     figures: dict[str, Any] | None = None,
     until: float | None = None,
+    adaptive: bool = False,
 ) -> Simulation:
     """The result; without a trajectory its lists are empty."""
     evaluator = Evaluator(mechanism)
@@ -180,7 +191,7 @@ def described(
         warnings=mechanism.warnings,
         welds=metrics.weld_forces(evaluator, chosen),
         trusted_until=until,
-        advice=advice(objections, choice.step, choice.stabilization != "none"),
+        advice=advice(objections, choice.step, choice.stabilization != "none", adaptive),
         asked_until=asked_until,
         model=mechanism,
         trajectory=whole,

@@ -21,9 +21,9 @@ from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.runs.apart import Alteration, Request, run_of, unaltered
-from gauss_bench.runs.offers import offer
+from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run, sampling
-from gauss_bench.runs.scrutiny import LONGEST, at_half_the_step, decides, evidence_of
+from gauss_bench.runs.scrutiny import LONGEST, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
@@ -76,7 +76,7 @@ def measure(
     if not offered.usable:
         return {"row": row | {"status": str(offered.status), "message": offered.reason}} | none
     states = states_of(case.linkage, case.scenario)
-    wanted = sampling(case.step, case.t_end, reference_times(case.t_end))
+    wanted = sampling(case.step, case.t_end, reference_times(case.t_end), sample_spacing(mechanism, case.t_end))
     request = Request(case.linkage, case.scenario, case.engine, case.choice, wanted, alter=alter)
     if states is not None:
         request = replace(request, ask=partial(accelerations, states.t, states.q, states.v), answers=states.a.size)
@@ -88,11 +88,18 @@ def measure(
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
     reference = None if isinstance(truth, str) else truth
     try:
-        finer, untried = None, ""
-        if case.integrator not in offered.adaptive and not (reference and decides(reference, mechanism)):
-            finer, untried = repeated(request, run, mechanism, limit)
+        finer, untried, adaptive = None, "", case.integrator in offered.adaptive
+        if not (reference and decides(reference, mechanism) and has_sound_rates(mechanism, run.trajectory)):
+            finer, untried = repeat_run(request, offered, run, mechanism, limit)
         evidence, undecided = evidence_of(
-            mechanism, case.choice, run.trajectory, reference, finer, row.get("acceleration_error_median")
+            mechanism,
+            case.choice,
+            run.trajectory,
+            reference,
+            finer,
+            row.get("acceleration_error_median"),
+            adaptive=adaptive,
+            untried=untried,
         )
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}} | none
@@ -108,14 +115,14 @@ def measure(
     return {"row": row, "series": curves(run.trajectory, evidence), "poses": shown}
 
 
-def repeated(request: Request, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
-    """The run again at half the step, or why it is not tried: what is left of `limit` [s], of which it may take half, decides."""
+def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
+    """Return the repetition of a run, or why it is not tried: what is left of `limit` [s], of which it may take half, decides."""
     assert run.trajectory is not None
     spent = run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
     if len(run.trajectory.t) < 2 or not longest > run.seconds * 2 / len(run.trajectory.t):
-        return None, "half the step was not tried: no time is left"
-    return run_of(at_half_the_step(request, run.seconds, run.trajectory.t, longest), mechanism, limit - spent), ""
+        return None, "it was not repeated: no time is left"
+    return run_of(repeat_finer(request, offered, run.seconds, run.trajectory.t, longest), mechanism, limit - spent), ""
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:

@@ -554,6 +554,12 @@ class Mechanism:
         return tuple(sorted({t for f in self.varying if (factor := factor_of(f)) for t in factor.kinks if 0 < t < self.duration}))
 
     @property
+    def forcing_period(self) -> float | None:
+        """The shortest period [s] of a force that swings with time, or None where none does."""
+        waves = [factor.wave for f in self.varying if (factor := factor_of(f)) and factor.wave]
+        return min((2 * np.pi / x.turning for x in waves if x.turning > 0), default=None)
+
+    @property
     def n(self) -> int:
         return 3 * len(self.links)
 

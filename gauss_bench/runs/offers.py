@@ -101,11 +101,19 @@ class Offer:
         Raises:
             ChoiceError: what the engine does not know, naming what it does.
         """
+        self.resolve_settings(text)
+
+    def resolve_settings(self, text: str) -> dict[str, Any]:
+        """Return all options that settings, a variant, or options one by one stand for.
+
+        Raises:
+            ChoiceError: what the engine does not know, naming what it does.
+        """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
         if text not in labels and not is_own(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            Known(labels, [*self.options], self.options).resolved(text)
+            return Known(labels, [*self.options], self.options).resolved(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 

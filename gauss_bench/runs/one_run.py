@@ -53,24 +53,23 @@ class Sampling:
         return f"{self.shortened} of {self.count} steps are shorter than {self.step:g} s, to meet times that whole steps miss"
 
 
-def sampling(step: float, t_end: float, meet: Sequence[float] | Array = ()) -> Sampling:
-    """Samples from 0 to t_end about a millisecond apart, and at those of the times `meet` that whole steps reach.
+def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
+    """Samples from 0 to t_end about `spacing` [s] apart, and at those of the times `meet` that whole steps reach.
 
     The end is always met, by a shorter last step where it is no multiple of the step.
     """
     whole = int(np.floor(t_end / step * (1 + 1e-12)))
-    each = max(1, round(SAMPLING / step))
-    spacing = each * step
-    grid = np.arange(whole // each + 1) * spacing
+    each = max(1, round(spacing / step))
+    grid = np.arange(whole // each + 1) * (each * step)
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _on(x, step)]
     return _sampled(step, grid, [*reached, whole * step, t_end])
 
 
-def sampling_through(step: float, at: Sequence[float]) -> Sampling:
-    """Samples about a millisecond apart and at every time of `at`, each met by a shorter step where whole steps miss it."""
+def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
+    """Samples about `spacing` [s] apart and at every time of `at`, each met by a shorter step where whole steps miss it."""
     last = max(at)
     rests = [k * step for x in at if not _on(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
-    each = max(1, round(SAMPLING / step))
+    each = max(1, round(spacing / step))
     grid = np.arange(int(np.floor(last / step * (1 + 1e-12))) // each + 1) * (each * step)
     return _sampled(step, grid, [*rests, *at])
 

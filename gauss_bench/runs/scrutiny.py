@@ -1,10 +1,12 @@
-"""What can be found out of a run without knowing the truth: by half the step, by the fastest mode, by a second formulation.
+"""What can be found out of a run without knowing the truth: by a repetition, by the fastest mode, by a second formulation.
 
-A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine; the own
+A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine, and a
+tighter tolerance what an integrator spoils that chooses its own steps; the own
 linearisation shows whether any step of that length could follow the motion; two formulations of the same accelerations show how
 many digits the linkage leaves them.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +15,12 @@ from numpy.typing import NDArray
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import OFF_MOTION, Evidence, Subject, examine, judge
+from gauss_bench.judge import FEWEST, OFF_MOTION, Evidence, Subject, examine, judge
 from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request
-from gauss_bench.runs.one_run import JUDGED, Run, acceleration_error, nothing, sampling_at
+from gauss_bench.runs.offers import Offer
+from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory
 
@@ -25,14 +28,92 @@ LONGEST = 60.0  # [s] of processor time for a run at half the step: of a longer 
 LARGEST = 40  # freedoms beyond which no mode is looked for: half the step decides alone
 LOOKED_AT = 5  # states, of whose fastest modes the median counts: next to a singular position one is anything
 VAGUE = 0.1  # of what the judge allows: a reference with larger error bars tells too little of a run
+RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # options by which integrators are told their relative tolerance
+USUAL_TOLERANCE = 1e-6  # relative, where an engine names none
+FINER, SMALLEST_TOLERANCE = 100.0, 1e-14  # of a relative tolerance
+A_PERIOD = 8  # samples: the integral of a sine through them is right to 1e-3
+MOST = 200_000  # samples that are taken closer than SAMPLING: half a GiB of a large linkage
 MOVED = 1e-6  # of 1 rad and 1 m: large for rounding, small for the curvature of any motion
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
+def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
+    """Return how far the samples of a run may lie apart [s] for its work and rates to be integrated through them.
+
+    A period of the fastest force, and of the fastest mode at the start, has A_PERIOD samples; a run has no more than MOST of them.
+    """
+    start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
+    rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
+    periods = [2 * np.pi / x for x in rates if x > 0]
+    if (period := mechanism.forcing_period) is not None:
+        periods.append(period)
+    return max(min(SAMPLING, *(x / A_PERIOD for x in periods), SAMPLING), min(SAMPLING, t_end / MOST))
+
+
+def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, longest: float = LONGEST) -> Request:
+    """Return the run that tells whether to trust the one asked for: at half the step, or at a tighter tolerance.
+
+    Args:
+        seconds: that the run took.
+        times: (k,) [s] of its samples.
+        longest: [s] of a repetition; of a run that would take more the first part is repeated.
+    """
+    if request.choice.integrator not in offer.adaptive:
+        return at_half_the_step(request, seconds, times, longest)
+    part = first_part(times, seconds, longest)
+    choice = replace(request.choice, tolerance=finer_tolerance(offer, request.choice))
+    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
+
+
+def finer_tolerance(offer: Offer, choice: Choice) -> float:
+    """Return a hundredth of the relative tolerance that a run has; a hundred times it where no smaller one can be kept."""
+    tolerance = choice.tolerance
+    if tolerance is None:
+        options = offer.resolve_settings(choice.settings)
+        given = [x for name, x in options.items() if RELATIVE.search(name) and isinstance(x, float) and x > 0]
+        tolerance = min(given, default=USUAL_TOLERANCE)
+    finer = tolerance / FINER
+    return finer if finer >= SMALLEST_TOLERANCE else tolerance * FINER
+
+
+def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
+    """Tell whether the rates of a motion need no repetition to be trusted, where a truth decides everything else."""
+    evidence = examine(Evaluator(mechanism), trajectory)
+    return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
+
+
+def is_same_run(one: Trajectory, other: Trajectory) -> bool:
+    """Tell whether a repetition returned the very bits of a motion, as an engine does that takes no tolerance."""
+    k = min(len(one.t), len(other.t))
+    moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
+    return moves and np.array_equal(one.q[:k], other.q[:k]) and np.array_equal(one.v[:k], other.v[:k])
+
+
+def first_part(times: Array, seconds: float, longest: float) -> Array:
+    """Return the first times (k,) [s], whose run at half the step takes `longest` seconds where the whole takes more."""
+    if not seconds > longest / 2:  # nor where a failed run was not timed
+        return times
+    return times[: max(2, int(len(times) * longest / 2 / seconds))]
+
+
+def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str:
+    """Return a warning where a fixed step does not resolve a force that swings with time, before anything is run; or nothing."""
+    steps = steps_a_forcing(mechanism, choice, adaptive)
+    if steps is None or steps >= FEWEST:
+        return ""
+    period = mechanism.forcing_period
+    return f"a step of {choice.step:g} s does not resolve a force that swings with a period of {period:.3g} s"
+
+
+def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> float | None:
+    """Return how many fixed steps the shortest period of a force has; None without such a force, or without fixed steps."""
+    period = mechanism.forcing_period
+    return None if period is None or adaptive else period / choice.step
+
+
 def at_half_the_step(request: Request, seconds: float, times: Array, longest: float = LONGEST) -> Request:
     """The run asked for again at half the step and these times (k,); of one that took too many seconds, the first part of it."""
-    if seconds > longest / 2:
-        times = times[: max(2, int(len(times) * longest / 2 / seconds))]
+    times = first_part(times, seconds, longest)
     step = request.choice.step / 2
     return replace(request, choice=replace(request.choice, step=step), wanted=sampling_at(step, times), ask=nothing, answers=0)
 
@@ -49,12 +130,16 @@ def evidence_of(
     truth: Reference | None,
     finer: Run | None,
     acceleration_off: float | None = None,
+    adaptive: bool = False,
+    untried: str = "",
 ) -> tuple[Evidence, str]:
-    """What there is to judge a run by, and a sentence where half the step does not decide.
+    """Return what there is to judge a run by, and a sentence where its repetition says less than all.
 
     Args:
-        finer: the same run at half the step, where no truth decides.
+        finer: the repetition of the run, where no truth decides.
         acceleration_off: median relative error of its accelerations at given states; found at the run's own where not given.
+        adaptive: whether the integrator chooses its own steps.
+        untried: why there is no repetition where one is wanted.
     """
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), trajectory, truth, off)
@@ -62,15 +147,23 @@ def evidence_of(
         evidence = replace(evidence, seen=seen(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
+    evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
     if finer is None:
-        return evidence, ""
-    rate = fastest_rate(mechanism, trajectory)
-    evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
+        return replace(evidence, unrepeated=untried if truth is None else ""), ""
+    how = "a tighter tolerance" if adaptive else "half the step"
+    if not adaptive:
+        rate = fastest_rate(mechanism, trajectory)
+        evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
     if finer.trajectory is None:
-        return evidence, f"half the step does not decide whether to trust it: {finer.status}, {finer.message}"
+        lost = f"{how} gave no motion to compare with: {finer.status}, {finer.message}"
+        return replace(evidence, unrepeated=lost if truth is None else ""), ""
+    if adaptive and is_same_run(trajectory, finer.trajectory):
+        same = f"{choice.integrator} is not repeatable: another tolerance gives the same bits"
+        return replace(evidence, unrepeated=same if truth is None else ""), ""
     other = as_truth(finer.trajectory)
-    part = "" if len(other.t) == len(trajectory.t) else f"half the step was tried up to {other.t[-1]:.3g} s"
-    return replace(evidence, halving=metrics.state_errors(mechanism, trajectory, other)), part
+    part = "" if len(other.t) == len(trajectory.t) else f"{how} was tried up to {other.t[-1]:.3g} s"
+    halving, again = metrics.state_errors(mechanism, trajectory, other), metrics.rate_gaps(finer.trajectory)
+    return replace(evidence, halving=halving, rates_again=again, finer=how), part
 
 
 def as_truth(trajectory: Trajectory) -> Reference:
