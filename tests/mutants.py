@@ -1,0 +1,328 @@
+"""Faults made by a rule in the code that decides, one at a time: each makes a test near it fail, or is listed with its reason.
+
+    python -m tests.mutants --deciding            thresholds and comparisons of what decides "ok", "cannot", a cause or a spread
+    python -m tests.mutants --sample 200 --seed 1 so many of all other mutants of those files
+    python -m tests.mutants --file gauss_bench/judge.py --line 40
+
+A fault is planted in a copy of the project. Only tests that ran its line are asked, the quickest first, of the files that `NEAR`
+names; which lines a test runs is found once by tracing. `mutants_survived.toml` lists what survives: equivalent code, or a number
+whose size is a matter of taste, each with its reason. A survivor that is not in the list ends the run with exit code 1.
+"""
+
+import argparse
+import ast
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tests.test_mutations import FAILED, NEEDED, ROOT, SECOND, Spoilt
+
+SURVIVED = ROOT / "tests" / "mutants_survived.toml"
+NEAR = {  # pattern of files -> the tests near them
+    "gauss_bench/judge.py": ("test_scrutiny", "test_measurements_metrics", "test_conformance", "test_api"),
+    "gauss_bench/runs/scrutiny.py": ("test_scrutiny", "test_api"),
+    "gauss_bench/advice/*.py": ("test_recommend",),
+    "gauss_bench/diagnosis/*.py": ("test_diagnosis", "test_selftest"),
+    "gauss_bench/sweep/*.py": ("test_sweep",),
+    "gauss_bench/atlas/*.py": ("test_atlas",),
+    "gauss_bench/bench/clock.py": ("test_measurements_clock", "test_measurements_kernel", "test_search"),
+    "gauss_bench/bench/search.py": ("test_search", "test_measurements_findings"),
+    "gauss_bench/bench/conformance.py": ("test_conformance",),
+    "gauss_bench/bench/gate.py": ("test_measurements_gate", "test_bench_check"),
+}
+OPPOSITE: dict[type[ast.AST], tuple[str, str]] = {
+    ast.Lt: ("<", ">="),
+    ast.LtE: ("<=", ">"),
+    ast.Gt: (">", "<="),
+    ast.GtE: (">=", "<"),
+    ast.Eq: ("==", "!="),
+    ast.NotEq: ("!=", "=="),
+    ast.In: ("in", "not in"),
+    ast.NotIn: ("not in", "in"),
+    ast.Is: ("is", "is not"),
+    ast.IsNot: ("is not", "is"),
+    ast.And: ("and", "or"),
+    ast.Or: ("or", "and"),
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Mult: ("*", "/"),
+    ast.Div: ("/", "*"),
+}
+EXCHANGED = {
+    "min": "max",
+    "max": "min",
+    "fmax": "fmin",
+    "fmin": "fmax",
+    "maximum": "minimum",
+    "minimum": "maximum",
+    "any": "all",
+    "all": "any",
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: the characters [start, end) of a file become others.
+
+    Attributes:
+        deciding: whether it is a threshold (a number outside of functions) or a comparison.
+        line: of the file, from 1; text: that line as it was; mutant: as it becomes.
+    """
+
+    file: str
+    start: int
+    end: int
+    new: str
+    deciding: bool
+    line: int
+    text: str
+    mutant: str
+
+
+def mutants_of(file: str, source: str) -> list[Mutant]:
+    """Return all mutants of a file, in its order."""
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+
+    def offset(line: int, column: int) -> int:
+        begin = starts[line - 1]  # columns count bytes
+        return begin + len(source[begin : starts[line]].encode()[:column].decode())
+
+    def start_of(node: ast.expr) -> int:
+        return offset(node.lineno, node.col_offset)
+
+    def end_of(node: ast.expr) -> int:
+        return offset(node.end_lineno or 0, node.end_col_offset or 0)
+
+    found: list[Mutant] = []
+
+    def add(start: int, end: int, new: str, deciding: bool) -> None:
+        line = source.count("\n", 0, start) + 1
+        begin, stop = starts[line - 1], source.find("\n", end)
+        whole = source[begin:start] + new + source[end:stop]
+        found.append(Mutant(file, start, end, new, deciding, line, source[begin:stop].strip(), whole.strip()))
+
+    def between(left: ast.expr, right: ast.expr, operator: ast.AST, deciding: bool) -> None:
+        old, new = OPPOSITE[type(operator)]
+        start, end = end_of(left), start_of(right)
+        at = source.find(old, start, end)
+        if at >= 0:
+            add(at, at + len(old), new, deciding)
+
+    def visit(node: ast.AST, within: bool) -> None:
+        match node:
+            case ast.Compare(ops=[operator]) if type(operator) in OPPOSITE:
+                between(node.left, node.comparators[0], operator, True)
+            case ast.BoolOp(values=[first, second, *_]):
+                between(first, second, node.op, False)
+            case ast.BinOp() if type(node.op) in OPPOSITE and within:
+                between(node.left, node.right, node.op, False)
+            case ast.UnaryOp(op=ast.Not()):
+                add(start_of(node), start_of(node) + len("not "), "", False)
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in EXCHANGED:
+                end = end_of(node.func)
+                add(end - len(name), end, EXCHANGED[name], False)
+            case ast.Call(func=ast.Attribute(attr="abs")):
+                add(
+                    offset(node.func.lineno, node.func.col_offset),
+                    offset(node.func.end_lineno, node.func.end_col_offset),
+                    "",
+                    False,
+                )
+            case ast.Constant(value=bool()):
+                add(start_of(node), end_of(node), str(not node.value), False)
+            case ast.Constant(value=int() | float()):
+                place = start_of(node), end_of(node)
+                if within:
+                    add(*place, repr(node.value + 1 if isinstance(node.value, int) else 2 * node.value or 1.0), False)
+                else:
+                    for factor in (10, 0.1):
+                        add(*place, repr(_scaled(node.value, factor)), True)
+        for child in ast.iter_child_nodes(node):
+            if not (isinstance(node, ast.Subscript) and child is node.slice):  # an index that is off mostly crashes
+                visit(child, within or isinstance(node, ast.FunctionDef))
+
+    visit(ast.parse(source), False)
+    return found
+
+
+def _scaled(value: float, factor: float) -> float:
+    """Return a threshold ten times as large or small; a whole number stays one and changes by one at least."""
+    if isinstance(value, int):
+        return max(value * 10, value + 1) if factor > 1 else min(value // 10, value - 1)
+    return value * factor or factor
+
+
+TRACER = """
+import json, os, sys, time
+import pytest
+
+WATCHED = {os.path.abspath(x) for x in json.loads(os.environ["WATCHED"])}
+lines, took = {}, {}
+
+
+class Traced:
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        seen, start = set(), time.process_time()
+
+        def trace(frame, event, value):
+            file = frame.f_code.co_filename
+            if file not in WATCHED:
+                return None
+            seen.add((file, frame.f_lineno))
+            return trace
+
+        import threading
+        sys.settrace(trace)
+        threading.settrace(trace)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            threading.settrace(None)
+            took[item.nodeid] = time.process_time() - start
+            lines[item.nodeid] = [[os.path.relpath(file), line] for file, line in sorted(seen)]
+
+
+code = pytest.main([*json.loads(os.environ["ARGUMENTS"])], plugins=[Traced()])
+with open(os.environ["INTO"], "w") as file:
+    json.dump({"lines": lines, "took": took}, file)
+sys.exit(code)
+"""
+
+
+Ran = dict[tuple[str, int], list[str]]  # file and line -> the tests that ran it, quickest first
+
+
+def trace_tests(copy: Path, files: Sequence[str], tests: Sequence[str]) -> tuple[Ran, dict[str, float]]:
+    """Run the tests once and return which of them ran each line, and the seconds of each test."""
+    into = copy / "traced.json"
+    arguments = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not long", *tests]
+    given = {"WATCHED": json.dumps(list(files)), "ARGUMENTS": json.dumps(arguments), "INTO": str(into)}
+    where = os.environ | given | {"PYTHONPATH": str(copy)}
+    subprocess.run([sys.executable, "-c", TRACER], cwd=copy, env=where, check=False, stdout=sys.stderr)
+    found = json.loads(into.read_text(encoding="utf-8"))
+    ran: Ran = {}
+    for test in sorted(found["lines"], key=lambda x: found["took"][x]):
+        for file, line in found["lines"][test]:
+            ran.setdefault((file, line), []).append(test)
+    return ran, found["took"]
+
+
+def tests_near(files: Sequence[str]) -> list[str]:
+    """Return the test files near some files."""
+    names = [x for pattern, near in NEAR.items() if any(Path(file).match(pattern) for file in files) for x in near]
+    return [f"tests/{x}.py" for x in dict.fromkeys(names)]
+
+
+def deciding_files() -> list[str]:
+    """Return the files whose mutants are looked at."""
+    return [str(x.relative_to(ROOT)) for pattern in NEAR for x in sorted(ROOT.glob(pattern)) if x.name != "__init__.py"]
+
+
+def listed() -> dict[tuple[str, str, str], str]:
+    """Return the reasons of known survivors by file, line and mutated line."""
+    rows = tomllib.loads(SURVIVED.read_text(encoding="utf-8")).get("mutant", []) if SURVIVED.exists() else []
+    return {(x["file"], x["text"], x["mutant"]): x["reason"] for x in rows}
+
+
+def copy_project(folder: Path) -> Path:
+    """Return a copy of the project, to be spoilt."""
+    for name in NEEDED:
+        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, folder / name)
+    return folder
+
+
+def plant(mutants: Sequence[Mutant], most: float, copy: Path) -> Iterator[tuple[Mutant, str]]:
+    """Yield each mutant with how it ended: "dies", "survives", or "no test runs it".
+
+    Args:
+        most: seconds of tests, as they took when sound, that are asked of one mutant.
+    """
+    files = sorted({x.file for x in mutants})
+    ran, took = trace_tests(copy, files, tests_near(files))
+    server = Spoilt(copy)
+    try:
+        for number, mutant in enumerate(mutants):
+            asked = _affordable(_tests_of(mutant, ran), took, most)
+            yield mutant, _outcome(server, copy, mutant, asked, number) if asked else "no test runs it"
+    finally:
+        server.stop()
+
+
+def _tests_of(mutant: Mutant, ran: Ran) -> list[str]:
+    """Return the tests that ran the line, or, of a number outside of functions, which runs when imported, all of the file's."""
+    exact = ran.get((mutant.file, mutant.line), [])
+    if exact and not _is_outside(mutant):
+        return exact
+    return list(dict.fromkeys(x for (file, _), tests in ran.items() if file == mutant.file for x in tests))
+
+
+def _is_outside(mutant: Mutant) -> bool:
+    return mutant.deciding and mutant.text[:1].isupper()
+
+
+def _affordable(tests: Sequence[str], took: Mapping[str, float], most: float) -> list[str]:
+    chosen, spent = [], 0.0
+    for test in sorted(tests, key=lambda x: took[x]):
+        spent += took[test]
+        if chosen and spent > most:
+            break
+        chosen.append(test)
+    return chosen
+
+
+def _outcome(server: Spoilt, copy: Path, mutant: Mutant, tests: list[str], number: int) -> str:
+    path = copy / mutant.file
+    sound, when = path.read_text(encoding="utf-8"), path.stat().st_mtime_ns
+    path.write_text(sound[: mutant.start] + mutant.new + sound[mutant.end :], encoding="utf-8")
+    later = when + 2 * SECOND * (1 + number)  # what is compiled is told by its second and its size
+    os.utime(path, ns=(later, later))
+    try:
+        code, _ = server.outcome(tests, (mutant.file,))
+    finally:
+        path.write_text(sound, encoding="utf-8")
+        os.utime(path, ns=(when, when))
+    return "survives" if code == 0 else "dies" if code == FAILED or code < 0 or code > 1 else "survives"
+
+
+def main() -> int:
+    """Plant what was asked for, print each as it ends, and list survivors that are not known."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--deciding", action="store_true", help="thresholds and comparisons")
+    options.add_argument("--sample", type=int, default=0, metavar="N", help="so many of the others")
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--file", action="append", default=[], metavar="FILE", help="of these files alone")
+    options.add_argument("--line", type=int, help="of this line alone")
+    options.add_argument("--most", type=float, default=60.0, metavar="S", help="seconds of tests for one mutant (default 60)")
+    given = options.parse_args()
+    files = given.file or deciding_files()
+    every = [x for file in files for x in mutants_of(file, (ROOT / file).read_text(encoding="utf-8"))]
+    others = [x for x in every if not x.deciding]
+    chosen = [x for x in every if x.deciding] if given.deciding else []
+    chosen += random.Random(given.seed).sample(others, min(given.sample, len(others)))
+    if given.line:
+        chosen = [x for x in every if x.line == given.line]
+    known, lost, start = listed(), 0, time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        for count, (mutant, how) in enumerate(plant(chosen, given.most, copy_project(Path(folder))), 1):
+            reason = known.get((mutant.file, mutant.text, mutant.mutant), "")
+            lost += how != "dies" and not reason
+            print(json.dumps({"how": how, "reason": reason} | asdict(mutant)), flush=True)
+            print(f"{count}/{len(chosen)} {time.monotonic() - start:.0f} s, {lost} unknown survivors", file=sys.stderr, flush=True)
+    return 1 if lost else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
