@@ -14,6 +14,7 @@ import ast
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -262,15 +263,14 @@ def plant(mutants: Sequence[Mutant], most: float, copy: Path) -> Iterator[tuple[
 
 
 def _tests_of(mutant: Mutant, ran: Ran) -> list[str]:
-    """Return the tests that ran the line, or, of a number outside of functions, which runs when imported, all of the file's."""
-    exact = ran.get((mutant.file, mutant.line), [])
-    if exact and not _is_outside(mutant):
-        return exact
-    return list(dict.fromkeys(x for (file, _), tests in ran.items() if file == mutant.file for x in tests))
-
-
-def _is_outside(mutant: Mutant) -> bool:
-    return mutant.deciding and mutant.text[:1].isupper()
+    """Return the tests that ran the line; of a number outside of functions those that ran a line which names it."""
+    lines = [mutant.line]
+    if names := re.findall(r"[A-Z_0-9]*[A-Z][A-Z_0-9]*", mutant.text.partition("=")[0]) if mutant.text[:1].isupper() else []:
+        named = re.compile(rf"\b({'|'.join(names)})\b")
+        source = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()
+        lines = [number for number, line in enumerate(source, 1) if number != mutant.line and named.search(line)]
+    found = [x for line in lines for x in ran.get((mutant.file, line), [])]
+    return list(dict.fromkeys(found or (x for (file, _), tests in ran.items() if file == mutant.file for x in tests)))
 
 
 def _affordable(tests: Sequence[str], took: Mapping[str, float], most: float) -> list[str]:
@@ -305,7 +305,7 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--file", action="append", default=[], metavar="FILE", help="of these files alone")
     options.add_argument("--line", type=int, help="of this line alone")
-    options.add_argument("--most", type=float, default=60.0, metavar="S", help="seconds of tests for one mutant (default 60)")
+    options.add_argument("--most", type=float, default=20.0, metavar="S", help="seconds of tests for one mutant (default 20)")
     given = options.parse_args()
     files = given.file or deciding_files()
     every = [x for file in files for x in mutants_of(file, (ROOT / file).read_text(encoding="utf-8"))]

@@ -23,7 +23,7 @@ from gauss_bench.atlas.table import page, row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decided
 from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
-from gauss_bench.linkage.load import load_document
+from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report import rows as rows_module
@@ -114,6 +114,21 @@ def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) 
     failed = decided(mechanism, shifted(run, 0.02), reference)
     assert failed.verdict is Verdict.FAILED
     assert "loops open by 0.02" in failed.reason
+
+
+def test_an_error_is_a_share_of_the_linkages_size() -> None:
+    """A link of the four-bar that is off by half of what passes, of a size that is not one metre."""
+    mechanism = load("four_bar", "conservative")
+    model = Interpreted("gauss").build(mechanism, surveying.Choice("default", "rk4"))
+    model.prepare(1e-3 * np.arange(11))
+    model.run()
+    x = model.read()
+    none = np.zeros(len(x.t))
+    truth = Reference(x.t, x.q, x.v, x.a, none, none, none, none, none, none, "the run itself")
+    moved = 0.5 * PASSES * mechanism.size
+    run = shifted(Run(Status.OK, "", x, None, sampling(1e-3, 0.01)), moved)
+    assert abs(mechanism.size - 1.0) > 0.2
+    assert decided(mechanism, run, truth).error == pytest.approx(0.5 * PASSES, rel=1e-9)
 
 
 def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tuple[Mechanism, Run, Reference]) -> None:

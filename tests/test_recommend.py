@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench.advice import budget
+from gauss_bench.advice import truth as truths
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
@@ -20,13 +22,15 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.snippets import snippet
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
+from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
 
@@ -110,6 +114,63 @@ def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
     x, u = between(Reference(t, q, v, a, none, none, none, none, none, none, ""), at)
     np.testing.assert_allclose(x[:, 0], p(at), rtol=0, atol=1e-14)
     np.testing.assert_allclose(u[:, 0], p.deriv()(at), rtol=0, atol=1e-13)
+
+
+def moving(steps: int, opened: float = 0.0) -> Trajectory:
+    """The crank-slider over SHORT by so many steps of order eight; its rod is moved along x by `opened` [m]."""
+    model = get("gauss").build(SHORT.mechanism, Choice("default", "dop853_fixed", step=SHORT.until / steps))
+    model.prepare(SHORT.until / steps * np.arange(steps + 1))
+    model.run()
+    x = model.read()
+    q = x.q.copy()
+    q[:, 3] += opened
+    return replace(x, q=q)
+
+
+def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_what_lies_between_samples() -> None:
+    judge = Evaluator(SHORT.mechanism)
+    exact, coarse, fine = moving(320), moving(20), moving(40)
+    plain = truths._compared(SHORT, judge, coarse, fine, 20, "gauss")
+    changed = np.abs(coarse.q - fine.q[::2]).reshape(-1, 3, 3)
+    assert plain.halving["angle"] == pytest.approx(changed[..., 2].max(), rel=1e-6)
+    off = np.abs(between(plain.reference, exact.t)[0] - exact.q).reshape(-1, 3, 3)
+    assert off[..., 2].max() > 2 * plain.halving["angle"]  # here the bar is that of what lies between samples
+    assert plain.bars["angle"] >= off[..., 2].max()
+    assert plain.bars["position"] >= np.hypot(off[..., 0], off[..., 1]).max()
+    opened = truths._compared(SHORT, judge, moving(20, opened=1e-3), moving(40, opened=1e-3), 20, "gauss")
+    for kind in ("position", "angle"):
+        assert opened.bars[kind] >= plain.bars[kind] + 0.999e-3
+
+
+@pytest.mark.parametrize(("share", "serves"), [(0.09, True), (0.11, False)])
+def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(
+    share: float, serves: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judge = Evaluator(SHORT.mechanism)
+    found = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+    monkeypatch.setattr(Recommender, "_truth", lambda recommender: replace(found, bars={"position": share * 1e-6}))
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        if serves:
+            assert recommender.search().truth.bars == {"position": share * 1e-6}
+        else:
+            with pytest.raises(NoTruth, match="a tenth of 1e-06 m is needed"):
+                recommender.search()
+
+
+def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run whose loops open on its way and are closed at its end."""
+    open_once = moving(40)
+    open_once.q[20, 3] += 1e-3
+    monkeypatch.setattr(
+        "gauss_bench.advice.recommending.run_apart",
+        lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted),
+    )
+    judge = Evaluator(SHORT.mechanism)
+    with Recommender(SHORT, {"loops": 1e-6}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet) as recommender:
+        recommender.truth = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+        engine = recommender.engines["gauss"]
+        trial = recommender._evaluated(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
+    assert trial.errors["loops"] >= 0.999e-3
 
 
 @pytest.mark.slow

@@ -13,11 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gauss_bench import cli
+from gauss_bench import cli, metrics
 from gauss_bench.compiler.equations.links import parameter_values
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
+from gauss_bench.sweep.figures import Motions, figures
 from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import changed, number_at
 from gauss_bench.sweep.plan import plan
@@ -167,6 +171,27 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
         alone = parameter_values(family.mechanism_of(row))
         assert {name: x[k] for name, x in together.columns.items()} == {name: alone[name] for name in together.columns}
     assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x"} <= together.columns.keys()
+
+
+@pytest.mark.parametrize(("linkage", "scenario"), [("crank_slider", "paper"), ("four_bar", "torque"), ("four_bar", "driven")])
+def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str) -> None:
+    """Forces on pins and slides, work of dampers and drivers, the bar of that work: as the metrics find them for one trajectory."""
+    mechanism = load(linkage, scenario)
+    evaluator = Evaluator(mechanism)
+    model = get("lagrange").build(mechanism, Choice("default", "rk4", step=5e-3))
+    model.prepare(5e-3 * np.arange(41))
+    model.run()
+    x = model.read()
+    motions = Motions(x.t, x.q[:, None], x.v[:, None], metrics.reactions(evaluator, x)[:, None])
+    found, (evidence,) = figures(mechanism, motions, mechanism.size)
+    for name, force in metrics.joint_forces(evaluator, x).items():
+        assert found[f"force.{name}"][0] == pytest.approx(np.hypot(force["fx"], force["fy"]).max(), rel=1e-9)
+    gain, bar = metrics.energy_error(evaluator, x)
+    assert bar > 0
+    assert evidence.energy_bar == pytest.approx(bar, rel=1e-3)
+    np.testing.assert_allclose(evidence.energy, gain, rtol=0, atol=1e-3 * bar + 1e-12)
+    assert evidence.energy_scale == pytest.approx(metrics.energy_scale(evaluator, x), rel=1e-9)
+    assert found["loops"][0] == pytest.approx(metrics.drift(evaluator, x).position.max(), rel=1e-6)
 
 
 def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None:
