@@ -108,7 +108,7 @@ class Spoilt:
         command = [sys.executable, "-c", SERVER]
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def outcome(self, tests: list[str], spoilt: tuple[str, ...] = ()) -> tuple[int, str]:
+    def outcome(self, tests: list[str], spoilt: tuple[str, ...] = (), limit: int = LIMIT) -> tuple[int, str]:
         """Exit code of pytest, or the signal that ended it, and what was printed; `spoilt` are files changed since the start."""
         arguments = [
             "-q",
@@ -118,7 +118,7 @@ class Spoilt:
             "--assert=plain",
             *tests,
         ]  # rewriting them takes longer than running them
-        order = {"told": str(self.told), "limit": LIMIT, "arguments": arguments, "spoilt": spoilt}
+        order = {"told": str(self.told), "limit": limit, "arguments": arguments, "spoilt": spoilt}
         assert self.process.stdin
         assert self.process.stdout
         self.process.stdin.write(json.dumps(order) + "\n")
