@@ -313,6 +313,19 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
 
 
 @pytest.mark.slow
+def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path: Path) -> None:
+    for tolerance, sound in ((1e-9, True), (0.5, False)):
+        how = How(until=1.0, integrator="dop853", settings=f"dop853_rtol={tolerance},dop853_atol={tolerance}")
+        found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{tolerance}", ["gauss"], how=how, where=Where(jobs=1))
+        check = found["engines"]["gauss"]["half_the_step"]
+        if sound:
+            assert (check["how"], check["ok"], check["samples"]) == ("a tighter tolerance", True, 2)
+            assert check["rad"] < 1e-6
+        else:  # the rates that such steps leave between them are no motion's already
+            assert set(found["engines"]["gauss"]["status"]) == {"invalid"}
+
+
+@pytest.mark.slow
 def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     how = How(scenario="paper", until=0.05, step=1e-4)

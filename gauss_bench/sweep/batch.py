@@ -247,6 +247,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
     by_name, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
+    evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judged(evidence, lambda: mechanism, x)
     return status, "; ".join(filter(None, (run.message, sentence))), by_name
 

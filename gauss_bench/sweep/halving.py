@@ -1,40 +1,48 @@
-"""Some samples of a sweep again at half the step: what the step spoils, of which neither loops nor energy tell."""
+"""Some samples of a sweep again, at half the step or a tighter tolerance: neither loops nor energy tell what a step spoils."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.judge import OFF_MOTION
 from gauss_bench.runs.offers import offer
+from gauss_bench.runs.scrutiny import finer_tolerance
 from gauss_bench.sweep.batch import Asked, columns_of, family, rows_of
 from gauss_bench.sweep.summary import USED
 from gauss_bench.terms import Array
 
 MOST, SHARE = 16, 10  # samples of an engine that are checked: one in ten, and never more than so many
 UNITS = ("m", "rad")
+HALF = "half the step"
 
 
 def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
-    """What half the step changes in places and extremes of some samples that are ok, or None where an engine chooses its steps.
+    """Return what a repetition changes in places and extremes of some samples that are ok, or None where none is ok.
 
     Args:
         rows: of the engine, as pandas has them. values: (N, d) of all samples.
 
     Returns:
-        samples: that were checked, evenly over the table. m, rad: the largest change of a figure of that unit. worst: the sample
-        that has it. lost: how many are not ok at half the step. ok: whether the judge's limits of half the step hold.
+        how: "half the step", or "a tighter tolerance" where the integrator chooses its steps. samples: that were checked, evenly
+        over the table. m, rad: the largest change of a figure of that unit. worst: the sample
+        that has it. lost: how many are not ok when repeated. ok: whether the judge's limits of a repetition hold.
     """
     choice, mechanism = asked.choices[engine], family(asked).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
-    if choice.integrator in offer(engine).adaptive or not len(good):
+    if not len(good):
         return None
+    parts, how = 2, HALF
+    if choice.integrator in (offered := offer(engine)).adaptive:
+        tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
+        asked, parts, how = replace(asked, choices={**asked.choices, engine: tighter}), 1, "a tighter tolerance"
     chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
     units = columns_of(mechanism, [])
     of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
-    check: dict[str, Any] = {"samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
+    check: dict[str, Any] = {"how": how, "samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
     numbers = good["sample"].to_numpy()[chosen]
-    finer = rows_of(asked, engine, numbers, values[numbers], parts=2)
+    finer = rows_of(asked, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
     check["lost"] = int((~usable).sum())
     off = np.zeros(len(chosen))
@@ -51,10 +59,11 @@ def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any
 def text(check: dict[str, Any] | None) -> str:
     """The same for people."""
     if check is None:
-        return "half the step was not tried: the engine chooses its own steps, or no sample is ok"
-    told = f"half the step of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
+        return "nothing was repeated: no sample is ok"
+    told = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
     if check["ok"]:
         return told
     lost = f", and {check['lost']} of them are lost" if check["lost"] else ""
     where = "" if check["worst"] is None else f" (sample {check['worst']})"
-    return f"NOT TO BE TRUSTED: {told}{where}{lost}: take a smaller --step"
+    mend = "take a smaller --step" if check["how"] == HALF else "take settings of a tighter tolerance"
+    return f"NOT TO BE TRUSTED: {told}{where}{lost}: {mend}"
