@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gauss_bench"
-LIGHT = {"terms", "trajectory"}
+LIGHT = {"terms", "trajectory", "untrusted"}
 ALLOWED = {
     "terms": set(),
     "trajectory": set(),
     "tables": set(),
-    "suites": set(),
+    "untrusted": set(),
+    "suites": {"untrusted"},
     "reach": {"trajectory"},
     "mechanism": LIGHT,
     "linkage": {"mechanism", *LIGHT},

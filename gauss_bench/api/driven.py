@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.linkage.closure import free_coordinates
 from gauss_bench.linkage.cylinders import written_out
 from gauss_bench.linkage.errors import Fault, LinkageError
-from gauss_bench.linkage.load import document_of, load_document, load_sketched, merge
+from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, load_sketched, merge
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.constraints import Constraints
@@ -19,6 +19,7 @@ from gauss_bench.mechanism.coordinates import value as value_of
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, Prismatic, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.untrusted import read_bytes
 
 TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
 RISE = {"travel_deg": 360.0, "time": 1.0}
@@ -52,7 +53,8 @@ def _read(value: str) -> Any:
 def _rows(path: Path) -> list[list[float]]:
     """Rows t, value of a text file; commas or blanks between them, # before remarks."""
     try:
-        lines = [line.partition("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+        content = read_bytes(path, MAX_BYTES).decode("utf-8")
+        lines = [line.partition("#")[0].replace(",", " ").split() for line in content.splitlines()]
         return [[float(x) for x in line] for line in lines if line]
     except (OSError, ValueError) as error:
         raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from gauss_bench.untrusted import parse_toml
+
 BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # a word, or several, without quotes
 
 
@@ -109,7 +111,7 @@ def _parts(text: str) -> list[str]:
 def _read(text: str) -> Any:
     """A value as TOML writes it, or the text itself where it is words."""
     try:
-        return tomllib.loads(f"x = {text}")["x"] if "\n" not in text else None
+        return parse_toml(f"x = {text}")["x"] if "\n" not in text else None
     except tomllib.TOMLDecodeError:
         return text if BARE.fullmatch(text) else None
 

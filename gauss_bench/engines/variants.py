@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.engines.own_options import Known
+from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
 LEAST_WORDS = 20  # characters of a reason: shorter ones give none
@@ -109,7 +110,7 @@ def read_variants(room: Path) -> Variants:
     """
     path = room / FILE
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = parse_toml(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise VariantError(f"{path}: TOML syntax: {error}") from error
     for name in ("knobs", "settings", "variants"):

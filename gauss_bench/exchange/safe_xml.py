@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 from xml.parsers import expat
 
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
@@ -19,12 +20,9 @@ def read_xml(path: Path) -> Element:
         ExchangeError: it cannot be read, is no XML, too large, or declares a document type or entities.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_bytes(path, MAX_BYTES)
     except OSError as error:
         raise ExchangeError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(content) > MAX_BYTES:
-        raise ExchangeError(f"{path}: larger than {MAX_BYTES} bytes")
     try:
         _inspect(content, path)
         return fromstring(content)

@@ -11,8 +11,8 @@ from decimal import Decimal
 from typing import Any
 
 from gauss_bench.linkage.errors import Fault
+from gauss_bench.untrusted import DEEPEST
 
-DEEPEST = 20  # tables and lists in each other: the grammar needs 6
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
 CHAINED = 100  # points of which each is given from the one before

@@ -24,6 +24,7 @@ from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
+from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
 KEPT = 64  # mechanisms that are remembered
@@ -87,7 +88,7 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
     """
     path = find(name_or_path)
     document, _, _ = document_of(name_or_path)
-    return tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal) if path.exists() else document
+    return parse_toml(path.read_text(encoding="utf-8"), Decimal) if path.exists() else document
 
 
 def load_document(
@@ -193,25 +194,22 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         return LinkageError(source, [Fault(where, text)])
 
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_bytes(path, MAX_BYTES)
     except FileNotFoundError as error:
         names = ", ".join(built_in())
         raise refuse(f"no such file, and no built-in linkage of that name (there are {names})") from error
     except OSError as error:
         raise refuse(f"cannot be read: {error.strerror}") from error
-    if len(content) > MAX_BYTES:
-        raise refuse(f"larger than {MAX_BYTES} bytes; not a linkage file")
     if content.lstrip().startswith((b"<", b"\xef\xbb\xbf<")):
         raise refuse("is XML, not a linkage file; `gauss-bench import FILE --out NAME.toml` makes one of planar MJCF and URDF")
     try:
-        document = tomllib.loads(content.decode("utf-8"))
+        document = parse_toml(content.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise refuse(f"not UTF-8 text (byte {error.start})") from error
+    except TooDeep as error:
+        raise refuse(str(error)) from error
     except tomllib.TOMLDecodeError as error:
         raise refuse(*_toml_fault(str(error))) from error
-    except RecursionError as error:
-        raise refuse("TOML: nested too deeply") from error
     except ValueError as error:  # Python refuses to read whole numbers of thousands of digits
         raise refuse(f"TOML: a number cannot be read ({error})") from error
     if not document:

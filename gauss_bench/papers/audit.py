@@ -15,6 +15,7 @@ from typing import Any, cast
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gauss_bench.papers.line import SAME_TEXT, Cause, Example, Line, Verdict, row
+from gauss_bench.untrusted import parse_toml
 
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
@@ -121,7 +122,7 @@ def read(path: Path) -> Paper:
         ValueError: it is not TOML, or a key is missing, unknown or of the wrong type; the message names file, table and key.
     """
     try:
-        return Paper.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return Paper.model_validate(parse_toml(path.read_text(encoding="utf-8")))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path.name}: TOML syntax: {error}") from error
     except ValidationError as error:

@@ -20,8 +20,10 @@ from gauss_bench.linkage.load import built_in_folder
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
+from gauss_bench.untrusted import read_bytes
 
 FORMAT = "gauss-bench certificate/1"
+MAX_BYTES = 1 << 28  # a thousand times a usual one
 CERTIFICATES = "certificates"  # the folder beside a linkage file in which they are looked for
 ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
 
@@ -92,7 +94,7 @@ def read_certificate(path: Path) -> Certificate:
         CertificateError: the file is missing, damaged or something else.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with np.load(io.BytesIO(read_bytes(path, MAX_BYTES)), allow_pickle=False) as data:
             header = json.loads(str(data["header"]))
             arrays = {name: data[name] for name in ARRAYS}
     except FileNotFoundError as error:

@@ -11,6 +11,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.pose import POSE_DEG, posed_document
 from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
+from gauss_bench.untrusted import parse_toml
 
 KEPT = "linkages"  # key of a run's environment: name -> text of the file
 
@@ -25,7 +26,7 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
     text = kept.get(name) if isinstance(kept, dict) else None
     if isinstance(text, str):
         try:
-            return tomllib.loads(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
+            return parse_toml(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
         except tomllib.TOMLDecodeError as error:
             raise LinkageError(name, [Fault("", f"as the run kept it, no TOML: {error}")]) from error
     if name not in built_in():

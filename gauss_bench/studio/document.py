@@ -16,6 +16,7 @@ from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.load import MAX_BYTES
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.studio.errors import Refused
+from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
@@ -41,9 +42,9 @@ def parsed(text: str) -> Document:
     except UnicodeEncodeError as error:
         raise Refused("not TOML: it has half a character, which no file can hold") from error
     try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise Refused(f"not TOML: {str(error)[:200] or 'nested too deeply'}") from error
+        document = parse_toml(text)
+    except ValueError as error:
+        raise Refused(f"not TOML: {str(error)[:200]}") from error
     if beyond := limit_faults(document):
         raise Refused(f"not a linkage file: {'; '.join(str(x) for x in beyond[:3])}")
     return document

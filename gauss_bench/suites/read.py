@@ -1,6 +1,5 @@
 """Suites by name or path: read, checked, joined with the suites they build on, and cut to what a user asks for."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,8 +7,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from gauss_bench.suites.schema import OnLinkages, Suite
+from gauss_bench.untrusted import parse_toml, read_bytes
 
 FOLDER = Path(__file__).parent
+MAX_BYTES = 1_048_576  # of a suite: the longest has 4,000
 SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
 
 
@@ -36,10 +37,12 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
     if name in above:
         raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = parse_toml(read_bytes(path, MAX_BYTES).decode("utf-8"))
     except FileNotFoundError as error:
         raise SuiteError(f"unknown suite {name!r}; there are {', '.join(names())}, or the path of a .toml file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise SuiteError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
         raise SuiteError(f"{path}: TOML syntax: {error}") from error
     try:
         suite = Suite.model_validate(document)
