@@ -82,7 +82,7 @@ def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
     path.write_text(f'name = "deep"\n{dotted(levels)} = 1\n', encoding="utf-8")
     for verb in (["show"], ["simulate"], ["kinematics"], ["export", "--engine", "c", "--out", str(tmp_path / "x.c")]):
         assert main([verb[0], str(path), *verb[1:]]) == 2
-        assert capsys.readouterr().err == f"error: {path}: tables or lists lie more than {DEEPEST} deep (at line 2)\n"
+        assert capsys.readouterr().err == f"error: {path}: TOML: tables or lists lie more than {DEEPEST} deep (at line 2)\n"
     assert main(["run", "--suite", str(path), "--out", str(tmp_path / "run")]) == 2
     assert "(at line 2)" in capsys.readouterr().err
     assert main(["simulate", "four_bar", "--settings", f"default,x={'[' * 5000}", "--at", "0"]) == 2

@@ -207,7 +207,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     except UnicodeDecodeError as error:
         raise refuse(f"not UTF-8 text (byte {error.start})") from error
     except TooDeep as error:
-        raise refuse(str(error)) from error
+        raise refuse(f"TOML: {error}") from error
     except tomllib.TOMLDecodeError as error:
         raise refuse(*_toml_fault(str(error))) from error
     except ValueError as error:  # Python refuses to read whole numbers of thousands of digits
