@@ -1,11 +1,12 @@
 """The command line: verbs, exit codes, stdout for results and stderr for everything else.
 
-Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 130
-interrupted. Rooms are imported inside the verbs, so that help answers at once.
+Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 74
+stdout is closed or full, 130 interrupted. Rooms are imported inside the verbs, so that help answers at once.
 """
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import shlex
@@ -23,18 +24,64 @@ from gauss_bench.linkage.limits import harmless
 if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
-BAD_INPUT, OWN_FAULT = 2, 70  # as sysexits.h has it
+BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
+EPOCH = "SOURCE_DATE_EPOCH"  # seconds that libraries which write pictures and programs take for now
 TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
 
+class OutputLost(Exception):
+    """Results cannot be written: stdout is closed or full."""
+
+
+class Results(io.TextIOWrapper):
+    """Stdout; what its encoding lacks is escaped, and a failure to write is OutputLost, not a faulty file of the user's.
+
+    Raises:
+        OutputLost: from write and flush.
+    """
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError as error:
+            raise OutputLost(error.strerror) from error
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except OSError as error:
+            raise OutputLost(error.strerror) from error
+
+
 def command() -> int:
     """`gauss-bench`: stdout is for results alone, and what libraries print there themselves goes to stderr."""
-    with contextlib.suppress(OSError, ValueError):  # whoever calls may have closed one of them
-        results = os.dup(sys.stdout.fileno())
+    if sys.stderr is None:  # closed by whoever calls
+        sys.stderr = open(os.devnull, "w")
+    if sys.stdout is None:
+        print("error: stdout is closed: results have nowhere to go", file=sys.stderr)
+        return NO_OUTPUT
+    results = os.dup(sys.stdout.fileno())
+    with contextlib.suppress(OSError):  # stderr is closed
         os.dup2(2, 1)
-        sys.stdout = os.fdopen(results, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
-    return main()
+    sys.stdout = Results(os.fdopen(results, "wb"), encoding=sys.stdout.encoding, errors="backslashreplace")
+    try:
+        try:
+            return main()
+        except SystemExit as end:  # of the parser, after --help or bad usage
+            return int(end.code or 0)
+        finally:
+            sys.stdout.flush()
+    except OutputLost as error:
+        return lose_output(error)
+
+
+def lose_output(error: OutputLost) -> int:
+    """Say that results were lost, and let nothing try to write them again."""
+    print(f"error: stdout: {error}: results are lost", file=sys.stderr)
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return NO_OUTPUT
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,15 +90,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if bad := next((x for x in given if not is_argument(x)), None):
         print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
         return BAD_INPUT
+    if not (epoch := os.environ.get(EPOCH, "0")).isdecimal():
+        print(f"error: {EPOCH}={harmless(epoch[:40])!r} in the environment: it must be a whole number of seconds", file=sys.stderr)
+        return BAD_INPUT
     options = parser(ACTIONS).parse_args(given)
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
         print("interrupted; what a run had finished is kept", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader left; nothing more can be said
-        return 1
+    except OutputLost as error:
+        return lose_output(error)
     except MemoryError:
         print("error: there is not enough memory for what was asked", file=sys.stderr)
         return BAD_INPUT
@@ -355,7 +404,11 @@ def recommend(options: argparse.Namespace) -> int:
 
     wanted = (options.position, options.angle, options.force, options.until)
     engines = [x for names in options.engines or [] for x in names.split(",")]
-    files = {x: writable(options.out / f"{x}.py", options.replace) for x in engines or ordered()} if options.out else {}
+    files = (
+        {x: writable(options.out / f"{x}.py", options.replace, suffix=".py", source=options.linkage) for x in engines or ordered()}
+        if options.out
+        else {}
+    )
     try:
         result = recommended(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, tell)
     except NoTruth as reason:
@@ -412,7 +465,7 @@ def certify(options: argparse.Namespace) -> int:
 
     if options.out is not None:
         beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
-        writable(options.out, replace=True, usual=beside)
+        writable(options.out, replace=True, usual=beside, suffix=".npz", source=options.linkage or "")
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
         print_json(rows) if options.json else print(text.format_certificates(rows))

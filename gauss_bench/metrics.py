@@ -76,8 +76,8 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
     half = np.unique([*range(0, len(t), 2), len(t) - 1])
     for level, rate in ((trajectory.q, trajectory.v), (trajectory.v, trajectory.a)):
         fine, coarse = integral(t, rate), integral(t[half], rate[half])
-        # two samples tell a straight line: what lies between them is known to the difference of its two ends' rectangles
-        unknown = coarse - fine[half] if len(t) > 2 else np.diff(rate, axis=0) * np.diff(t)[:, None]
+        # two samples tell a straight line alone: what lies between them is known to the difference of its two ends' rectangles
+        unknown = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
         for part in (slice(0, 2), slice(2, 3)):
             gaps.append(_largest(level - level[:1] - fine, part))
             bars.append(float(_largest(unknown, part).max(initial=0.0)))

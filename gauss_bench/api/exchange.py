@@ -72,7 +72,8 @@ def export(
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
-    path, seconds = writable(out, replace), checked_budget(budget, BUDGET)
+    path = writable(out, replace, suffix=KINDS[engine].suffix, source=linkage)
+    seconds = checked_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
     countable(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
@@ -159,7 +160,7 @@ def import_model(
         MissingExtra: MuJoCo is not installed.
         OSError: the file cannot be written.
     """
-    path = writable(out, replace)
+    path = writable(out, replace, suffix=".toml", source=model)
     told(f"{model}")
     with Worker() as worker:
         linkage = answered(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))

@@ -8,8 +8,14 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.runs.offers import ChoiceError
 
 
-def writable(out: str | Path, replace: bool, option: str = "--out", usual: Path | None = None) -> Path:
-    """The path of a file that may be written; the folder that is usual for it need not be there yet.
+def writable(
+    out: str | Path, replace: bool, option: str = "--out", usual: Path | None = None, suffix: str = "", source: str | Path = ""
+) -> Path:
+    """Return the path of a file that may be written; the folder that is usual for it need not be there yet.
+
+    Args:
+        suffix: of the kind of file that is written; a file of another kind is never replaced.
+        source: that it is made from, which is never replaced either.
 
     Raises:
         ExchangeError: it is a folder, lies in none that may be written, or is there already and may not be replaced.
@@ -21,6 +27,14 @@ def writable(out: str | Path, replace: bool, option: str = "--out", usual: Path 
         raise ExchangeError(f"{out}: there is no folder {path.parent}")
     if path.exists() and not replace:
         raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+    if path.exists() and not path.is_file():
+        raise ExchangeError(f"{out}: it is no ordinary file")
+    if path.exists() and source and Path(source).exists() and path.samefile(source):
+        raise ExchangeError(f"{out}: is what is read; {option} takes another file")
+    if path.exists() and suffix and path.suffix.lower() != suffix:
+        raise ExchangeError(
+            f"{out}: is there already, and no {suffix} file: --replace takes the place of files of its own kind alone"
+        )
     _checked(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
     return path
 

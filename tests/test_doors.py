@@ -1,0 +1,98 @@
+"""What goes out at the edges: closed and full outputs, characters that they lack, files of another kind."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gauss_bench.api.files import writable
+from gauss_bench.cli import main
+from gauss_bench.exchange.errors import ExchangeError
+
+FOUR_BAR = Path(__file__).parents[1] / "mechanisms" / "four_bar.toml"
+FULL = Path("/dev/full")
+
+
+def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-m", "gauss_bench", *arguments]
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False, **given)  # type: ignore[call-overload]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [["show", "four_bar"], ["kinematics", "four_bar", "--json"], ["--help"]], ids=lambda x: x[0])
+def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> None:
+    if not FULL.exists():
+        pytest.skip("this system has no /dev/full")
+    with FULL.open("w") as full:
+        ended = run_apart(arguments, stdout=full)
+    assert ended.returncode == 74
+    assert "error: stdout: No space left on device: results are lost" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    closed = run_apart(arguments, preexec_fn=lambda: os.close(1))
+    assert closed.returncode == 74
+    assert "error: stdout is closed" in closed.stderr
+    assert "Traceback" not in closed.stderr
+
+
+@pytest.mark.slow
+def test_a_reader_that_leaves_is_74_too() -> None:
+    command = [sys.executable, "-m", "gauss_bench", "kinematics", "four_bar", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        assert process.stderr
+        process.stdout.close()
+        told = process.stderr.read()
+        assert process.wait(120) == 74
+    assert "Traceback" not in told
+
+
+@pytest.mark.slow
+def test_a_title_beyond_the_outputs_characters_is_escaped(tmp_path: Path) -> None:
+    file = tmp_path / "four_bar.toml"
+    lines = FOUR_BAR.read_text(encoding="utf-8").splitlines()
+    file.write_text("\n".join('title = "Kurbel \u00e4 \u2192"' if x.startswith("title") else x for x in lines), encoding="utf-8")
+    ended = run_apart(["show", str(file)], stdout=subprocess.PIPE, env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    assert ended.returncode == 0
+    assert "Kurbel \\xe4 \\u2192" in ended.stdout
+
+
+def test_a_time_that_is_none_is_bad_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
+    assert main(["list"]) == 2
+    assert "SOURCE_DATE_EPOCH='abc' in the environment: it must be a whole number of seconds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "call",
+    [["export", "--engine", "c"], ["certify", "--until", "0.01"]],
+    ids=lambda x: x[0],
+)
+@pytest.mark.parametrize("spelling", ["itself", "a link to it", "another toml"])
+def test_no_verb_writes_over_what_it_reads_or_over_another_kind_of_file(
+    call: list[str], spelling: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    linkage, out = tmp_path / "four_bar.toml", tmp_path / "four_bar.toml"
+    shutil.copy(FOUR_BAR, linkage)
+    if spelling == "a link to it":
+        out = tmp_path / "link.c"
+        out.symlink_to(linkage)
+    if spelling == "another toml":
+        out = tmp_path / "pyproject.toml"
+        out.write_text("[project]\n", encoding="utf-8")
+    before = out.read_bytes()
+    assert main([*call, str(linkage), "--out", str(out), *(["--replace"] if call[0] == "export" else [])]) == 2
+    said = capsys.readouterr().err
+    assert "is what is read" in said or "files of its own kind alone" in said
+    assert (linkage.read_bytes(), out.read_bytes()) == (FOUR_BAR.read_bytes(), before)
+
+
+def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:
+    old = tmp_path / "old.c"
+    old.write_text("int x;", encoding="utf-8")
+    assert writable(old, True, suffix=".c") == old
+    with pytest.raises(ExchangeError, match="--replace writes over it"):
+        writable(old, False, suffix=".c")
