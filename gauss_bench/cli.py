@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
 EPOCH = "SOURCE_DATE_EPOCH"  # seconds that libraries which write pictures and programs take for now
+LEAST_MEMORY = 700 << 20  # bytes of address space: with less, OpenBLAS may look for memory for ever while it is imported
 TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 PRINTED = Path("csv")  # of kinematics: its table goes to stdout
 
@@ -94,6 +95,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {EPOCH}={harmless(epoch[:40])!r} in the environment: it must be a whole number of seconds", file=sys.stderr)
         return BAD_INPUT
     options = parser(ACTIONS).parse_args(given)
+    if (memory := memory_limit()) < LEAST_MEMORY:
+        least = f"{LEAST_MEMORY >> 10} kB"
+        print(f"error: a limit leaves {memory >> 10} kB of memory (`ulimit -v`); libraries take {least} at least", file=sys.stderr)
+        return BAD_INPUT
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
@@ -116,6 +121,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return OWN_FAULT
     finally:
         no_longer()
+
+
+def memory_limit() -> int:
+    """Return the bytes of address space that this process may have."""
+    try:
+        import resource
+    except ImportError:
+        return sys.maxsize
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return sys.maxsize if limit == resource.RLIM_INFINITY else limit
 
 
 def is_argument(text: str) -> bool:

@@ -38,6 +38,18 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
     assert "Traceback" not in closed.stderr
 
 
+@pytest.mark.parametrize("kilobytes", [250_000, 300_000, 400_000])
+def test_too_little_memory_is_told_before_any_library_looks_for_it(kilobytes: int) -> None:
+    """With some limits the import of a library never ends."""
+    code = f"import resource as r, sys; r.setrlimit(r.RLIMIT_AS, ({kilobytes << 10},) * 2); "
+    code += "from gauss_bench.cli import main; code = main(['simulate', 'four_bar', '--engine', 'mujoco', '--at', '0.1']); "
+    code += "assert 'numpy' not in sys.modules; sys.exit(code)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"error: a limit leaves {kilobytes} kB of memory (`ulimit -v`)")
+    assert len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.slow
 def test_a_reader_that_leaves_is_74_too() -> None:
     command = [sys.executable, "-m", "gauss_bench", "kinematics", "four_bar", "--json"]

@@ -101,6 +101,28 @@ def start_a_daemon_further_in() -> int:
     return int(Worker().call(start_a_daemon, (), 20.0))  # which nobody ends, as where its owner is killed
 
 
+HIDDEN = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()
+    if (pid := os.fork()) == 0:
+        os.dup2(2, 1)  # the pipe that is read to its end
+        os.execve("/bin/sleep", ["sleep", "3600"], {})
+    os.write(1, b"%d" % pid)
+os._exit(0)
+"""
+
+
+def start_a_daemon_without_a_mark() -> int:
+    """Two forks, a session of its own and an empty environment: nothing of it says where it comes from."""
+    return int(subprocess.run([sys.executable, "-c", HIDDEN], stdout=subprocess.PIPE, check=True).stdout)
+
+
+def start_an_unmarked_daemon_and_hang() -> None:
+    Path(os.environ["SAID"]).write_text(str(start_a_daemon_without_a_mark()), encoding="ascii")
+    time.sleep(3600)
+
+
 def ends(pid: int) -> bool:
     """Whether a process is gone soon."""
     deadline = time.monotonic() + 5.0
@@ -109,7 +131,7 @@ def ends(pid: int) -> bool:
     return not Path(f"/proc/{pid}").exists()
 
 
-@pytest.mark.parametrize("start", [start_a_daemon, start_a_daemon_further_in])
+@pytest.mark.parametrize("start", [start_a_daemon, start_a_daemon_further_in, start_a_daemon_without_a_mark])
 def test_what_hides_in_a_session_of_its_own_ends_with_its_worker(start: Callable[[], int]) -> None:
     with Worker() as one:
         pid = one.call(start, (), 30.0)
@@ -117,8 +139,18 @@ def test_what_hides_in_a_session_of_its_own_ends_with_its_worker(start: Callable
     assert ends(pid)
 
 
-def test_what_a_worker_has_started_ends_with_whoever_started_the_worker() -> None:
-    code = "import os; from tests.test_isolation import start_a_daemon_further_in as f; os.write(1, b'%d' % f()); os._exit(1)"
+def test_what_hides_from_a_task_that_takes_too_long_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SAID", str(tmp_path / "said"))
+    with Worker() as one:
+        with pytest.raises(WorkerFailure, match="no answer within"):
+            one.call(start_an_unmarked_daemon_and_hang, (), 3.0)
+        assert ends(int((tmp_path / "said").read_text(encoding="ascii")))
+
+
+@pytest.mark.parametrize("start", ["start_a_daemon_further_in", "start_a_daemon_without_a_mark"])
+def test_what_a_worker_has_started_ends_with_whoever_started_the_worker(start: str) -> None:
+    code = f"import os; from tests.test_isolation import {start} as f; from gauss_bench.runs.worker import Worker; "
+    code += "os.write(1, b'%d' % Worker().call(f, (), 30.0)); os._exit(1)"
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=False, timeout=60)
     assert done.returncode == 1
     assert ends(int(done.stdout))

@@ -5,12 +5,16 @@ run the code of others. The worker's standard output is given to its error strea
 the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library finds it by
 counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger than the
 caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library
-can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's failure. Whatever
-a task has started ends with its worker, in whatever session it hides, and none may take more memory than MEMORY.
+can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's failure.
+
+What a task has started ends with its worker, in whatever session it hides: processes that were given its environment are known by
+a mark there, and on Linux those without it by their parent, since the worker adopts what its children leave behind. One that has no
+mark stays where its worker crashed, or was killed by somebody else, before it. None may take more memory than MEMORY.
 """
 
 import atexit
 import contextlib
+import ctypes
 import fcntl
 import math
 import os
@@ -39,6 +43,7 @@ BACKSTOP = 20.0  # times the limit: where a task is stopped however busy the mac
 MEMORY = 6 << 30  # bytes of a process: engines need one or two
 ROUNDS = 100  # of looking for what a worker has left
 MARK = "GAUSS_BENCH_WORKER"  # in the environment of a worker, and so of all that it starts
+SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
 
 
@@ -89,6 +94,8 @@ class Worker:
         """End the process and all that it has started."""
         process, self.process = self.process, None  # at once: what is broken off here may come here again
         if process is not None:
+            if process.poll() is None:
+                _end_descendants(process.pid)  # before their worker: they would be adopted by others
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.kill()
@@ -241,21 +248,50 @@ class _Clock:
 
 def _end_all(mark: str) -> None:
     """End every process that a worker or one within it has started, by its mark: one in a session of its own outlives its group."""
-    sign, own = f"{MARK}={mark}".encode(), str(os.getpid())
+    sign = f"{MARK}={mark}".encode()
+    _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
+
+
+def _end_descendants(root: int) -> None:
+    """End every process below one that goes on."""
+    _end_each(lambda: _descendants(root))
+
+
+def _end_each(find: Callable[[], list[int]]) -> None:
+    """End the processes found, again and again until there are none: one may have started another meanwhile."""
     for _ in range(ROUNDS):
-        ended = 0
-        with contextlib.suppress(OSError):
-            for name in os.listdir("/proc"):
-                if name.isdigit() and name != own and _has(name, sign):
-                    with contextlib.suppress(ProcessLookupError, PermissionError):
-                        os.kill(int(name), signal.SIGKILL)
-                        ended += 1
-        if not ended:
+        if not (found := find()):
             return
-        time.sleep(0.01)  # until they are gone, and none has started another meanwhile
+        for pid in found:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.01)
 
 
-def _has(pid: str, sign: bytes) -> bool:
+def _processes() -> list[int]:
+    """Return every process of this machine; none where the system does not list them."""
+    with contextlib.suppress(OSError):
+        return [int(name) for name in os.listdir("/proc") if name.isdigit()]
+    return []
+
+
+def _descendants(root: int) -> list[int]:
+    """Return the processes below one, but for those that have ended and wait to be asked how."""
+    children: dict[int, list[int]] = {}
+    ended = set()
+    for pid in _processes():
+        with contextlib.suppress(OSError), open(f"/proc/{pid}/stat", "rb") as file:
+            state, parent = file.read().rpartition(b")")[2].split()[:2]  # the name before it may hold blanks and brackets
+            children.setdefault(int(parent), []).append(pid)
+            if state in (b"Z", b"X"):
+                ended.add(pid)
+    found = [root]
+    for pid in found:  # which grows
+        found += children.get(pid, [])
+    return [pid for pid in found[1:] if pid not in ended]
+
+
+def _has(pid: int, sign: bytes) -> bool:
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
             return any(x == sign or x.startswith(sign + b"/") for x in file.read().split(b"\0"))
@@ -267,8 +303,15 @@ def _leave_with_parent() -> None:
     parent = os.getppid()
     while os.getppid() == parent:
         time.sleep(1.0)
+    _end_descendants(os.getpid())
     _end_all(os.environ.get(MARK, ""))
     os.killpg(0, signal.SIGKILL)  # a session of its own: this process and what it has started
+
+
+def _adopt() -> None:
+    """Become the parent of what this process's children leave behind, where the system lets it."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
 
 def _bounded() -> None:
@@ -301,6 +344,7 @@ def main() -> None:
     os.dup2(nothing, 0)
     os.close(nothing)
     _bounded()
+    _adopt()
     home = os.getcwd()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     while header := tasks.read(HEADER.size):
@@ -317,6 +361,7 @@ def main() -> None:
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)
         answers.flush()
+    _end_descendants(os.getpid())
     _end_all(os.environ.get(MARK, ""))  # a parent that was killed ends nothing itself
 
 
