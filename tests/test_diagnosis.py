@@ -22,6 +22,7 @@ from gauss_bench.diagnosis.selftest import diagnosed
 from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import JointDamping, Mechanism, RotationalSpringDamper, Torque
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.one_run import one_run
 from gauss_bench.terms import Solution, Terms
@@ -155,6 +156,60 @@ def test_the_parameter_and_by_how_much_it_is_off_are_told() -> None:
     assert best.what == "inertia of crank"
     assert best.amount == pytest.approx(0.01, rel=1e-3)
     assert "inertia of crank is 1 % too large" in found.sentence
+
+
+def of_all_links(key: str, factor: float, mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, links=tuple(replace(x, **{key: factor * getattr(x, key)}) for x in mechanism.links))
+
+
+def heavier(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, gravity=9.80665 / 9.81 * np.asarray(mechanism.gravity))
+
+
+def with_angular_forces_reversed(mechanism: Mechanism) -> Mechanism:
+    angular = (Torque, RotationalSpringDamper, JointDamping)
+    keys = ("value", "k", "c")
+    forces = [
+        replace(x, **{key: -getattr(x, key) for key in keys if hasattr(x, key)}) if isinstance(x, angular) else x
+        for x in mechanism.forces
+    ]
+    return replace(mechanism, forces=tuple(forces))
+
+
+def with_bias(factor: float, terms: Terms, *_: object) -> Terms:
+    return replace(terms, gamma=factor * terms.gamma)
+
+
+def with_entry(row: int, column: int, factor: float, terms: Terms, *_: object) -> Terms:
+    J = terms.J.copy()
+    J[row, column] *= factor
+    return replace(terms, J=J)
+
+
+NAMED = [
+    (of("all inertias", Cause.INERTIA, linkage=partial(of_all_links, "inertia", 1.01)), "all inertias are 1 % too large"),
+    (of("all masses", Cause.MASS, linkage=partial(of_all_links, "mass", 1.01)), "all masses are 1 % too large"),
+    (of("gravity", Cause.GRAVITY, linkage=heavier), "gravity is 0.0341 % too small"),
+    (
+        of("bias", Cause.VELOCITY_TERMS, terms=partial(with_bias, 1.01)),
+        "the velocity terms of the constraints (J' v) are 1 % too large",
+    ),
+    (
+        of("entry", Cause.JACOBIAN, terms=partial(with_entry, 7, 8, 1.001)),
+        "entry (D, second row; theta of rocker) is 0.1 % too large",
+    ),
+    (of("reversed", Cause.FORCE, linkage=with_angular_forces_reversed), "all angular forces have the wrong sign"),
+]
+
+
+@pytest.mark.parametrize(("fault", "said"), NAMED, ids=lambda x: getattr(x, "name", ""))
+def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fault: Fault, said: str) -> None:
+    """The last of them makes the motion diverge: a shorter run, or one that ended early, tells it."""
+    found = verdict(fault, FOUR_BAR, step=4e-3)
+    assert found.cause is fault.cause, found.sentence
+    assert any(said in x.sentence for x in found.candidates), found.sentence
+    assert all(x.residual <= 1e-8 for x in found.candidates)
+    assert len(found.candidates) == (3 if fault.name == "reversed" else 1)
 
 
 # known answers

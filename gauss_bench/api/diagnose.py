@@ -42,6 +42,7 @@ class Diagnosis(OneRun):
             output sampling.
         numbers: `diagnosis.diagnosis.Numbers`, or None where there was no run to look at.
         explanations: of accelerations that are off, the best first: cause, what, amount, share and a sentence.
+        candidates: the explanations that reproduce the accelerations within their noise, each with its amount and residual.
         runs: status and message of each.
         reference: how the truth was made.
     """
@@ -53,6 +54,7 @@ class Diagnosis(OneRun):
     parts: dict[Part, float]
     numbers: Numbers | None
     explanations: tuple[Explained, ...]
+    candidates: tuple[Explained, ...]
     runs: tuple[tuple[Status, str], ...]
     reference: str
 
@@ -62,6 +64,7 @@ class Diagnosis(OneRun):
         by_name["parts"] = {str(k): x for k, x in self.parts.items()}
         by_name["numbers"] = self.numbers and asdict(self.numbers)
         by_name["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
+        by_name["candidates"] = [asdict(x) | {"cause": str(x.cause)} for x in self.candidates]
         by_name["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
         return by_name
 
@@ -162,6 +165,7 @@ def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, v
         parts=verdict.parts,
         numbers=verdict.numbers,
         explanations=verdict.explanations,
+        candidates=verdict.candidates,
         runs=verdict.runs,
         reference=reference,
     )

@@ -27,6 +27,7 @@ class Cause(StrEnum):
     ACCELERATIONS = "accelerations"  # wrong in a way that no parameter explains
     SECOND_RATE = "second time derivative of a driver"
     VELOCITY_TERMS = "velocity terms of the constraints"
+    JACOBIAN = "constraint Jacobian"
     IGNORED = "constraints ignored"
     STALE = "stale constraint data"
     ORDER = "order of links or joints"

@@ -17,9 +17,18 @@ import numpy as np
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.dimensions import misplaced
-from gauss_bench.diagnosis.explanations import Explained, Explanation, explained, of_all, of_constraints, of_parameters
+from gauss_bench.diagnosis.explanations import (
+    Explained,
+    Explanation,
+    candidates,
+    explained,
+    of_all,
+    of_constraints,
+    of_numbers_of_constraints,
+    of_parameters,
+)
 from gauss_bench.diagnosis.motion import OwnMotion, Truth
-from gauss_bench.diagnosis.observations import Burst, Observed, Runner, burst, observe, sampled
+from gauss_bench.diagnosis.observations import FEWEST, Burst, Observed, Runner, burst, observe, sampled
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.one_run import sampling_at
@@ -34,6 +43,9 @@ AS_GOOD = 3.0  # explanations that leave no more than this times what the best l
 MOST = 0.5  # of an error: what is more is dominant
 SEEN = 1e-7  # relative: what accelerations are off by that is no rounding, though a thousand times what matters
 OPEN = 0.3  # of the linkage's size: loops that are open by more are another linkage, whose accelerations explain nothing
+NOISE = 1e-9  # relative, of accelerations at the same states: above it an engine's equations are others
+SHORTER = 4.0  # times, that a run which fails before its first checkpoint is asked for again
+NAMED = 8  # causes in a sentence; all of them are in `candidates`
 OLD = 0.1  # steps: constraint data that are older than this by more than the integrator needs
 NOTHING, SOUND = 0.02, 1e-5  # of an error that a map of time leaves, and relative, of accelerations: next to nothing
 ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # of integrators by their names
@@ -97,6 +109,7 @@ class Verdict:
         numbers: behind it, None where there was no run to look at.
         explanations: of accelerations that are off, the best first.
         runs: how each run ended: status and message.
+        candidates: the explanations that reproduce the accelerations within their noise; none of them can be told from another.
     """
 
     cause: Cause
@@ -105,6 +118,7 @@ class Verdict:
     numbers: Numbers | None
     explanations: tuple[Explained, ...]
     runs: tuple[tuple[Status, str], ...]
+    candidates: tuple[Explained, ...] = ()
 
 
 def diagnose_runs(
@@ -135,6 +149,9 @@ def diagnose_runs(
     own = OwnMotion(mechanism)
     seen = observe(run, choices, until, told)
     ended = tuple((r.status, r.message) for r in seen.runs)
+    while not seen.bursts and ended[0][0] is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
+        until /= SHORTER
+        seen = observe(run, choices, until, told)
     if not seen.bursts:
         status, message = ended[0]
         return Verdict(Cause.UNKNOWN, f"there is no run to look at: {status}: {message}", {}, None, (), ended)
@@ -145,7 +162,8 @@ def diagnose_runs(
         numbers = case.numbers()
         failed = next((f"{status}: {message}" for status, message in ended if status is not Status.OK), "")
         sentence = f"{sentence} (a run ended early: {failed})" if failed else sentence
-        return Verdict(cause, sentence, case.parts(cause, numbers), numbers, tuple(explanations), ended)
+        alike = tuple(candidates(explanations, case.noise))
+        return Verdict(cause, sentence, case.parts(cause, numbers), numbers, tuple(explanations), ended, alike)
 
 
 class Case:
@@ -175,6 +193,7 @@ class Case:
         chosen = [split.usable(own, b, most) for b in self.bursts]
         self.sound = tuple(b[c] for b, c in zip(self.bursts, chosen, strict=True))
         self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
+        self.noise = self._noise()
         self.map: samples.TimeMap | None = None
         self.jumped: samples.Jump | None = None
 
@@ -187,16 +206,47 @@ class Case:
         matters = not self.error <= max(SMALL, 3 * self.bar)
         if not matters:
             return self._small()
-        for asked in (self._turns, self._order, self._still, self._jump, self._velocities, self._length, self._other_times):
+        for asked in (self._turns, self._order, self._still, self._jump, self._velocities):
+            if answer := asked():
+                return (*answer, [])
+        if exact := self._reproduced():
+            return exact
+        for asked in (self._length, self._other_times):
             if answer := asked():
                 return (*answer, [])
         return self._by_steps()
+
+    def _noise(self) -> float:
+        """How far sound accelerations may differ, relative: ten times what two ways of the suite to solve for them do."""
+        states = self.sound[-1]
+        if not len(states.at) or self.own.evaluator.friction:
+            return NOISE
+        a, other = self.own.accelerations(states.at), self.own.absolute.acceleration(states.at.t, states.at.q, states.at.v)
+        apart = float(np.linalg.norm(a - other) / max(float(np.linalg.norm(a)), 1e-300))
+        return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
+
+    def _reproduced(self) -> tuple[Cause, str, list[Explained]] | None:
+        """The causes each of which, planted by its own amount, gives the very accelerations that the engine tells."""
+        last = self.local[-1]
+        if last is None or not last.relative_told > SEEN:
+            return None
+        explanations = self._explained(last.told, self.sound[-1])
+        alike = candidates(explanations, self.noise)
+        if not alike:
+            return None
+        named = ", or ".join(x.sentence for x in alike[:NAMED])
+        more = f", or one of {len(alike) - NAMED} more" if len(alike) > NAMED else ""
+        size = f"accelerations are off by {last.relative_told:.1e} at the same states"
+        each = "each of these" if len(alike) > 1 else "this"
+        return alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations
 
     def _small(self) -> tuple[Cause, str, list[Explained]]:
         limit = max(SMALL, 3 * self.bar)
         said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {limit:.0e}"
         if other := self._velocities():
             return (*other, [])
+        if exact := self._reproduced():
+            return exact
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
             return Cause.NONE, said + self._what_there_is(), []
@@ -409,8 +459,10 @@ class Case:
             yield from of_parameters(self.own, b.at)
             yield from of_constraints(self.own, b.at, b.before, start)
             yield from of_all(self.own, b.at)
+            yield from of_numbers_of_constraints(self.own, b.at)
 
-        return explained(y, self.own.evaluator.mass, some())[:8]
+        found = explained(y, self.own.evaluator.mass, some(), self.own.accelerations(b.at), self.noise)
+        return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _several(self, y: Array, b: Burst) -> float:
         """Share that all parameters explain together, each by its own amount."""

@@ -20,13 +20,14 @@ import numpy as np
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Link, Mechanism, PointForce, Torque
+from gauss_bench.mechanism.model import Angle, Force, Link, Mechanism, PointForce, Torque
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 SMALL = 1e-4  # relative change of a parameter by which its effect is measured
 REFINEMENTS = 8
+SCREENED = 0.5  # of the squares: what a straight line leaves where it is worth while to follow the curve
 NUMBERS = ("value", "k", "c", "rest")  # of forces
 ONCE = 0.15  # what is left out once has an amount of 1, within what an integrator's error spoils
 GIVEN = 9.81  # [m/s^2] gravity where the linkage has none
@@ -45,6 +46,7 @@ class Explanation:
         once: whether it is so or not, with no amount between.
         linear: whether the effect is proportional to the amount.
         sentence: amount -> what is to be said of it.
+        exact: whether it is believed only where it leaves nothing but noise: one of so many numbers fits anything a little.
     """
 
     cause: Cause
@@ -53,6 +55,7 @@ class Explanation:
     sentence: Callable[[float], str]
     once: bool = False
     linear: bool = True
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ class Explained:
     Attributes:
         cause, what: of the explanation; amount: that fits best; share: of the squared difference that it explains, at most 1.
         sentence: what is to be said.
+        residual: of the accelerations, relative, when the cause is planted by that amount.
     """
 
     cause: Cause
@@ -69,17 +73,33 @@ class Explained:
     amount: float
     share: float
     sentence: str
+    residual: float = np.nan
 
 
-def explained(y: Array, mass: Array, some: Iterator[Explanation]) -> list[Explained]:
-    """All explanations of differences y (k, n) of accelerations, the best first; none of what has no effect."""
+def explained(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
+    """All explanations of differences y (k, n) from accelerations a, the best first; none of what has no effect.
+
+    Those that leave no more than `noise` (relative to a) cannot be told apart and stand in the order in which they were tried.
+    """
     root = np.sqrt(mass)
     target = (y * root).ravel()
-    explanations = [x for one in some if (x := _fitted(one, target, root)) is not None]
-    return sorted(explanations, key=lambda x: -x.share)
+    whole = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
+    explanations: list[Explained] = []
+    for one in some:
+        fit = _fitted(one, target, root, whole)
+        if fit is None or (one.exact and not fit.residual <= noise):
+            continue
+        if all(fit.sentence != x.sentence for x in explanations):
+            explanations.append(fit)
+    return sorted(explanations, key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
-def _fitted(one: Explanation, target: Array, root: Array) -> Explained | None:
+def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
+    """Those that reproduce the accelerations within their noise when they are planted by the amount named."""
+    return [x for x in explanations if x.residual <= noise]
+
+
+def _fitted(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
     def effect(amount: float) -> Array:
         return np.asarray((one.effect(amount) * root).ravel())
 
@@ -90,12 +110,16 @@ def _fitted(one: Explanation, target: Array, root: Array) -> Explained | None:
         return None
     amount = float(column @ target) / size
     left = target - column * amount
+    if one.exact and float(left @ left) > SCREENED * whole:
+        return None
     if not one.linear:
         amount, left = _refined(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(left @ left) / whole
     if not np.isfinite(share) or (one.once and abs(amount - 1.0) > ONCE):
         return None
-    return Explained(one.cause, one.what, amount, share, one.sentence(amount))
+    planted = 1.0 if one.once else amount
+    residual = float(np.linalg.norm(target - effect(planted))) / size_of_all
+    return Explained(one.cause, one.what, amount, share, one.sentence(amount), residual)
 
 
 def _refined(effect: Effect, target: Array, amount: float) -> tuple[float, Array]:
@@ -118,7 +142,7 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
     def modelled(altered: Mechanism) -> Array:
         there = Evaluator(altered)
-        return replace(parts, mass=there.mass, Q=there.applied.generalised(x.q, x.v)).accelerations() - base
+        return replace(parts, mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t)).accelerations() - base
 
     def of_link(k: int, key: str) -> Effect:
         return lambda c: modelled(with_link(mechanism, k, key, 1 + c))
@@ -127,6 +151,14 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
         for key, cause in (("inertia", Cause.INERTIA), ("mass", Cause.MASS)):
             what = f"{key} of {link.name}"
             yield Explanation(cause, what, of_link(k, key), partial_words(f"the {what}"), linear=False)
+    for keys, cause, what in OF_ALL_LINKS:
+
+        def of_links(c: float, keys: tuple[str, ...] = keys) -> Array:
+            links = tuple(replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) for link in mechanism.links)
+            return modelled(replace(mechanism, links=links))
+
+        yield Explanation(cause, what, of_links, plural_words(what), linear=False)
+    yield from of_all_forces(own, x)
     for i, j in combinations(range(len(mechanism.links)), 2):
         names = f"{mechanism.links[i].name} and {mechanism.links[j].name}"
         swapped = modelled(exchanged(mechanism, i, j))
@@ -152,6 +184,69 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
                 f"direction of force {force.name}",
                 proportional(turned),
                 partial_direction(force.name),
+            )
+
+
+COORDINATES = ("x", "y", "theta")
+OF_ALL_LINKS = (
+    (("inertia",), Cause.INERTIA, "all inertias"),
+    (("mass",), Cause.MASS, "all masses"),
+    (("mass", "inertia"), Cause.MASS, "all masses and inertias"),
+)
+
+
+def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
+    """Forces of one kind, or all of them, of another size or sign."""
+    mechanism, parts = own.mechanism, own.parts(x)
+    base = parts.accelerations()
+
+    def pushed(forces: tuple[Force, ...]) -> Array:
+        alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
+        return alone.applied.generalised(x.q, x.v, x.t)
+
+    angular = tuple(f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.lowered()))
+    moments = np.where(np.arange(mechanism.n) % 3 == 2, parts.Q, 0.0)
+    sums = [("all angular forces", pushed(angular)), ("all moments on links", moments)]
+    sums += [("all forces but gravity", pushed(mechanism.forces)), ("all forces and gravity", parts.Q)]
+    sums += [(f"all of the force {f.name}", pushed((f,))) for f in mechanism.forces]
+    for what, Q in sums:
+        effect = replace(parts, Q=parts.Q + Q).accelerations() - base
+        yield Explanation(Cause.FORCE, what, proportional(effect), plural_words(what), exact=True)
+
+
+def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation]:
+    """Entries, rows and velocity terms of the constraints of another size."""
+    mechanism, parts = own.mechanism, own.parts(x)
+    base, rows = parts.accelerations(), own.evaluator.constraints
+    names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
+    names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
+    second = np.zeros_like(parts.gamma)
+    for row, law in enumerate(rows.laws, rows.joint_rows):
+        second[:, row] = np.asarray(law(x.t)[2])
+    bias = parts.gamma - second
+    several = [("the velocity terms of the constraints (J' v)", slice(None))]
+    several += [(f"the velocity terms (J' v) of {name}", slice(k, k + 1)) for k, name in enumerate(names)]
+    for what, some in several:
+        more = parts.gamma.copy()
+        more[:, some] += bias[:, some]
+        effect = replace(parts, gamma=more).accelerations() - base
+        yield Explanation(Cause.VELOCITY_TERMS, what, proportional(effect), plural_words(what), exact=True)
+
+    def scaled(row: int, column: int | slice) -> Effect:
+        def effect(c: float) -> Array:
+            J = parts.J.copy()
+            J[:, row, column] *= 1 + c
+            return replace(parts, J=J).accelerations() - base
+
+        return effect
+
+    for row, name in enumerate(names):
+        what = f"Jacobian's row of {name}"
+        yield Explanation(Cause.JACOBIAN, what, scaled(row, slice(None)), partial_words(f"the {what}"), linear=False, exact=True)
+        for column in np.flatnonzero(parts.J[:, row].any(axis=0)):
+            what = f"Jacobian's entry ({name}; {COORDINATES[column % 3]} of {mechanism.links[column // 3].name})"
+            yield Explanation(
+                Cause.JACOBIAN, what, scaled(row, int(column)), partial_words(f"the {what}"), linear=False, exact=True
             )
 
 
@@ -265,6 +360,15 @@ def partial_words(what: str) -> Callable[[float], str]:
         if abs(c + 1) < ONCE / 10:
             return f"{what} is left out"
         return f"{what} has the wrong sign" if abs(c + 2) < ONCE / 10 else f"{what} is {percent(c)}"
+
+    return words
+
+
+def plural_words(what: str) -> Callable[[float], str]:
+    def words(c: float) -> str:
+        if abs(c + 1) < ONCE / 10:
+            return f"{what} are left out"
+        return f"{what} have the wrong sign" if abs(c + 2) < ONCE / 10 else f"{what} are {percent(c)}"
 
     return words
 

@@ -90,7 +90,7 @@ class OwnMotion:
     def parts(self, x: States) -> Parts:
         """The terms at states; without friction, which needs the multipliers."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
-        Q = self.evaluator.applied.generalised(x.q, x.v)
+        Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.independent)
 
     def gaps(self, x: States) -> Array:
