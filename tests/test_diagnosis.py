@@ -141,6 +141,7 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
     assert found.cause is Cause.INTEGRATOR, found.sentence
     assert "beside it, the inertia of crank is 1 % too large" in found.sentence
+    assert [x.what for x in found.candidates] == ["inertia of crank"]
 
 
 @pytest.mark.slow

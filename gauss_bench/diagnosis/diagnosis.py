@@ -209,12 +209,14 @@ class Case:
         for asked in (self._turns, self._order, self._still, self._jump, self._velocities):
             if answer := asked():
                 return (*answer, [])
-        if exact := self._reproduced():
+        exact = self._reproduced()
+        if exact and not self._step_dominates():
             return exact
         for asked in (self._length, self._other_times):
             if answer := asked():
                 return (*answer, [])
-        return self._by_steps()
+        cause, sentence, explanations = self._by_steps()
+        return cause, sentence, explanations or (exact[2] if exact else [])
 
     def _noise(self) -> float:
         """How far sound accelerations may differ, relative: ten times what two ways of the suite to solve for them do."""
@@ -403,9 +405,11 @@ class Case:
         if self._rounds():
             said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
             return Cause.ROUND_OFF, f"{said} ({self._steps_in_words()})", []
-        if limit > by_step or not (self.steps.converges or self.adaptive):
-            return self._without_step(limit)
-        return self._of_step(by_step)
+        return self._of_step(by_step) if self._step_dominates() else self._without_step(limit)
+
+    def _step_dominates(self) -> bool:
+        """Whether the step adds more than smaller steps leave."""
+        return split.size(self.steps.limit) <= split.size(self.steps.by_step) and (self.steps.converges or self.adaptive)
 
     def _steps_in_words(self) -> str:
         return ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
