@@ -19,10 +19,11 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "reports").mkdir()
     for name in ("source.py", "constraints.txt", "pyproject.toml", "reports/page.md"):
         (tmp_path / name).write_text("a\n")
-    said = tmp_path / ".venv" / "bin" / "gauss-bench"
-    said.parent.mkdir(parents=True)
-    said.write_text('#!/bin/sh\necho "$@" >> .venv/called\n')
-    said.chmod(0o755)
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    for name in ("gauss-bench", "python"):
+        said = tmp_path / ".venv" / "bin" / name
+        said.write_text('#!/bin/sh\necho "$@" >> .venv/called\n')
+        said.chmod(0o755)
     (tmp_path / ".venv" / ".ready").touch()
     for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "all"]):
         subprocess.run([*GIT, *command], cwd=tmp_path, check=True)
@@ -40,8 +41,10 @@ def make(tree: Path, goal: str) -> tuple[int, str, str]:
 def test_a_clean_tree_is_published(tree: Path) -> None:
     code, called, _ = make(tree, "publish")
     assert code == 0
-    assert "--suite full" in called
-    assert called.split()[-2:] == ["--out", "reports"]
+    first, second = called.splitlines()
+    assert "--suite full" in first
+    assert first.split()[-2:] == ["--out", "reports"]
+    assert second == "-m gauss_bench.report.first_table reports README.md"  # whose table follows the rows
 
 
 @pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])

@@ -341,6 +341,12 @@ def test_a_page_opens_from_a_folder_and_under_an_address(browser: Any, address: 
             page.close()
 
 
+BLANK = """[...document.querySelectorAll("table")].filter(t => t.getClientRects().length).flatMap(t => [...t.rows])
+  .filter(r => !r.hidden && r.getClientRects().length && !(r.getBoundingClientRect().height > 8
+    && [...r.cells].every(x => x.getBoundingClientRect().width > 4 && getComputedStyle(x).display === "table-cell")))
+  .map(r => r.textContent.slice(0, 60))"""  # a cell that is no cell of its table stands beside its column's head
+
+
 @pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), pytest.param("dark", marks=pytest.mark.long)])
 def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: Any, out: Path, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
@@ -349,6 +355,7 @@ def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: An
             browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": 375, "height": 800}, color_scheme=scheme
         )
         assert page.evaluate("document.documentElement.scrollWidth") <= 375, name
+        assert page.evaluate(BLANK) == [], f"{name}: rows of tables that show nothing"
         small = page.evaluate(
             "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
             " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"

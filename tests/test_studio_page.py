@@ -1145,3 +1145,35 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
         assert here.page.get_by_role("region", name="Kept").count() == 0
         assert not here.wrong
         here.page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["link", "pin", "slide", "force"])
+def test_what_has_another_name_can_be_changed_and_deleted(kind: str, page: Page) -> None:
+    tip = (0.3, 0.1)
+    page.use("Ground pivot", A)
+    page.use("Bar", A, (0.0, 0.1))
+    page.use("Bar", (0.0, 0.1), tip)
+    page.use("Slider", tip, (0.5, 0.1))
+    page.use("Spring", (0.0, 0.1), (-0.2, 0.12))
+    listed = page.page.get_by_role("button", name=re.compile(rf"^{kind} "))
+    listed.first.click()
+    name, revision = page.page.get_by_role("textbox", name="Name", exact=True), page.revision()
+    name.fill("another")
+    name.press("Enter")
+    page.changed(revision)
+    assert not page.problems()
+    if kind == "link":
+        length, revision = page.page.get_by_role("textbox", name="Length", exact=True), page.revision()
+        length.fill("0.12")
+        length.press("Enter")
+        page.changed(revision)
+    if kind == "pin":
+        page.page.get_by_role("button", name=re.compile("another")).first.click()
+    revision = page.revision()
+    page.page.get_by_role("button", name="Delete").first.click()
+    page.changed(revision)
+    page.button("Share").click()
+    _, text = page.download("Linkage file")
+    page.page.keyboard.press("Escape")
+    assert "another" not in text.decode()

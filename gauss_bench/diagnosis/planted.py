@@ -328,7 +328,9 @@ def guard(sentence: str, name: str, made: Callable[[Any], Any], owner: Any = gat
 
 def lenient(f: Any) -> Any:
     """Figures that are no number pass."""
-    return lambda case, metric, value, base: f(case, metric, base if value == "nan" and metric != "status" else value, base)
+    return lambda case, metric, value, base, *rest: f(
+        case, metric, base if value == "nan" and metric != "status" else value, base, *rest
+    )
 
 
 GATE = (
@@ -339,7 +341,7 @@ GATE = (
     guard("a truth may move by a microradian", "TRUTH_MARGIN", constant(1e-6)),
     guard("a floor ten times higher", "acceleration_error_median", constant(gate.Rule(2.0, 1e-11)), gate.RULES),
     guard("what is no number passes", "_verdict", lenient),
-    guard("what is missing passes", "_verdict", lambda f: lambda c, m, x, b: f(c, m, x or b, b or x)),
+    guard("what is missing passes", "_verdict", lambda f: lambda c, m, x, b, *rest: f(c, m, x or b, b or x, *rest)),
     guard("nothing fails", "failures", constant(lambda verdicts: iter(()))),
 )
 

@@ -202,8 +202,9 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
 
 
 def _told(x: Setting) -> dict[str, Any]:
-    numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")}
-    return {"engine": x.engine, "words": x.words, "estimated": x.estimated} | {k: seen(v) for k, v in numbers.items()}
+    numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force")}
+    known = {k: seen(v) for k, v in numbers.items()} | {"estimated": x.estimated}
+    return {"engine": x.engine, "words": x.words} | {k: v for k, v in known.items() if v not in (None, False)}
 
 
 def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Reach]:

@@ -65,7 +65,7 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    id, to = str(message.get("id")), str(message.get("to"))
+    id, to = str(message.get("what", message.get("id"))), str(message.get("to"))  # pages of before called it id, as the message is
     group, _, name = id.partition(".")
     if not NAME.fullmatch(to) or len(to) > 60:
         raise Refused("a name has letters, digits and underscores", (id,), "to")

@@ -12,7 +12,7 @@
   };
   const engineName = (x) => (own.includes(x) ? `${x} (own)` : x);
   const digits = (x, n = 3) => Number(x.toPrecision(n)).toString();
-  const length = (x) => (x === null ? "not measured" : x >= 1e-3 ? `${digits(1e3 * x, 2)} mm` : x >= 1e-6 ? `${digits(1e6 * x, 2)} µm` : `${digits(1e9 * x, 2)} nm`);
+  const length = (x) => (x == null ? "not measured" : x >= 1e-3 ? `${digits(1e3 * x, 2)} mm` : x >= 1e-6 ? `${digits(1e6 * x, 2)} µm` : `${digits(1e9 * x, 2)} nm`);
   const time = (x) => (x >= 1 ? `${digits(x)} s` : x >= 1e-3 ? `${digits(1e3 * x)} ms` : `${digits(1e6 * x)} µs`);
   const times = (x) => (x >= 100 ? x.toFixed(0) : x >= 10 ? x.toFixed(1) : x.toFixed(2));
 
@@ -45,15 +45,15 @@
 
   const passing = (one, index, ratio, share) => {
     const line = element("li");
-    const size = one.step !== null ? `step ${digits(1e3 * one.step, 4)} ms` : one.tolerance !== null ? `tolerance ${one.tolerance.toExponential(0)}` : "its own steps";
-    const untimed = one.seconds === null;
+    const size = one.step != null ? `step ${digits(1e3 * one.step, 4)} ms` : one.tolerance != null ? `tolerance ${one.tolerance.toExponential(0)}` : "its own steps";
+    const untimed = one.seconds == null;
     const cost = element("span", "ratio", untimed ? "not timed" : ratio === null ? time(one.seconds * share) : `${one.estimated ? "≈ " : ""}${times(ratio)} ×`);
     if (!untimed) cost.append(element("small", "", `${one.estimated ? "≈ " : ""}${time(one.seconds * share)}`));
-    if (one.low !== null) cost.append(element("small", "", `${time(one.low * share)} to ${time(one.high * share)}`));
+    if (one.low != null) cost.append(element("small", "", `${time(one.low * share)} to ${time(one.high * share)}`));
     const name = element("a", "engine", engineName(one.engine)), what = element("div", "what", `${one.words}, ${size}`);
     name.href = engines[one.engine];
     name.style.setProperty("--dot", dots[one.engine]);
-    what.append(element("span", "", `error ${length(one.position)}${one.force === null ? "" : `, joint forces ${one.force.toExponential(1)} N`}, ${digits(one.steps, 6)} steps`));
+    what.append(element("span", "", `error ${length(one.position)}${one.force == null ? "" : `, joint forces ${one.force.toExponential(1)} N`}, ${digits(one.steps, 6)} steps`));
     const show = element("button", "", "Code");
     show.type = "button";
     show.setAttribute("aria-expanded", "false");

@@ -8,6 +8,11 @@ import { dialog, edit, placed, scene, selection, sheet, showCentres } from "./st
 import type { Picked } from "./state";
 import { remove } from "./tools";
 
+/** Gives a thing another name; it stays the one that is chosen. */
+async function rename(kind: "link" | "slide" | "force", old: string, to: string): Promise<void> {
+  if (await edit("rename", { what: `${kind}s.${old}`, to })) selection.value = [{ kind, id: to }];
+}
+
 const set = (path: string, value: unknown): unknown => edit("set", { path, value });
 const pairKey = (a: string, b: string): string => [a, b].sort().join("\n");
 const degrees = (rad: number): number => Number(((rad * 180) / Math.PI).toFixed(6));
@@ -20,7 +25,7 @@ function LinkPanel({ link }: { link: Link }): JSX.Element {
   const first = pairs[0];
   return (
     <>
-      <TextField label="Name" value={link.name} send={(to) => edit("rename", { id: `links.${link.name}`, to })} />
+      <TextField label="Name" value={link.name} send={(to) => rename("link", link.name, to)} />
       {pairs.map(([a, b]) => (
         <NumberField
           key={pairKey(a, b)}
@@ -90,7 +95,7 @@ function PinPanel({ pin }: { pin: Pin }): JSX.Element {
   const turns = angleIn(pin, at);
   return (
     <>
-      <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? pin.id} send={(to) => edit("rename", { id: `pins.${pin.id}`, to })} />
+      <TextField label="Name" value={pin.joint ?? pin.members[0]?.split(".")[1] ?? pin.id} send={(to) => edit("rename", { what: `pins.${pin.id}`, to })} />
       <NumberField label="x" unit="m" value={at[0]} send={(x) => put([x!, at[1]])}>
         <Lock of="place" on={pin.locked} set={(on) => edit("lock", { pin: pin.id, on })} />
       </NumberField>
@@ -118,7 +123,7 @@ function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
   const { angle } = placed.value!.slide(slide);
   return (
     <>
-      <TextField label="Name" value={slide.id} send={(to) => edit("rename", { id: `slides.${slide.id}`, to })} />
+      <TextField label="Name" value={slide.id} send={(to) => rename("slide", slide.id, to)} />
       <p class="note">
         {slide.block} slides along a line of {slide.guide.split(".")[0]}, now at {degrees(angle).toFixed(1)}° to the horizontal.
       </p>
@@ -141,7 +146,7 @@ function ForcePanel({ force }: { force: Force }): JSX.Element {
   const path = (key: string): string => `forces.${force.id}.${key}`;
   return (
     <>
-      <TextField label="Name" value={force.id} send={(to) => edit("rename", { id: `forces.${force.id}`, to })} />
+      <TextField label="Name" value={force.id} send={(to) => rename("force", force.id, to)} />
       <p class="note">{force.label || force.type.replaceAll("_", " ")}</p>
       {Object.entries(table).map(([key, value]) => {
         if (typeof value === "number") return <NumberField key={key} label={WORDS[key] ?? key} unit={unit(key)} value={value} send={(v) => set(path(key), v)} />;

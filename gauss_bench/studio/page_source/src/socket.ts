@@ -31,7 +31,7 @@ export function ask(verb: string, what: object = {}): Promise<Reply> {
   return new Promise((resolve, reject) => {
     waiting.set(id, { resolve, reject });
     pending.value = waiting.size;
-    here.send(JSON.stringify({ id, do: verb, ...what }));
+    here.send(JSON.stringify({ ...what, id, do: verb }));
   });
 }
 
