@@ -495,11 +495,12 @@ def test_without_another_partition_the_rank_decides() -> None:
     np.testing.assert_allclose(bad.acceleration(*at_dead_centre), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
 
 
+@pytest.mark.usefixtures("full_search")  # what a short one finds may be singular where rounding decides
 @pytest.mark.parametrize("formulation", ["gauss", "lagrange"])
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_three_parallel_cranks_turn_without_a_hand_over(stabilization: str, formulation: str) -> None:
     """Whichever row is dropped, the others are singular twice a turn; not so what is left of a combination of two rows."""
-    m, code = mechanism("parallelogram"), kernel("parallelogram", stabilization, formulation=formulation)
+    m, code = mechanism("parallelogram"), compile_kernel(mechanism("parallelogram"), formulation, stabilization)
     q, v = code.rollout(m.q0, m.v0, H, 10_000, every=100)
     assert code.switches == code.fallbacks == code.lost == 0
     cranks = q[:, [2, 5, 8]] - m.q0[[2, 5, 8]]
