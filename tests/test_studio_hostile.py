@@ -1,6 +1,7 @@
 """The studio under those who mean it ill, or merely two of whom draw at once."""
 
 import base64
+import contextlib
 import json
 import os
 import random
@@ -235,6 +236,31 @@ def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
         connection.close()
     with running.socket() as again:
         assert ask(again, "hello")["ok"]
+
+
+@pytest.mark.parametrize("before", ["", "GET /page/none HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"], ids=["fresh", "answered"])
+def test_requests_that_never_end_leave_room_for_the_user(running: Running, before: str) -> None:
+    """The oldest of them are closed, the newest may still end, and a page that is open stays so."""
+    rest = f"GET /?token={running.token} HTTP/1.1\r\nHost: 127.0.0.1:{running.port}\r\n"
+    with contextlib.ExitStack() as stack:
+        page = stack.enter_context(running.socket())
+        half = []
+        for _ in range(400):
+            half.append(stack.enter_context(sockets.create_connection(("127.0.0.1", running.port), timeout=20)))
+            if before:
+                half[-1].sendall(before.format(port=running.port).encode())
+                said = b""
+                while not said.endswith(b"no such file"):
+                    said += half[-1].recv(1 << 16)
+                    assert said.startswith(b"HTTP/1.1 404")
+            half[-1].sendall(rest.encode())
+        assert running.get(f"/?token={running.token}")[0] == 200
+        assert ask(page, "hello")["ok"]
+        half[-1].sendall(b"\r\n")
+        assert half[-1].recv(1 << 16).startswith(b"HTTP/1.1 200")
+        with contextlib.suppress(ConnectionResetError):
+            while half[0].recv(1 << 16):
+                pass
 
 
 @pytest.mark.slow

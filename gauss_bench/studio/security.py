@@ -12,6 +12,8 @@ SOCKETS = 8  # pages at once
 UNREAD = 64  # messages that wait for a page to read them; one that reads none is let go
 BESIDE = 4  # long requests of a page that go on while it asks others
 DEEPEST = 40  # levels of a message
+WAITING = 128  # connections that ask for nothing; beyond them the oldest is closed
+ASKING = 64  # that are being answered; beyond them a request gets 503
 
 
 def headers(port: int) -> dict[str, str]:

@@ -25,6 +25,7 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from gauss_bench.api.results import plain
 from gauss_bench.exchange.errors import ExchangeError
@@ -35,7 +36,7 @@ from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.requests import APART, answer
-from gauss_bench.studio.security import BESIDE, LARGEST, SOCKETS, UNREAD, Guard, Rate, headers
+from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
 PAUSE = 0.02  # [s]
@@ -84,6 +85,23 @@ class Guarded:
             await send(message)
 
         return sending
+
+
+class Connection(H11Protocol):
+    """One connection. Of more than WAITING that have asked for nothing yet, or had their answer, the oldest is closed."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.since = self.loop.time()
+        waiting = [x for x in self.connections if isinstance(x, Connection) and x.waits()]
+        if len(waiting) > WAITING:
+            oldest = min(waiting, key=lambda x: x.since)
+            self.connections.discard(oldest)  # which would be counted until the loop comes round
+            oldest.transport.abort()
+
+    def waits(self) -> bool:
+        """Whether nothing is owed to it: no request has come whole, or all of its answer has left."""
+        return (self.cycle is None or self.cycle.response_complete) and not self.transport.get_write_buffer_size()
 
 
 class Studio:
@@ -273,6 +291,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     tell("it ends with Ctrl-C")
     config = uvicorn.Config(
         studio.app,
+        http=Connection,
         log_level="error",
         access_log=False,
         server_header=False,
@@ -281,7 +300,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         ws_ping_interval=20.0,
         ws_ping_timeout=60.0,
         timeout_graceful_shutdown=2,
-        limit_concurrency=64,
+        limit_concurrency=WAITING + ASKING,
     )
     threading.Thread(target=engines_here, daemon=True).start()  # the page asks for them first
     if browser:
