@@ -4,6 +4,7 @@ import json
 import tomllib
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 import pytest
@@ -13,12 +14,13 @@ from gauss_bench.api import exchange
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compiled
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import exported
 from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import imported
 from gauss_bench.exchange.planar import plane_of
-from gauss_bench.exchange.safe_xml import read_xml
+from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
@@ -235,6 +237,23 @@ REFUSED = {
     "include": (model(world='<include file="/etc/passwd"/>'), ["include", "not read"]),
     "mesh": (model(after='<asset><mesh name="m" file="/etc/passwd"/></asset>'), ["/etc/passwd", "other files are not read"]),
     "plug-in": (model(after='<extension><plugin plugin="x"/></extension>'), ["extension", "plug-ins"]),
+    "height field": (
+        model(after='<asset><hfield name="h" nrow="5000" ncol="5000" size="1 1 1 1"/></asset>'),
+        ['<hfield name="h">', 'nrow="5000" ncol="5000" makes more than 16777216 numbers'],
+    ),
+    "texture": (
+        model(after='<asset><texture name="t" type="2d" builtin="flat" width="5000" height="5000"/></asset>'),
+        ['<texture name="t">', 'width="5000" height="5000" makes more'],
+    ),
+    "mesh of a shape": (
+        model(after='<asset><mesh name="m" builtin="supersphere" params="5000 1 1"/></asset>'),
+        ['<mesh name="m">', 'params="5000 1 1" makes more'],
+    ),
+    "data of users": (model(after='<size nuser_geom="3000000"/>'), ["<size>", 'nuser_geom="3000000" makes more']),
+    "copies": (
+        model(world='<replicate count="300"><replicate count="300"><geom size="1"/></replicate></replicate>'),
+        ["<replicate>", "more than 50000 elements"],
+    ),
     "entity": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', ["line 1", "document type is not read"]),
     "no XML": ("<mujoco>", ["no XML"]),
     "neither": ("<html/>", ["<html>", "MJCF", "URDF"]),
@@ -387,13 +406,48 @@ def test_closures_are_for_urdf_alone() -> None:
         imported(UPRIGHT, "back", CLOSE)
 
 
+def sizes(*assets: str) -> Element:
+    return fromstring(f"<mujoco><asset>{''.join(assets)}</asset><worldbody/></mujoco>")
+
+
+@pytest.mark.parametrize("kind", ['hfield nrow="{}" ncol="{}"', 'texture width="{}" height="{}"'])
+def test_numbers_that_a_model_makes_are_counted_together(kind: str) -> None:
+    whole, half, row = (f"<{kind.format(*n)}/>" for n in ((4096, 4096), (2048, 4096), (1, 4096)))
+    for small in ((whole,), (half, half)):
+        refuse_bulk(sizes(*small), Path("m.xml"))
+        with pytest.raises(ExchangeError, match="16777216"):
+            refuse_bulk(sizes(*small, row), Path("m.xml"))
+
+
+def test_copies_are_elements(tmp_path: Path) -> None:
+    """Three elements, and three for each of the copies: the body, its joint and its geom."""
+    body = '<body><joint axis="0 0 1"/><geom size="1"/></body>'
+    for count, read in ((16665, True), (16666, False)):
+        root = fromstring(f'<mujoco><worldbody><replicate count="{count}">{body}</replicate></worldbody></mujoco>')
+        if read:
+            refuse_bulk(root, tmp_path)
+        else:
+            with pytest.raises(ExchangeError, match="more than 50000 elements"):
+                refuse_bulk(root, tmp_path)
+
+
+@pytest.mark.parametrize("fault", [RuntimeError("Caught an unknown exception!"), MemoryError()])
+def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> None:
+        raise fault
+
+    monkeypatch.setattr(mujoco, "MjData", fail)
+    with pytest.raises(DoesNotCompile, match="memory"):
+        compiled(model())
+
+
 def test_a_hostile_file_ends_in_bounded_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What would take MuJoCo's compiler long or much ends with the worker."""
     monkeypatch.setattr(exchange, "READING", 4.0)
     file = tmp_path / "model.xml"
-    file.write_text(model(world='<replicate count="100000000"><geom size="1"/></replicate>'))
+    file.write_text(model(world='<replicate count="40000"><geom size="1"/></replicate>'))
     assert main(["import", str(file), "--out", str(tmp_path / "my.toml")]) == 2
     assert str(file) in capsys.readouterr().err
     assert not (tmp_path / "my.toml").exists()

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, tostring
 import numpy as np
 
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.safe_xml import refuse_files
+from gauss_bench.exchange.safe_xml import refuse_bulk, refuse_files
 from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoint, OnSum, Push, Spatial, Spot, Straight
 
 NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # flags without which a model is another
@@ -24,6 +24,7 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
     from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compiled
 
     refuse_files(root, path)
+    refuse_bulk(root, path)
     try:
         x = compiled(tostring(root, encoding="unicode"))  # what was inspected: of the file's bytes MuJoCo may read something else
     except DoesNotCompile as error:

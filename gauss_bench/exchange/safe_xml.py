@@ -1,6 +1,7 @@
 """XML of strangers: bounded, without document types and entities, and nothing in it that would open another file or run code."""
 
 from collections.abc import Callable
+from math import prod
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ParseError, fromstring
@@ -10,6 +11,8 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
+MADE = 1 << 24  # numbers that a document may have made without holding them: a picture of 4096 by 4096
+COUNTS = (("nrow", "ncol"), ("width", "height"), ("params", "params"), ("actdim",), ("dim",), ("nsample",))  # they are its product
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
 
 
@@ -84,3 +87,35 @@ def refuse_files(root: Element, path: Path) -> None:
         for key, x in node.items():
             if key.startswith("file") or key == "content_type":
                 raise ExchangeError(f"{path}: {called(node)}: {key}={x!r}: other files are not read")
+
+
+def refuse_bulk(root: Element, path: Path) -> None:
+    """Let pass a model that has at most ELEMENTS elements, copies of <replicate> counted, and at most MADE numbers made for it.
+
+    Raises:
+        ExchangeError: naming the element that asks for more.
+    """
+    elements, made, left = 0.0, 0.0, [(root, 1.0)]
+    while left:
+        node, times = left.pop()
+        elements += times
+        times *= _largest(node, "count") if node.tag == "replicate" else 1.0
+        if max(elements, times) > ELEMENTS:
+            raise ExchangeError(f"{path}: {called(node)}: more than {ELEMENTS} elements, copies counted, are not read")
+        left += ((child, times) for child in reversed(node))
+    for node in root.iter():
+        each = [(key,) for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # of every element
+        for keys in (*COUNTS, *each):
+            if any(key in node.attrib for key in keys):
+                made += prod(_largest(node, key) for key in keys) * (elements if keys in each else 1.0)
+            if made > MADE:
+                asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
+                raise ExchangeError(f"{path}: {called(node)}: {asked} makes more than {MADE} numbers that the file does not hold")
+
+
+def _largest(node: Element, key: str) -> float:
+    """The largest number of an attribute, at least 1: MuJoCo says itself what is no number."""
+    try:
+        return max((x for x in map(float, node.get(key, "").split()) if x > 1), default=1.0)
+    except ValueError:
+        return 1.0

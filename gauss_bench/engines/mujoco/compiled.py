@@ -56,9 +56,11 @@ def compiled(text: str) -> dict[str, Any]:
 
     try:
         model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
     except ValueError as error:
         raise DoesNotCompile(str(error)) from error
-    data = mujoco.MjData(model)
+    except (MemoryError, RuntimeError) as error:  # the latter knows no more than "an unknown exception"
+        raise DoesNotCompile("its compiler failed, as it does where memory does not suffice") from error
     mujoco.mj_kinematics(model, data)
     turns = np.array(data.ximat).reshape(-1, 3, 3)
     placed = {
