@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from gauss_bench.api.results import Kinematics, Simulation
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
-EPOCH = "SOURCE_DATE_EPOCH"  # seconds that libraries which write pictures and programs take for now
+EPOCH, LONGEST_EPOCH = (
+    "SOURCE_DATE_EPOCH",
+    12,
+)  # and its digits: seconds that libraries which write pictures and programs take for now
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, OpenBLAS may look for memory for ever while it is imported
 TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 PRINTED = Path("csv")  # of kinematics: its table goes to stdout
@@ -91,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if bad := next((x for x in given if not is_argument(x)), None):
         print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
         return BAD_INPUT
-    if not (epoch := os.environ.get(EPOCH, "0")).isdecimal():
+    if not ((epoch := os.environ.get(EPOCH, "0")).isascii() and epoch.isdecimal() and len(epoch) <= LONGEST_EPOCH):
         print(f"error: {EPOCH}={harmless(epoch[:40])!r} in the environment: it must be a whole number of seconds", file=sys.stderr)
         return BAD_INPUT
     options = parser(ACTIONS).parse_args(given)
@@ -219,7 +222,7 @@ def show(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import told_files
     from gauss_bench.linkage.load import load
 
-    files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace)
+    files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace, options.linkage)
     first = load(options.linkage, options.scenario)
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
     description = text.description(first, others)
@@ -243,7 +246,7 @@ def simulate(options: argparse.Namespace) -> int:
     from gauss_bench.api.simulate import simulate as simulated
 
     kinds = {"plot": (".svg", ".png"), "animate": (".svg", ".gif", ".html"), "out": (".csv",)}
-    files = told_files({name: getattr(options, name) for name in kinds}, kinds, options.replace)
+    files = told_files({name: getattr(options, name) for name in kinds}, kinds, options.replace, options.linkage)
     result = simulated(
         options.linkage,
         options.engine,
@@ -319,7 +322,7 @@ def kinematics(options: argparse.Namespace) -> int:
 
     kinds, printed = {"plot": (".svg",), "animate": (".svg",), "out": (".csv",)}, options.out == PRINTED
     asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
-    files = told_files(asked_files, kinds, options.replace)
+    files = told_files(asked_files, kinds, options.replace, options.linkage)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
     result = moved.kinematics(options.linkage, *asked, hold=options.hold, told=tell_if_long)
     contents = pictures(options, result, [*files])

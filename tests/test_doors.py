@@ -73,6 +73,8 @@ def test_a_title_beyond_the_outputs_characters_is_escaped(tmp_path: Path) -> Non
 
 
 def test_a_time_that_is_none_is_bad_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1" * 5000)
+    assert main(["list"]) == 2
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
     assert main(["list"]) == 2
     assert "SOURCE_DATE_EPOCH='abc' in the environment: it must be a whole number of seconds" in capsys.readouterr().err
@@ -100,6 +102,21 @@ def test_no_verb_writes_over_what_it_reads_or_over_another_kind_of_file(
     said = capsys.readouterr().err
     assert "is what is read" in said or "files of its own kind alone" in said
     assert (linkage.read_bytes(), out.read_bytes()) == (FOUR_BAR.read_bytes(), before)
+
+
+def test_no_picture_or_table_takes_the_place_of_the_linkage_that_it_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    linkage, link = tmp_path / "four_bar.toml", tmp_path / "four_bar.svg"
+    shutil.copy(FOUR_BAR, linkage)
+    link.symlink_to(linkage)
+    assert main(["show", str(linkage), "--svg", str(link), "--replace"]) == 2
+    assert "is what is read" in capsys.readouterr().err
+    assert link.is_symlink()
+    nowhere = tmp_path / "nowhere.svg"
+    nowhere.symlink_to(tmp_path / "gone.svg")
+    assert main(["show", str(linkage), "--svg", str(nowhere)]) == 2
+    assert "--replace writes over it" in capsys.readouterr().err
 
 
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:

@@ -15,9 +15,22 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document
+from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import Run, sampling
-from gauss_bench.runs.scrutiny import as_truth, disagreement, evidence_of, fastest_rate, finer_tolerance
+from gauss_bench.runs.one_run import Run, sampling, sampling_at
+from gauss_bench.runs.scrutiny import (
+    as_truth,
+    decides,
+    disagreement,
+    evidence_of,
+    fastest_rate,
+    finer_tolerance,
+    first_part,
+    has_sound_rates,
+    is_same_run,
+    repeat_finer,
+    sample_spacing,
+)
 from gauss_bench.trajectory import Status, Trajectory
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import Mechanics, true_end
@@ -389,3 +402,79 @@ def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.Mo
     monkeypatch.setattr(InterpretedModel, "read", lambda model: replace(x := read(model), v=0.9 * x.v))
     found = simulate("four_bar", scenario="torque", at=[0.0, 0.2])
     assert "rates" in {x.subject for x in found.objections}
+
+
+@pytest.mark.parametrize(("share", "enough"), [(0.9, True), (1.1, False)])
+def test_a_reference_decides_whose_bar_is_a_tenth_of_what_is_allowed(share: float, enough: bool) -> None:
+    mechanism = load("four_bar", "torque")  # of less than a metre
+    known = as_truth(at_rest(oscillator())[1])
+    allowed = 0.1 * judge.OFF_MOTION * mechanism.size
+    assert decides(replace(known, error_q=np.array([share * allowed])), mechanism) == enough
+
+
+def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(humming: str) -> None:
+    assert sample_spacing(load("four_bar", "torque"), 2.0) == 1e-3
+    assert sample_spacing(load(humming, "hum"), 2.0) == pytest.approx(0.25e-3 / 8)
+    quick = load_document(oscillator(k=8e8))  # w = 2e4 rad/s
+    assert sample_spacing(quick, 1.0) == pytest.approx(2 * np.pi / 2e4 / 8, rel=1e-3)
+    assert sample_spacing(quick, 40.0) == pytest.approx(40.0 / 200_000)  # no more samples than memory has room for
+    assert sample_spacing(quick, 4000.0) == 1e-3
+
+
+def test_of_a_long_run_the_first_part_is_repeated() -> None:
+    times = np.arange(101.0)
+    assert len(first_part(times, 29.0, 60.0)) == 101
+    assert len(first_part(times, float("nan"), 60.0)) == 101
+    assert len(first_part(times, 300.0, 60.0)) == 10
+    assert len(first_part(times, 1e6, 60.0)) == 2
+
+
+def test_a_run_is_repeated_at_half_its_step_or_at_a_tighter_tolerance() -> None:
+    engine = Offer("x", settings={"default": {"rtol": 1e-6}}, integrators=("own", "rk4"), adaptive=("own",))
+    times = np.array([0.0, 0.1])
+    fixed = Request("four_bar", "torque", "x", Choice("default", "rk4", step=1e-3), sampling_at(1e-3, times))
+    assert repeat_finer(fixed, engine, 0.1, times).choice == Choice("default", "rk4", step=5e-4)
+    chosen = replace(fixed, choice=Choice("default", "own", step=1e-3))
+    assert repeat_finer(chosen, engine, 0.1, times).choice == Choice("default", "own", step=1e-3, tolerance=pytest.approx(1e-8))
+
+
+def test_rates_are_sound_or_not_whatever_else_is_wrong() -> None:
+    mechanism = load("four_bar", "conservative")
+    model = get("gauss").build(mechanism, Choice("default", "rk4"))
+    model.prepare(1e-3 * np.arange(101))
+    model.run()
+    x = model.read()
+    assert has_sound_rates(mechanism, x)
+    assert has_sound_rates(mechanism, replace(x, q=x.q + 0.1))  # loops that are open are another matter
+    assert not has_sound_rates(mechanism, frozen(x))
+
+
+def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
+    t, rest = np.arange(3.0), np.zeros((3, 3))
+    resting = Trajectory(t, rest, rest, rest, 2)
+    moving = replace(resting, v=rest + 1.0)
+    assert not is_same_run(resting, resting)
+    assert is_same_run(moving, moving)
+    assert not is_same_run(moving, replace(moving, q=rest + 1e-16))
+
+
+@pytest.mark.parametrize(
+    ("subjects", "stabilized", "adaptive", "said"),
+    [
+        (["loops"], False, False, "do not trust it; take a step smaller than 0.001 s, or stabilization projection"),
+        (["loops"], True, False, "do not trust it; take a step smaller than 0.001 s"),
+        (["step"], False, True, "do not trust it; ask for a tighter tolerance"),
+        (["rates"], False, False, "do not trust it"),
+        (["repetition"], False, True, "do not trust it"),
+        (
+            ["model", "loops"],
+            False,
+            False,
+            "no step mends accelerations that are another linkage's: look for another engine or setting",
+        ),
+        (["motion"], False, False, ""),
+    ],
+)
+def test_what_mends_a_run_follows_from_what_is_wrong(subjects: list[str], stabilized: bool, adaptive: bool, said: str) -> None:
+    objections = tuple(judge.Objection(judge.Subject(x), 1.0, 0.0, x) for x in subjects)
+    assert judge.advice(objections, 1e-3, stabilized, adaptive) == said

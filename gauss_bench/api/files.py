@@ -25,7 +25,7 @@ def writable(
         raise ExchangeError(f"{out}: is a folder; {option} takes a file")
     if not path.parent.is_dir() and not (path.parent == usual and usual.parent.is_dir()):
         raise ExchangeError(f"{out}: there is no folder {path.parent}")
-    if path.exists() and not replace:
+    if os.path.lexists(path) and not replace:  # a link to nothing is there too
         raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
     if path.exists() and not path.is_file():
         raise ExchangeError(f"{out}: it is no ordinary file")
@@ -60,11 +60,14 @@ def _checked(folder: Path, asked: str) -> None:
         raise ExchangeError(f"{asked}: nothing may be written into the folder {folder}")
 
 
-def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool) -> dict[str, Path]:
+def told_files(
+    asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
+) -> dict[str, Path]:
     """Option -> path of the files that are asked for.
 
     Args:
         kinds: option -> endings that it knows.
+        source: that they are made from, which is never replaced.
 
     Raises:
         ChoiceError: an ending that is not known, or a file that is asked for twice.
@@ -78,5 +81,5 @@ def told_files(asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, 
             raise ChoiceError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():
             raise ChoiceError(f"--{name} {path}: is asked for twice")
-        files[name] = writable(path, replace, f"--{name}")
+        files[name] = writable(path, replace, f"--{name}", source=source)
     return files
