@@ -145,6 +145,12 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
 
 
 @pytest.mark.slow
+def test_accelerations_that_a_cause_reproduces_are_no_round_off() -> None:
+    found = verdict(of("inertia", Cause.INERTIA, linkage=scaled("coupler", inertia=1.01)), SIX_BAR, step=4e-3)
+    assert found.cause is Cause.INERTIA, found.sentence
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "where", "choice"), VARIATIONS, ids=lambda x: getattr(x, "name", None))
 def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
     found = verdict(fault, where, **{"step": 4e-3, **choice})  # type: ignore[arg-type]

@@ -210,7 +210,7 @@ class Case:
             if answer := asked():
                 return (*answer, [])
         exact = self._reproduced()
-        if exact and not self._step_dominates():
+        if exact and (self._rounds() or not self._step_dominates()):
             return exact
         for asked in (self._length, self._other_times):
             if answer := asked():
