@@ -25,6 +25,7 @@ OFF_MOTION = 5e-2  # [rad], and of the linkage's size: a link turned by so much 
 HUGE = 1e100  # what is larger has no square, and counts as not finite
 OFF_RATES = OFF_MOTION / 2  # of size, rad and largest speeds: how far rates may lead from what they are the rates of
 SHARED = 2.0  # times what a repetition changes: of a method of first order, half the step leaves half of a gap
+MOST_SHARED = 2.0  # limits: what samples and repetition allow, each; more, and samples that swing would allow themselves anything
 FEWEST = 2.0  # steps in a period of the fastest mode or force: with fewer, samples of it are those of a slower one
 DIGITS = 1e-9  # of an acceleration: two formulations that differ by more have lost digits that must be told
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
@@ -80,7 +81,7 @@ class Evidence:
         size: of the linkage [m].
         drift: metrics.Drift of every sample.
         energy: (k,) energy gained beyond the work done [J]; energy_bar: the error bar of that work; energy_scale: the energy that
-            moves [J].
+            moves [J]; energy_floor: its rounding [J].
         seen: as `energy`, without what damping may have taken between samples that do not resolve it, or None where they do.
         errors: against the truth, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
@@ -111,6 +112,7 @@ class Evidence:
     finer: str = "half the step"
     unrepeated: str = ""
     steps_a_forcing: float | None = None
+    energy_floor: float = 0.0
 
 
 def completeness(trajectory: object, times: Array, n: int) -> Judgement:
@@ -196,8 +198,11 @@ def examine(
         scale = metrics.energy_scale(evaluator, trajectory)
         errors = metrics.state_errors(mechanism, trajectory, reference) if reference else None
         rates = metrics.rate_gaps(trajectory)
+        floor = metrics.energy_rounding(evaluator.energy(trajectory.q, trajectory.v))
     duration = float(trajectory.t[-1] - trajectory.t[0])
-    return Evidence(mechanism.size, drift, energy, bar, scale, errors, acceleration_error, rates=rates, duration=duration)
+    return Evidence(
+        mechanism.size, drift, energy, bar, scale, errors, acceleration_error, rates=rates, duration=duration, energy_floor=floor
+    )
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -211,7 +216,8 @@ def judge(evidence: Evidence) -> Judgement:
     checks.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
     gained = float(np.abs(x.energy if x.seen is None else x.seen).max(initial=0.0))
     said = f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
-    checks.append((Subject.ENERGY, gained, OFF_ENERGY * x.energy_scale + x.energy_bar, said))
+    limit = OFF_ENERGY * x.energy_scale
+    checks.append((Subject.ENERGY, gained, limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor), said))
     if x.errors is not None:
         length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
         checks.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
@@ -241,8 +247,8 @@ def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
     """Hold positions against the integral of velocities, and velocities against that of accelerations.
 
     The allowance of each comes from the samples, whose every second one is left out, and from the repetition: gaps that it halves
-    are those of the method's steps, as rates half a step beside the motion; gaps that stay are of another motion. It never is more
-    than the motion itself may be off by.
+    are those of the method's steps, as rates half a step beside the motion; gaps that stay are of another motion. Neither allows
+    more than the motion itself may be off by.
     """
     if x.rates is None:
         return []
@@ -256,12 +262,12 @@ def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
     checks = []
     for bar, (name, (limit, unit, what, rates)) in zip(x.rates.bars, limits.items(), strict=True):
         gaps: Array = getattr(x.rates, name)
-        allowed = limit + SHARED * bar
+        allowed = limit + min(SHARED * bar, MOST_SHARED * limit)
         if x.rates_again is not None:
             again: Array = getattr(x.rates_again, name)
             common = min(len(gaps), len(again))
             changed = float(np.abs(gaps[:common] - again[:common]).max(initial=0.0))
-            allowed += min(SHARED * changed, OFF_MOTION / OFF_RATES * limit)
+            allowed += min(SHARED * changed, MOST_SHARED * limit)
         largest = float(gaps.max(initial=0.0))
         checks.append((Subject.RATES, largest, allowed, f"{what} are {largest:.2g} {unit} off the integral of their {rates}"))
     return checks

@@ -205,13 +205,18 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
         power = power + (driving_forces(evaluator, trajectory) * rates).sum(-1)
     if evaluator.friction:
         power = power + friction_power(evaluator, trajectory)
-    rounding = 8 * np.finfo(float).eps * (1.0 + float(np.abs(energy).max()))
+    rounding = energy_rounding(energy)
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:
         return gain, rounding
     half = np.unique([*range(0, len(t), 2), len(t) - 1])
     fine, coarse = work(t, power, t), work(t[half], power[half], t)
     return gain - fine, float(np.abs(fine - coarse).max()) + rounding
+
+
+def energy_rounding(energy: Array) -> float:
+    """What rounding may change of energies (k,) [J]."""
+    return 8 * float(np.finfo(float).eps) * (1.0 + float(np.abs(energy).max(initial=0.0)))
 
 
 def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:

@@ -17,7 +17,7 @@ from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import Run, sampling, sampling_at
+from gauss_bench.runs.one_run import JUDGED, Run, drawn_samples, sampling, sampling_at
 from gauss_bench.runs.scrutiny import (
     as_truth,
     decides,
@@ -322,6 +322,57 @@ def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: floa
     assert judge.judge(replace(evidence, rates_again=again)).valid
     huge = replace(rates, **{name: none + 4 * limits[name]})  # but never more than the motion may be off by
     assert not judge.judge(replace(evidence, rates=huge, rates_again=replace(rates, **{name: none}))).valid
+
+
+def alternating(x: Trajectory) -> Trajectory:
+    """At rest in its first place; velocities turn about from sample to sample, accelerations are wild at every fifth."""
+    model = get("gauss").build(load("four_bar", "conservative"), Choice("default", "rk4"))
+    sign = (-1.0) ** np.arange(len(x.t))
+    true = {s: model.acceleration(0.0, x.q[0], s * x.v[0]) for s in (1.0, -1.0)}
+    wild = 1e4 * sign * (np.arange(len(x.t)) % 5 == 0)
+    return replace(x, q=0 * x.q + x.q[0], v=sign[:, None] * x.v[0], a=np.array([true[s] for s in sign]) + wild[:, None])
+
+
+def test_samples_that_swing_do_not_allow_themselves_anything() -> None:
+    """Integrals of what swings from sample to sample change without bounds where every second sample is left out."""
+    assert {x.subject for x in played("four_bar", "conservative", 0.2, alternating).objections} == {judge.Subject.RATES}
+
+
+@pytest.mark.parametrize(("share", "valid"), [(2.9, True), (3.1, False)])
+@pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
+def test_what_samples_allow_of_rates_is_at_most_two_limits(name: str, share: float, valid: bool) -> None:
+    """Size, duration and largest speeds 1."""
+    none = np.zeros(5)
+    gaps = dict.fromkeys(("place", "turn", "speed", "spin"), none) | {name: none + share * judge.OFF_RATES}
+    rates = metrics.RateGaps(**gaps, bars=(9.0, 9.0, 9.0, 9.0), fastest=(1.0, 1.0))
+    evidence = judge.Evidence(1.0, metrics.Drift(none, none, none), none, 0.0, 1.0, rates=rates, duration=1.0)
+    assert judge.judge(evidence).valid == valid
+
+
+@pytest.mark.parametrize(
+    ("gained", "bar", "floor", "valid"),
+    [(0.29, 9.0, 0.0, True), (0.31, 9.0, 0.0, False), (0.31, 9.0, 0.02, True), (0.11, 0.02, 9.0, True), (0.13, 0.02, 9.0, False)],
+)
+def test_what_samples_allow_of_work_is_at_most_two_limits(gained: float, bar: float, floor: float, valid: bool) -> None:
+    """10 J move; rounding is allowed beside the two."""
+    none = np.zeros(2)
+    evidence = judge.Evidence(1.0, metrics.Drift(none, none, none), none + gained, bar, 10.0, energy_floor=floor)
+    assert judge.judge(evidence).valid == valid
+
+
+def test_accelerations_are_judged_where_the_samples_themselves_say() -> None:
+    t = np.arange(500.0)
+    x = Trajectory(t, *np.random.default_rng(1).normal(size=(3, 500, 3)), 499)
+    drawn = drawn_samples(x)
+    assert len(drawn) == JUDGED
+    assert (np.diff(drawn) > 0).all()
+    assert np.array_equal(drawn, drawn_samples(replace(x)))
+    for name in "qva":
+        other = getattr(x, name).copy()
+        other[7, 1] += 1e-9
+        assert not np.array_equal(drawn, drawn_samples(replace(x, **{name: other})))
+    few = Trajectory(t[:5], x.q[:5], x.v[:5], x.a[:5], 4)
+    assert drawn_samples(few).tolist() == [0, 1, 2, 3, 4]
 
 
 def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() -> None:

@@ -6,6 +6,7 @@ A step is the step that is really taken. Samples lie where unbroken steps arrive
 that is no multiple of its step, is met by one shorter step and the run says so.
 """
 
+import hashlib
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench import judge
 from gauss_bench.engines import get
@@ -237,12 +239,19 @@ def received(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 
 
+def drawn_samples(trajectory: Trajectory) -> NDArray[np.intp]:
+    """Return JUDGED places of samples, drawn by a lot that they make themselves: no engine can be right there alone."""
+    told = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
+    lot = np.random.default_rng(int.from_bytes(told.digest()[:8], "big"))
+    return np.sort(lot.permutation(len(trajectory.t))[:JUDGED])
+
+
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Median relative error of a trajectory's own accelerations at some of its states, against Gauss's principle there.
 
     None where that cannot be told, such as friction on redundant rows.
     """
-    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, JUDGED).round().astype(int))
+    chosen = drawn_samples(trajectory)
     part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
     try:
         model = get("gauss").build(mechanism, Choice("default", "rk4"))
