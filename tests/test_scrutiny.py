@@ -1,5 +1,6 @@
 """No wrong answer is called ok: the certificate, half the step, the fastest mode and the lost digits, each with a known answer."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from gauss_bench.runs.one_run import JUDGED, Run, drawn_samples, sampling, sampl
 from gauss_bench.runs.scrutiny import (
     as_truth,
     decides,
+    depends_on_steps,
     disagreement,
     evidence_of,
     fastest_rate,
@@ -30,6 +32,7 @@ from gauss_bench.runs.scrutiny import (
     is_same_run,
     repeat_finer,
     sample_spacing,
+    turns,
 )
 from gauss_bench.trajectory import Status, Trajectory
 from tests.fuzz.files import toml
@@ -270,6 +273,28 @@ def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
         assert "0.25 steps in a period of the fastest force" in found.message
 
 
+def test_samples_see_a_table_that_rises_and_falls(tmp_path: Path) -> None:
+    """Steps end where a table turns, but samples a millisecond apart meet all of its tops and none of its feet."""
+    rows = [[round(k * 5e-4, 7), (-1.0) ** k] for k in range(41)]
+    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
+    law = f'{{ law = "table", rows = {rows} }}'
+    path = tmp_path / "four_bar.toml"
+    path.write_text(text + re.sub(r"\{ law = .* \}", law, FORCED.replace("value = 1.0", "value = 20.0")), encoding="utf-8")
+    found = simulate(str(path), scenario="hum", step=1e-4)
+    assert found.status == "ok", found.message
+    assert [x.tolist() for x in turns(load(str(path), "hum"))] == [[x for x, _ in rows[1:-1]]]
+
+
+def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
+    """A ramp, a plateau, a fall, and a rise after it."""
+    rows = [[0.0, 0.0], [0.1, 1.0], [0.2, 1.0], [0.3, 0.5], [0.4, 0.0], [0.5, 2.0], [0.6, 3.0]]
+    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
+    path = tmp_path / "four_bar.toml"
+    path.write_text(text + re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED), encoding="utf-8")
+    assert [x.tolist() for x in turns(load(str(path), "hum"))] == [[0.2, 0.4]]
+    assert turns(load("four_bar", "torque")) == []
+
+
 def played(linkage: str, scenario: str, until: float, change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
     """What the judge says of a sound run by 1 ms that is changed before it, as is its repetition by half the step."""
     mechanism = load(linkage, scenario)
@@ -335,7 +360,8 @@ def alternating(x: Trajectory) -> Trajectory:
 
 def test_samples_that_swing_do_not_allow_themselves_anything() -> None:
     """Integrals of what swings from sample to sample change without bounds where every second sample is left out."""
-    assert {x.subject for x in played("four_bar", "conservative", 0.2, alternating).objections} == {judge.Subject.RATES}
+    found = {x.subject for x in played("four_bar", "conservative", 0.2, alternating).objections}
+    assert found == {judge.Subject.RATES, judge.Subject.REPETITION}
 
 
 @pytest.mark.parametrize(("share", "valid"), [(2.9, True), (3.1, False)])
@@ -424,9 +450,23 @@ def test_the_same_bits_at_another_tolerance_are_no_repetition() -> None:
     again = Run(Status.OK, "", x, None, sampling(1e-3, 0.01))
     evidence, _ = evidence_of(mechanism, Choice("default", "own"), x, None, again, adaptive=True)
     assert judge.Subject.REPETITION in {y.subject for y in judge.judge(evidence).objections}
+    kept = replace(x, a=x.a * 0 + x.a[0])
+    for motion, refused in ((x, True), (kept, False)):  # of a parabola half the step may leave every bit
+        again = replace(again, trajectory=motion)
+        evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), motion, None, again)
+        assert (judge.Subject.REPETITION in {y.subject for y in judge.judge(evidence).objections}) is refused
     lost = replace(again, status=Status.TIMEOUT, message="too late", trajectory=None)
     evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), x, None, lost)
     assert "half the step gave no motion to compare with: timeout, too late" in judge.judge(evidence).sentence
+
+
+def test_a_driven_linkage_may_be_the_same_at_half_the_step() -> None:
+    mechanism = load("four_bar", "driven")
+    model = get("gauss").build(mechanism, Choice("default", "rk4"))
+    model.prepare(1e-3 * np.arange(11))
+    model.run()
+    assert not depends_on_steps(mechanism, model.read())
+    assert depends_on_steps(load("four_bar", "conservative"), model.read())
 
 
 @pytest.mark.parametrize("kind", [complex, object, bool, str])

@@ -17,7 +17,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import FEWEST, OFF_MOTION, Evidence, Subject, examine, judge
 from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, nothing, sampling_at
@@ -40,14 +40,28 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return how far the samples of a run may lie apart [s] for its work and rates to be integrated through them.
 
-    A period of the fastest force, and of the fastest mode at the start, has A_PERIOD samples; a run has no more than MOST of them.
+    A period of the fastest force, of a table that rises and falls, and of the fastest mode at the start, has A_PERIOD samples; a
+    run has no more than MOST of them.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
     periods = [2 * np.pi / x for x in rates if x > 0]
     if (period := mechanism.forcing_period) is not None:
         periods.append(period)
+    periods += [2 * float(np.diff(x).min()) for x in turns(mechanism) if len(x) > 1]
     return max(min(SAMPLING, *(x / A_PERIOD for x in periods), SAMPLING), min(SAMPLING, t_end / MOST))
+
+
+def turns(mechanism: Mechanism) -> list[Array]:
+    """Return the times [s] at which each factor of lines turns from growing to falling, or back."""
+    found = []
+    for factor in filter(None, map(factor_of, mechanism.varying)):
+        if factor.kinks:
+            slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])
+            steep = np.flatnonzero(slopes)
+            turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]
+            found.append(np.array(factor.kinks)[turned - 1])
+    return found
 
 
 def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, longest: float = LONGEST) -> Request:
@@ -87,6 +101,12 @@ def is_same_run(one: Trajectory, other: Trajectory) -> bool:
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
     return moves and np.array_equal(one.q[:k], other.q[:k]) and np.array_equal(one.v[:k], other.v[:k])
+
+
+def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
+    """Tell whether the last bits of a motion must hang on its steps: links move freely, and no parabola is all that they do."""
+    J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
+    return bool(np.ptp(trajectory.a, axis=0).any()) and _free(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
@@ -157,8 +177,9 @@ def evidence_of(
     if finer.trajectory is None:
         lost = f"{how} gave no motion to compare with: {finer.status}, {finer.message}"
         return replace(evidence, unrepeated=lost if truth is None else ""), ""
-    if adaptive and is_same_run(trajectory, finer.trajectory):
-        same = f"{choice.integrator} is not repeatable: another tolerance gives the same bits"
+    if is_same_run(trajectory, finer.trajectory) and (adaptive or depends_on_steps(mechanism, trajectory)):
+        other_way = "another tolerance" if adaptive else "half the step"
+        same = f"{choice.integrator} is not repeatable: {other_way} gives the same bits"
         return replace(evidence, unrepeated=same if truth is None else ""), ""
     other = as_truth(finer.trajectory)
     part = "" if len(other.t) == len(trajectory.t) else f"{how} was tried up to {other.t[-1]:.3g} s"
