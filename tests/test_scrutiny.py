@@ -21,6 +21,7 @@ from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, drawn_samples, sampling, sampling_at
 from gauss_bench.runs.scrutiny import (
     as_truth,
+    at_samples,
     decides,
     depends_on_steps,
     disagreement,
@@ -424,6 +425,27 @@ def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_toleranc
     sound = simulate(str(path), integrator="dop853", at=[0.0, 1.0])
     assert sound.status == "ok"
     assert 0 < sound.metrics["halving_length"] < 1e-6
+
+
+def test_steps_that_end_at_samples_are_halved_with_them() -> None:
+    """Compiled DOP853 takes no step over a sample: a millisecond apart, no tolerance changes a bit of a slow start."""
+    found = simulate("crank_slider", "gauss-native", scenario="paper", integrator="dop853", at=[0.0, 0.05])  # not certified
+    assert found.status == "ok", found.message
+    assert 0 < found.metrics["halving_angle"] < 1e-9
+
+
+def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
+    asked = Request("x", "s", "gauss", Choice("default", "x"), sampling(1e-3, 4e-3))
+    engine = Offer("x", settings={"default": {}}, integrators=("x",), adaptive=("x",))
+    times = repeat_finer(asked, engine, 0.0, asked.wanted.times).wanted.times
+    assert times == pytest.approx(5e-4 * np.arange(9))
+    column = np.arange(9.0)[:, None]
+    again = Run(Status.OK, "", Trajectory(times, column, column, column, 8), None, sampling(1e-3, 4e-3))
+    kept = at_samples(again, asked.wanted.times[:4]).trajectory
+    assert kept is not None
+    assert [x.ravel().tolist() for x in (kept.q, kept.v, kept.a)] == [[0.0, 2.0, 4.0, 6.0]] * 3
+    lost = replace(again, trajectory=None)
+    assert at_samples(lost, times) is lost
 
 
 @pytest.mark.parametrize(

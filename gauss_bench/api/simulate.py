@@ -21,7 +21,15 @@ from gauss_bench.runs.asked import affordable
 from gauss_bench.runs.first_builds import build_first
 from gauss_bench.runs.offers import ChoiceError, offer
 from gauss_bench.runs.one_run import Run, sampling_through
-from gauss_bench.runs.scrutiny import as_truth, evidence_of, has_sound_rates, repeat_finer, sample_spacing, warn_of_forcing
+from gauss_bench.runs.scrutiny import (
+    as_truth,
+    at_samples,
+    evidence_of,
+    has_sound_rates,
+    repeat_finer,
+    sample_spacing,
+    warn_of_forcing,
+)
 from gauss_bench.runs.worker import kept
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
@@ -89,7 +97,8 @@ def simulate(
         if trajectory is not None and run.status in RAN:
             truth = certified_until(mechanism, at[-1])
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
-                finer = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
+                again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
+                finer = at_samples(again, trajectory.t)
     finally:
         worker.stop()
     return judged(mechanism, engine, choice, run, at, truth, finer, adaptive)

@@ -23,7 +23,7 @@ from gauss_bench.reference.store import stored_reference
 from gauss_bench.runs.apart import Alteration, Request, run_of, unaltered
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run, sampling
-from gauss_bench.runs.scrutiny import LONGEST, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
+from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
@@ -122,7 +122,8 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
     longest = min(LONGEST, (limit - spent) / 2)
     if len(run.trajectory.t) < 2 or not longest > run.seconds * 2 / len(run.trajectory.t):
         return None, "it was not repeated: no time is left"
-    return run_of(repeat_finer(request, offered, run.seconds, run.trajectory.t, longest), mechanism, limit - spent), ""
+    again = run_of(repeat_finer(request, offered, run.seconds, run.trajectory.t, longest), mechanism, limit - spent)
+    return at_samples(again, run.trajectory.t), ""
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:

@@ -65,7 +65,7 @@ def turns(mechanism: Mechanism) -> list[Array]:
 
 
 def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, longest: float = LONGEST) -> Request:
-    """Return the run that tells whether to trust the one asked for: at half the step, or at a tighter tolerance.
+    """Return the run that tells whether to trust the one asked for: at half the step, or at a tighter tolerance and closer samples.
 
     Args:
         seconds: that the run took.
@@ -76,7 +76,17 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         return at_half_the_step(request, seconds, times, longest)
     part = first_part(times, seconds, longest)
     choice = replace(request.choice, tolerance=finer_tolerance(offer, request.choice))
-    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
+    closer = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))  # where samples end steps, no tolerance decides
+    return replace(request, choice=choice, wanted=sampling_at(choice.step, closer), ask=nothing, answers=0)
+
+
+def at_samples(finer: Run, times: Array) -> Run:
+    """Return a repetition without the samples that the run (k,) [s] has not."""
+    x = finer.trajectory
+    if x is None:
+        return finer
+    both = metrics.common_times(x.t, times)[0]
+    return replace(finer, trajectory=replace(x, t=x.t[both], q=x.q[both], v=x.v[both], a=x.a[both]))
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
