@@ -15,7 +15,8 @@ import numpy as np
 
 from gauss_bench.trajectory import Status
 
-UNITS = {"position": "m", "angle": "rad", "force": "N"}  # of errors, by what they are errors of
+UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # of errors, by what they are errors of; `end`: of position
+ERRORS = {"end": "position at the end"}  # kinds of errors in words, where the kind is none
 RUNGS = 3  # of a ladder tell the order of convergence ...
 APART = 1.4  # ... if each has so many times the steps of the one before: nearer ones tell rounding
 STEADY = 0.2  # two orders of convergence that differ by less are one
@@ -26,7 +27,7 @@ ABSENT = re.compile(
 
 @dataclass(frozen=True)
 class Requirement:
-    """The largest error over the whole run: of positions [m], angles [rad] or joint forces [N]."""
+    """The largest error over the whole run: of positions [m], angles [rad] or joint forces [N]; or of positions at its end [m]."""
 
     kind: str
     limit: float

@@ -8,6 +8,8 @@ import pytest
 
 from gauss_bench import cli
 from gauss_bench.bench.cases import variants
+from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
 from gauss_bench.runs import offers
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.trajectory import Status
@@ -31,6 +33,22 @@ def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_
     assert (found["status"], found["message"]) == ("skip", told.reason)
     assert cli.main(["list"]) == 0
     assert f"mujoco         skip: {told.reason}" in capsys.readouterr().out
+
+
+def test_every_engine_tells_what_of_ours_runs_in_python_inside_its_time() -> None:
+    """Motion laws are the suite's: no library has one of its own. One that is not of this package is not asked."""
+    free, driven = load("four_bar", "torque"), load("four_bar", "driven")
+    for name in offers.SAFE:
+        assert isinstance(offers.in_python(name, free, Choice()), str)
+    for name in ("mujoco", "exudyn", "casadi", "gauss-native"):
+        assert offers.in_python(name, free, Choice()) == ""
+    for name in ("mujoco", "exudyn"):
+        assert "motion laws" in offers.in_python(name, driven, Choice())
+    assert "projection" in offers.in_python("casadi", free, Choice(stabilization="projection"))
+    assert "steps" in offers.in_python("pinocchio", free, Choice())
+    compiled = next(x for x in offers.offer("pinocchio").variants if x.startswith("compiled"))
+    assert offers.in_python("pinocchio", free, Choice(compiled)) == ""
+    assert offers.in_python("elsewhere:Engine", free, Choice()) == offers.NOT_TOLD
 
 
 @pytest.fixture(scope="module")

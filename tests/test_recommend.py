@@ -11,12 +11,13 @@ import pytest
 import gauss_bench
 from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
+from gauss_bench.advice.answer import Answer
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, work
+from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
-from gauss_bench.api.recommend import Recommendation, variants
+from gauss_bench.api.recommend import Recommendation, remarks, variants
 from gauss_bench.bench.search import Scale, no_coarser
-from gauss_bench.bench.ways import Run, Way, request_of, sampled
+from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sampled
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -407,6 +408,24 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
     assert [x.tried for x in answers] == [1, 1, 1]
     assert all(x.evaluations >= 1 and x.errors and not x.complete for x in answers), answers
     assert all(SHORT.until / x.steps <= recommender.first / 2 for x in answers if x.steps), "rather too fine than not enough"
+
+
+def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:
+    """Compiled, the least work of six settings; called from Python the last of them: 3 and 60 times the fastest of all."""
+    ways = {name: Way("pinocchio", name, "dop853_fixed", "none", 0.0) for name in offer("pinocchio").variants}
+    compiled = [way for way in ways.values() if loop_of(way) == "compiled"][:5]
+    called = next(way for way in ways.values() if loop_of(way) == "called from Python")
+    trials = {way: [Trial(0.01, {SHARE: 0.4}, 100 + k, evaluations=100 + k)] for k, way in enumerate([*compiled, called])}
+    engine = _Engine("pinocchio", [], Worker(), (), trials=trials)
+    chosen = [way._replace(size=0.0) for way, _ in choices(engine)]
+    assert chosen == [*compiled[:3], called]
+    seconds = (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 6e-2)
+    times = {way._replace(size=0.01): np.full(3, x) for way, x in zip((*compiled, called), seconds, strict=True)}
+    told = by_loop("pinocchio", times, np.full(3, 1e-3))
+    assert told == pytest.approx({"compiled": 3.0, "called from Python": 60.0})
+    assert by_loop("mujoco", times, np.full(3, 1e-3)) == {}
+    answer = Answer("pinocchio", "ok", loops=told)
+    assert remarks(SHORT, [answer])[0].endswith("in times of the fastest engine: compiled 3, called from Python 60")
 
 
 def engine_with(*trials: Trial, refused: tuple[Status, str] | None = None) -> _Engine:

@@ -14,7 +14,7 @@ from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, padded, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, raced, requirements
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, raced, requirements
 from gauss_bench.bench.search import (
     Scale,
     close,
@@ -27,7 +27,7 @@ from gauss_bench.bench.search import (
 )
 from gauss_bench.bench.survived import ROOM
 from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.ways import BEATS, Way, evaluated, space, whole_run
+from gauss_bench.bench.ways import BEATS, Way, evaluated, judged, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -40,6 +40,8 @@ from gauss_bench.reference.build import build_reference
 from gauss_bench.report.rows import Run
 from gauss_bench.runs import apart
 from gauss_bench.runs.offers import offer
+from gauss_bench.runs.one_run import Run as Ended
+from gauss_bench.runs.one_run import Sampling
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.tables import TABLES, row_of
@@ -585,9 +587,40 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
 
 def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:
     (part,) = read_suite("search").search
-    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in UNITS for x in (1e-3, 1e-6, 1e-9)}
+    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in UNITS if k != "end" for x in (1e-3, 1e-6, 1e-9)}
     assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
     assert all(x % 10 == 0 for x in BEATS)
+
+
+def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`dear` takes 25 times as long as `exact`, and is the cheapest that is called from Python: its time stands beside."""
+    loops = {x: {"loop": "called from Python" if x == "dear" else "compiled"} for x in WAYS}
+    monkeypatch.setattr(type(get("mujoco")), "variants", {x: Variant(x, "rk4", "none", loop) for x, loop in loops.items()})
+    found = searched(tmp_path)
+    winners = {r["settings"] for r in found["search_winners"] if r["engine"] == "mujoco"}
+    times = {r["settings"]: r for r in found["search_times"] if r["engine"] == "mujoco"}
+    assert winners == {"exact"}
+    assert set(times) >= {"exact", "dear"}
+    assert "rough" not in times
+    assert math.isfinite(times["dear"]["seconds_low"])  # it was raced in several processes
+    assert {r["in_python"] for r in found["search_winners"]} == {""}
+
+
+def test_an_error_at_the_end_is_that_of_the_last_sample_alone() -> None:
+    """A link that is 1 mm off halfway and 1 um at the end holds 1e-5 m there, and does not over the run."""
+    mechanism = load("four_bar", "torque")
+    truth = build_reference(mechanism, 0.1)
+    q = truth.q.copy()
+    q[len(q) // 2, 3] += 1e-3
+    q[-1, 4] -= 1e-6
+    ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
+    trial = judged(over("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran)
+    assert trial.errors["position"] == pytest.approx(1e-3)
+    assert trial.errors["end"] == pytest.approx(1e-6)
+    assert trial.meets(Requirement("end", 1e-5))
+    assert not trial.meets(Requirement("position", 1e-5))
 
 
 def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:

@@ -25,6 +25,8 @@ class Answer:
         tried, variants: how many of its variants were tried, and how many there are.
         evaluations: runs of the search.
         complete: whether the search ended before its time.
+        loops: whose loop -> its cheapest setting's time over that of the fastest engine, where an engine has several.
+        in_python: what of the suite's own runs in Python inside the time.
         options: of the engine, that its settings stand for.
         snippet: a program that runs the setting, in the engine's own language where that can be; empty where none is written.
     """
@@ -49,6 +51,8 @@ class Answer:
     variants: int = 0
     evaluations: int = 0
     complete: bool = True
+    loops: Mapping[str, float] = field(default_factory=dict)
+    in_python: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     snippet: str = ""
 

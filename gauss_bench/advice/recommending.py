@@ -27,14 +27,14 @@ from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
-from gauss_bench.bench.ways import Run, Way, judged, request_of, sampled
+from gauss_bench.bench.ways import Run, Way, choice_of, judged, loop_of, request_of, sampled
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import drift
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
-from gauss_bench.runs.offers import offer
+from gauss_bench.runs.offers import in_python, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -344,7 +344,7 @@ class Recommender:
     def race(self) -> dict[Way, Array]:
         """Seconds (rounds,) of runs of what passed, interleaved in one process."""
         chosen: dict[Way, int] = {}
-        lists = [self._choices(x) for x in self.engines.values()]
+        lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
         if not chosen or self.budget.left(RACED) <= 0:
@@ -365,11 +365,6 @@ class Recommender:
             self.told(f"race: {name}: {failure}")
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
-    def _choices(self, engine: _Engine) -> list[tuple[Way, Trial]]:
-        ways = list(engine.passing().items())
-        least = min((work(w.integrator, t) for w, t in ways), default=0.0)
-        return [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
-
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
         """An answer for every engine: those that hold, from the fastest on, then those that do not."""
         chosen: dict[str, tuple[Way, Trial]] = {}
@@ -381,7 +376,10 @@ class Recommender:
             elif ways:
                 chosen[engine.name] = next(iter(ways.items()))
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
-        held = [self._held(self.engines[e], *pair, times.get(pair[0]), fastest) for e, pair in chosen.items()]
+        held = [
+            replace(self._held(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(e, times, fastest))
+            for e, pair in chosen.items()
+        ]
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
@@ -411,8 +409,9 @@ class Recommender:
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
         message = "" if timed else "it was not raced: there was no time"
-        options = engine.options.get(way.settings, {})
-        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, options=options, **columns)
+        columns["options"] = engine.options.get(way.settings, {})
+        columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
+        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
 
     def _not_held(self, engine: _Engine) -> Answer:
         counts: dict[str, Any] = self._counts(engine)
@@ -428,6 +427,25 @@ class Recommender:
             "" if counts["complete"] else "; not all was tried"
         )
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
+
+
+def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
+    """Return what of an engine is worth a race: the least work, and the least work of every loop that it may be stepped by."""
+    ways = list(engine.passing().items())
+    least = min((work(w.integrator, t) for w, t in ways), default=0.0)
+    near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
+    shown = {loop_of(w) for w, _ in near}
+    others = {loop_of(w): (w, t) for w, t in reversed(ways) if loop_of(w) not in shown}  # the least work of every further loop
+    return [*near[: CHOICES - len(others)], *others.values()]
+
+
+def by_loop(engine: str, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
+    """Return whose loop -> time of its fastest raced way over that of the fastest of all; empty where an engine has one loop."""
+    ways = [way for way in times if way.engine == engine]
+    loops = {loop: [w for w in ways if loop_of(w) == loop] for loop in dict.fromkeys(map(loop_of, ways))}
+    if fastest is None or len(loops) < 2:
+        return {}
+    return {loop: min(time_of(times[w]) for w in some) / time_of(fastest) for loop, some in loops.items()}
 
 
 def answer_of(engine: _Engine) -> Reach:

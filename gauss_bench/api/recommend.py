@@ -202,6 +202,12 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
         names = ", ".join(d.name for d in run.mechanism.drivers)
         free = "nothing is left to move freely" if run.mechanism.dof == len(run.mechanism.drivers) else "the rest moves freely"
         sentences.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
+    for x in answers:
+        if x.loops:
+            told = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
+            sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {told}")
+        if x.in_python and x.engine not in OWN:
+            sentences.append(f"the time of {x.engine} holds of this suite's own in Python: {x.in_python}")
     short = [x.engine for x in answers if not x.complete]
     if short:
         sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")

@@ -21,7 +21,7 @@ from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import stored_reference
 from gauss_bench.runs.apart import Alteration, Request, run_of, unaltered
-from gauss_bench.runs.offers import Offer, offer
+from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
 from gauss_bench.terms import Array
@@ -73,6 +73,7 @@ def measure(
     none: dict[str, Any] = {"series": [], "poses": []}
     row: dict[str, Any] = {"status": str(Status.OK), "message": "", "control": case.engine in CONTROLS}
     offered = offer(case.engine)
+    row["in_python"] = in_python(case.engine, mechanism, case.choice)
     if not offered.usable:
         return {"row": row | {"status": str(offered.status), "message": offered.reason}} | none
     states = states_of(case.linkage, case.scenario)

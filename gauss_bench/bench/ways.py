@@ -63,6 +63,13 @@ def space(engine: Offer) -> list[Variant]:
     ]
 
 
+def loop_of(way: Way) -> str:
+    """Return who runs the loop under a way's settings, where they tell (option `loop`); else an empty text."""
+    offered = offer(way.engine)
+    variant = offered.variants.get(way.settings)
+    return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
+
+
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
     chosen = (way.settings, way.integrator, way.stabilization)
     return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
@@ -98,8 +105,8 @@ def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -
     errors = state_errors(run.mechanism, ran.trajectory, truth)
     force = joint_force_errors(judge, ran.trajectory, truth)
     largest = {"position": errors.length, "angle": errors.angle, "force": force}
-    steps, evaluations = ran.trajectory.steps, ran.trajectory.evaluations
-    return Trial(way.size, {kind: float(x.max()) for kind, x in largest.items()}, steps, evaluations=evaluations)
+    found = {kind: float(x.max()) for kind, x in largest.items()} | {"end": float(errors.length[-1].max())}
+    return Trial(way.size, found, ran.trajectory.steps, evaluations=ran.trajectory.evaluations)
 
 
 def is_adaptive(way: Way) -> bool:

@@ -67,6 +67,9 @@ class Model(Protocol):
 class Engine(Protocol):
     """Builds models of mechanisms.
 
+    It may have `in_python(mechanism, choice)` beside these: what of the suite's own runs in Python inside the time of a run, in
+    words; empty where nothing does.
+
     Attributes:
         name: what the command line and the tables call it.
         integrators: names it offers; the first is its default.

@@ -47,6 +47,9 @@ class Compiled:
         require("llvmlite")
         return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return ""
+
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if mechanism.has_friction:
             return "dry friction has no kernel: its loads are found by iteration"

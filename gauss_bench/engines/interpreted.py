@@ -39,6 +39,9 @@ class Interpreted:
     def __init__(self, name: str):
         self.name = name
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "terms, formulation and steps"
+
     def version(self) -> str:
         from gauss_bench import __version__
 

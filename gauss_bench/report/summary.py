@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 
+from gauss_bench.reach import ERRORS
 from gauss_bench.report.content import (
     AUTHORS,
     Block,
@@ -149,7 +150,9 @@ def _cheapest(run: Run) -> Section | None:
             for engine in sorted({r["engine"] for r in some if r["status"] != "skip"})
         ]
         head, numeric = columns(("engine", *names), 1)
-        blocks.append(Table(f"Within {accuracy:.0e} {unit} of {required} {over_time(run)}", head, tuple(lines), numeric))
+        blocks.append(
+            Table(f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {over_time(run)}", head, tuple(lines), numeric)
+        )
     return Section("The cheapest way of each engine", "cheapest", tuple(blocks))
 
 

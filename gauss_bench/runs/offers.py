@@ -15,6 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.own_options import Known, OptionError, is_own
 from gauss_bench.engines.variants import CHOSEN, Variant
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, kept
 from gauss_bench.trajectory import Status, in_a_sentence
 
@@ -22,6 +23,7 @@ LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest lib
 SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
 ALIASES = {"euler": "semi_implicit_euler"}
 CALLED = ("version", "skip", "build")
+NOT_TOLD = "not told"
 
 
 class ChoiceError(ValueError):
@@ -119,6 +121,12 @@ class Offer:
 
     def _and_options(self) -> str:
         return f"; or its own options: {Known(self.settings, [*self.options]).told()}" if self.options else ""
+
+
+def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
+    """Return what of the suite's own runs in Python inside an engine's time, in words; NOT_TOLD of engines from elsewhere."""
+    engine: Any = get(name) if name in SAFE else None
+    return str(engine.in_python(mechanism, choice)) if engine is not None else NOT_TOLD
 
 
 def isolated(name: str) -> bool:

@@ -175,6 +175,7 @@ class Search(OnLinkages):
         own: engines to whose cheapest way ratios are taken.
         until: [s] end of the runs; a shorter scenario ends as it does.
         position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
+        end: the same of positions at the end of the run alone [m].
         budget: evaluations of one variant on one linkage.
         most_steps: of a run: smaller steps are not tried.
         steps_of: engine -> the same, of engines whose methods are of a lower order than others.
@@ -191,6 +192,7 @@ class Search(OnLinkages):
     position: tuple[Positive, ...] = ()
     angle: tuple[Positive, ...] = ()
     force: tuple[Positive, ...] = ()
+    end: tuple[Positive, ...] = ()
     budget: Count
     most_steps: Count
     steps_of: Mapping[str, Count] = {}

@@ -36,14 +36,27 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import patient, survived, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
-from gauss_bench.bench.ways import BEATS, Models, Run, Way, evaluated, has_samples, is_adaptive, space, steps_timed, whole_run
+from gauss_bench.bench.ways import (
+    BEATS,
+    Models,
+    Run,
+    Way,
+    choice_of,
+    evaluated,
+    has_samples,
+    is_adaptive,
+    loop_of,
+    space,
+    steps_timed,
+    whole_run,
+)
 from gauss_bench.engines import OWN, all_names, get
 from gauss_bench.engines.variants import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
 from gauss_bench.reference.store import stored_reference
-from gauss_bench.runs.offers import Offer, offer
+from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
@@ -196,7 +209,7 @@ def trial_row(trial: Trial, adaptive: bool) -> Row:
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """Times of everything worth a race, after another process has estimated costs; `rows` are the ladders of the linkage."""
     run, ladders = over(linkage, scenario, part), Ladders(rows)
-    passing = passing_ways(ladders, part).values()
+    passing = [some for ways in passing_ways(ladders, part).values() for some in by_loop(ways)]
     ways = list(dict.fromkeys(way for some in passing for way in some))
     estimates, lost = _survivors(estimated, run, ladders, ways, part)
     costs = {Way(*r["way"]): float(r["seconds"]) for r in estimates}
@@ -209,7 +222,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     """Times in one more process, of what may still win by those of the first."""
     run, ladders = over(linkage, scenario, part), Ladders(rows)
     measured = measured_of(first)
-    near = [way for some in passing_ways(ladders, part).values() for way in near_ways(some, measured)]
+    near = [way for ways in passing_ways(ladders, part).values() for some in by_loop(ways) for way in near_ways(some, measured)]
     costs = {way: time_of(x) for way, x in measured.samples.items()}
     told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, lost_in(first), costs, part.lead, part.rounds)
     return {"search_races": race_rows(run, number, told, lost)}
@@ -235,6 +248,11 @@ def _survivors(
 def passing_ways(ladders: "Ladders", part: Search) -> dict[tuple[Requirement, str], list[Way]]:
     """For every requirement and engine what is exact enough."""
     return {(w, e.name): ladders.passing(e.name, w) for w in requirements(part) for e in searched(part)}
+
+
+def by_loop(ways: Sequence[Way]) -> list[list[Way]]:
+    """Return the ways of an engine apart by who runs the loop: the cheapest of each is raced."""
+    return [[way for way in ways if loop_of(way) == loop] for loop in dict.fromkeys(map(loop_of, ways))]
 
 
 def near_ways(ways: Sequence[Way], measured: Measured) -> list[Way]:
@@ -269,6 +287,9 @@ def raced(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: R
     for w in requirements(part):
         engines = [e for x, e in passing if x == w]
         lines = [winner_row(start, w, e, passing[w, e], ladders, measured, part) for e in engines if e not in lost]
+        for line in (x for x in lines if x["status"] == Status.OK):
+            way = way_of(line)
+            line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
         winners += with_ratios(lines, measured, part)
         place_of = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
         winners += [place_of | {"engine": e} | told for e, told in lost.items() if e in engines]

@@ -53,6 +53,9 @@ class ByHand:
             return str(reason)
         return None if compiler() else NO_COMPILER
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "ByHandModel":
         return ByHandModel(mechanism, loop_of(mechanism), choice)
 

@@ -71,6 +71,9 @@ class Casadi:
             return "equal steps are generated without a projection"
         return unfit(mechanism)
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "projection, at every sample" if choice.stabilization == "projection" else ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel | EqualSteps":
         if choice.integrator in METHODS:
             return EqualSteps(mechanism, choice, VARIANTS.options(choice.settings))

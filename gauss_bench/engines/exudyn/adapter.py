@@ -78,6 +78,9 @@ class Exudyn:
             return "Exudyn has no planar knife edge"
         return next((reason for f in mechanism.forces if (reason := inexpressible(mechanism, f))), None)
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "motion laws and varying forces, in every iteration" if mechanism.drivers or mechanism.varying else ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "ExudynModel":
         return ExudynModel(mechanism, choice)
 

@@ -69,6 +69,9 @@ class Minimal:
             return str(reason)
         return None
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "changes of coordinate near dead centres"
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "MinimalModel":
         self.version()
         return MinimalModel(mechanism, choice)

@@ -106,6 +106,9 @@ class Mujoco:
             return str(failure)
         return None
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "motion laws and varying forces, at every stage of a step" if mechanism.drivers or mechanism.varying else ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "MujocoModel":
         return MujocoModel(mechanism, choice)
 

@@ -75,9 +75,8 @@ class Pinocchio:
         """Build it."""
         building.build_loop()
 
-    def loop(self, settings: str) -> str:
-        """What of the suite's own runs inside the time of a run."""
-        return str(VARIANTS.options(settings)["loop"])
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "" if is_compiled(choice.settings) else "steps, applied forces and a call of the library for every right-hand side"
 
 
 def is_compiled(settings: str) -> bool:

@@ -33,6 +33,9 @@ class PinocchioCasadi:
             return "pinocchio.casadi is not in this build of Pinocchio: wheels have none yet (its tracker, issue 2759)"
         return "pinocchio.casadi is here, but the model that would use it is not written"
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioCasadi":
         raise RunFailure(Status.SKIP, str(self.skip(mechanism, choice)))
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from gauss_bench.reach import Kind, Reach, Requirement
+from gauss_bench.reach import ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.content import (
     RANGE,
     Block,
@@ -44,8 +44,10 @@ SEARCH = (
     "processes ties with it, and of those that tie the first of the engine's file wins. "
     "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; **times "
     "the fastest** is over the least of all engines' times, whoever made it; **ratio** is to the suite's own compiled way that is "
-    "marked **base**: above 1 the engine is slower. Engines marked **own** are by the suite's authors. A range is where a second "
-    "race of as many processes falls in 99 of 100 cases, whichever of those that tie is named then."
+    "marked **base**: above 1 the engine is slower. "
+    "**Ours in Python** is what of the suite's own runs in Python inside that time. Engines marked **own** are by the suite's "
+    "authors. A range is where a second race of as many processes falls in 99 of 100 cases, whichever of those that tie is named "
+    "then."
 )
 HEAD = (
     *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
@@ -61,10 +63,11 @@ HEAD = (
         "met",
         "tried",
         "passing",
+        "ours in Python",
         "remark",
     ),
 )
-KINDS = ("position", "angle", "force")
+KINDS = ("position", "end", "angle", "force")
 OK = "ok"
 SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
 KNOBS = ("engine", "knob", "meaning", "source")
@@ -77,8 +80,8 @@ def section(run: Run) -> Section | None:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
-        title, line = f"Searched best, by error of {kind}", with_base(run, group)
-        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, folded=kind != "position"))
+        title, line = f"Searched best, by error of {ERRORS.get(kind, kind)}", with_base(run, group)
+        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, 2, folded=kind not in ("position", "end")))
     if space := run.table("search_space"):
         blocks.append(titled_table(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True))
     if knobs := run.table("search_knobs"):
@@ -138,6 +141,7 @@ def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
         *ratio_cells(row, "ratio"),
         *goal(row),
         *counts(row, "evaluations", "passing"),
+        text_cell(row.get("in_python") or "-"),
         remark(row) if row["status"] == OK else text_cell(answer_of(run, row).words, "warn"),
     )
 
@@ -170,7 +174,7 @@ def findings(run: Run) -> Iterator[Finding]:
             f"where each variant had {spent(group)}, and in brackets "
             f"the spread of the race.{''.join(not_told(run, group))}"
         )
-        title = f"Within {small(accuracy)} {group[0]['unit']} of {kind} {over_time(run)}"
+        title = f"Within {small(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {over_time(run)}"
         yield Finding(title, text, "warn" if lost else "")
 
 

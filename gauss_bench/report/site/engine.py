@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
+from gauss_bench.reach import ERRORS
 from gauss_bench.report.content import (
     BELOW_LEGEND,
     Cell,
@@ -142,15 +143,18 @@ def raced(run: Run, rows: Sequence[Row]) -> Table:
     lines = tuple(
         (
             text_cell(r["mechanism"]),
-            text_cell(f"{r['required']} within {small(number(r, 'accuracy'))} {r['unit']}"),
+            text_cell(f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"),
             text_cell(" ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))),
             time_of(r),
             Cell(times(fastest(r)), fastest(r)),
             span(r),
+            text_cell(r.get("in_python") or "-"),
         )
         for r in rows
     )
-    head, numeric = columns(("linkage", "required", "setting", "time", "multiple", "spread of the time"), 3)
+    head, numeric = columns(
+        ("linkage", "required", "setting", "time", "multiple", "spread of the time", "ours in Python"), 3, last_text=1
+    )
     return Table(
         "Raced against the others",
         head,

@@ -17,7 +17,7 @@ from gauss_bench.report.content import (
     time_cell,
     times,
 )
-from gauss_bench.report.rows import Row, Run, costs, known, number, plain
+from gauss_bench.report.rows import Row, Run, costs, grouped, known, number, plain
 
 PLACE = 50
 TABLES = ("results",)
@@ -52,7 +52,10 @@ def section(run: Run, name: str) -> Section | None:
         built = (milliseconds(row, x) for x in ("build_time", "cold_build_time"))
         lines.append((engine_cell(row), *names, *step, *own, *one, *built))
     table = Table(f"{name}: cost", head, tuple(lines), numeric, note=NOTE)
-    return Section("Cost", f"{name}-cost", (Text(words), table))
+    inside = grouped((r for r in rows if r.get("in_python")), lambda r: str(r["in_python"]))
+    said = [f"{listed(dict.fromkeys(str(r['engine']) for r in some))}: {what}" for what, some in inside.items()]
+    told = [Text(f"The suite's own in Python, inside these times: {'; '.join(said)}.")] if said else []
+    return Section("Cost", f"{name}-cost", (Text(words), table, *told))
 
 
 def milliseconds(row: Row, column: str) -> Cell:
