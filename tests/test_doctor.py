@@ -6,8 +6,10 @@ import pytest
 
 from gauss_bench.api import doctor as room
 from gauss_bench.api.doctor import Checkup, Finding, doctor
-from gauss_bench.runs.offers import Offer
+from gauss_bench.engines.pinocchio import build as building
+from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.trajectory import Status
+from tests.conftest import needs
 
 
 def looked_at(monkeypatch: pytest.MonkeyPatch, *engines: Offer) -> Checkup:
@@ -59,3 +61,19 @@ def test_where_double_is_the_longest_number_it_is_said(monkeypatch: pytest.Monke
     monkeypatch.setattr(room.np, "longdouble", float)
     found = named(looked_at(monkeypatch).findings, "long double")
     assert (found.value, found.status) == ("53 bits", "missing")
+
+
+def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs("pinocchio")
+    pinocchio = offer("pinocchio")
+    states = {
+        "built": (None, None),
+        "not built yet": (None, "Pinocchio's compiled loop is not installed: it was not built yet"),
+        "none": ("Pinocchio's compiled loop is not installed: there is no C++ compiler", "not built yet"),
+    }
+    for value, (missing, absent) in states.items():
+        monkeypatch.setattr(building, "missing", lambda missing=missing: missing)
+        monkeypatch.setattr(building, "absent", lambda absent=absent: absent)
+        (found,) = room._builds([pinocchio])
+        assert (found.name, found.value, found.status) == ("pinocchio, compiled", value, "ok" if value == "built" else "missing")
+    assert "C++ compiler" in found.message

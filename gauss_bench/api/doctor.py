@@ -8,7 +8,7 @@ without it or says what it lacks, and so does the checkup.
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,11 @@ from gauss_bench.api.results import Result
 from gauss_bench.api.simulate import simulate
 from gauss_bench.bench.provenance import environment
 from gauss_bench.compiler import user_cache
+from gauss_bench.engines import FOREIGN, get
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.linkage.load import built_in, load
+from gauss_bench.reach import ABSENT
 from gauss_bench.runs.offers import Offer, offers
 from gauss_bench.runs.worker import THREADS
 from gauss_bench.trajectory import Status
@@ -76,9 +79,10 @@ class Checkup(Result):
 
 def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:
     """Look at this machine and this installation; `told` hears of each engine before it is tried."""
-    findings = (*_machine(), _linkages(), _cache(), _compiler())
+    there = offers()
+    findings = (*_machine(), _linkages(), _cache(), _compiler(), *_builds(there))
     tried = []
-    for offer in offers():
+    for offer in there:
         told(f"trying {offer.name}")
         tried.append(_tried(offer))
     engines = tuple(tried)
@@ -129,6 +133,20 @@ def _compiler() -> Finding:
     if path is None:
         return Finding("C compiler", "none", "missing", f"{NO_COMPILER}; by_hand does not run, and casadi in its virtual machine")
     return Finding("C compiler", str(Path(path)))
+
+
+def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
+    """What engines need that is built once for a user: there, not yet, or why it cannot be."""
+    for offer in (x for x in there if x.name in FOREIGN and x.usable and hasattr(get(x.name), "build_once")):
+        engine: Any = get(offer.name)
+        name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
+        skipped = (engine.skip(load(TRIED), choice) for choice in choices)
+        if lacking := next((x for x in skipped if x and ABSENT.search(x)), ""):
+            yield Finding(name, "none", "missing", lacking)
+        elif what := next(filter(None, (engine.unbuilt(x.settings) for x in choices)), ""):
+            yield Finding(name, "not built yet", "missing", f"a search builds {what}, and so does whoever names its settings")
+        else:
+            yield Finding(name, "built")
 
 
 def _tried(offer: Offer) -> Finding:
