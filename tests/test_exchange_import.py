@@ -419,6 +419,24 @@ def test_numbers_that_a_model_makes_are_counted_together(kind: str) -> None:
             refuse_bulk(sizes(*small, row), Path("m.xml"))
 
 
+@pytest.mark.parametrize(
+    ("key", "most", "beyond"),
+    [("memory", "128M", "129M"), ("memory", "131072k", "1G"), ("njmax", "1600", "1610"), ("nconmax", "209000", "210000"),
+     ("nstack", "16777216", "16777217")],
+)  # fmt: skip
+def test_memory_that_mujoco_is_told_to_take_is_bounded(key: str, most: str, beyond: str) -> None:
+    """A number is eight bytes: 2^24 of them are 128 MiB."""
+    refuse_bulk(fromstring(f'<mujoco><size {key}="{most}"/></mujoco>'), Path("m.xml"))
+    with pytest.raises(ExchangeError, match=f"m.xml: <size>: {key}='{beyond}' asks for"):
+        refuse_bulk(fromstring(f'<mujoco><size {key}="{beyond}"/></mujoco>'), Path("m.xml"))
+
+
+@pytest.mark.parametrize("element", ['<contact num="16777217"/>', '<camera resolution="4097 2"/>', '<user dim="16777217"/>'])
+def test_numbers_of_sensors_are_bounded_by_the_name_of_their_element(element: str) -> None:
+    with pytest.raises(ExchangeError, match=f"m.xml: {element.split()[0]}>: .* makes more than 16777216 numbers"):
+        refuse_bulk(fromstring(f"<mujoco><sensor>{element}</sensor></mujoco>"), Path("m.xml"))
+
+
 def test_copies_are_elements(tmp_path: Path) -> None:
     """Three elements, and three for each of the copies: the body, its joint and its geom."""
     body = '<body><joint axis="0 0 1"/><geom size="1"/></body>'

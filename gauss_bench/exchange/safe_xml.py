@@ -12,7 +12,18 @@ from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
 MADE = 1 << 24  # numbers that a document may have made without holding them: a picture of 4096 by 4096
-COUNTS = (("nrow", "ncol"), ("width", "height"), ("params", "params"), ("actdim",), ("dim",), ("nsample",))  # they are its product
+COUNTS = (
+    ("nrow", "ncol"),
+    ("width", "height"),
+    ("params", "params"),
+    ("actdim",),
+    ("dim",),
+    ("nsample",),
+    ("num",),
+    ("resolution", "resolution"),
+)  # they are its product
+ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # of <size>: numbers a unit, and the power of the units
+UNITS = "KMGTPE"  # of bytes of <size memory>, each 1024 times the one before
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
 
 
@@ -103,6 +114,12 @@ def refuse_bulk(root: Element, path: Path) -> None:
         if max(elements, times) > ELEMENTS:
             raise ExchangeError(f"{path}: {called(node)}: more than {ELEMENTS} elements, copies counted, are not read")
         left += ((child, times) for child in reversed(node))
+    for node in root.iter("size"):
+        for key in ("memory", *ARENA):
+            if (arena := _arena(node, key)) > MADE:
+                raise ExchangeError(
+                    f"{path}: <size>: {key}={node.get(key)!r} asks for {arena:.3g} numbers of memory, and {MADE} are given"
+                )
     for node in root.iter():
         each = [(key,) for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # of every element
         for keys in (*COUNTS, *each):
@@ -111,6 +128,17 @@ def refuse_bulk(root: Element, path: Path) -> None:
             if made > MADE:
                 asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
                 raise ExchangeError(f"{path}: {called(node)}: {asked} makes more than {MADE} numbers that the file does not hold")
+
+
+def _arena(node: Element, key: str) -> float:
+    """Numbers of memory that MuJoCo takes for its own use because a <size> says so."""
+    text = node.get(key, "").strip().upper()
+    if key == "memory":
+        power = UNITS.find(text[-1:]) + 1 if text else 0
+        node = Element("size", memory=text[:-1] if power else text)
+        return _largest(node, key) * 1024.0**power / 8
+    each, power = ARENA[key]
+    return float(each * _largest(node, key) ** power)
 
 
 def _largest(node: Element, key: str) -> float:
