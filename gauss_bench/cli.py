@@ -58,10 +58,26 @@ class Results(io.TextIOWrapper):
             raise OutputLost(error.strerror) from error
 
 
+class Remarks(io.TextIOWrapper):
+    """Stderr; where it is full or closed, remarks are lost, and the exit code of the verb stays."""
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            super().flush()
+
+
 def command() -> int:
     """`gauss-bench`: stdout is for results alone, and what libraries print there themselves goes to stderr."""
     if sys.stderr is None:  # closed by whoever calls
         sys.stderr = open(os.devnull, "w")
+    # Unbuffered: what could not be written is not tried again at the end of the process, whose exit code would then be 120.
+    unbuffered = os.fdopen(sys.stderr.fileno(), "wb", buffering=0, closefd=False)
+    sys.stderr = Remarks(unbuffered, encoding=sys.stderr.encoding, errors="backslashreplace", write_through=True)
     if sys.stdout is None:
         print("error: stdout is closed: results have nowhere to go", file=sys.stderr)
         return NO_OUTPUT

@@ -38,6 +38,30 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
     assert "Traceback" not in closed.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("arguments", "code"), [(["show", "nosuch"], 2), (["--nosuch"], 2), (["list"], 0)], ids=str)
+def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
+    if not FULL.exists():
+        pytest.skip("this system has no /dev/full")
+    command = [sys.executable, "-m", "gauss_bench", *arguments]
+    with FULL.open("w") as full:
+        ended = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=full, timeout=120, check=False)
+    assert ended.returncode == code
+
+
+def test_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    told = " ".join(capsys.readouterr().out.partition("Exit codes:")[2].split())
+    for code in ("0 done", "1 an accuracy regression", "2 bad usage", "70 a fault", "74 stdout", "130 interrupted"):
+        assert code in told
+    for page in ("README.md", "gauss_bench/docs/pages/commands.md"):
+        text = " ".join((Path(__file__).parents[1] / page).read_text(encoding="utf-8").split())
+        assert all(
+            code in text for code in ("0 done", "1 an accuracy regression", "2 bad usage", "70 a fault", "74 stdout", "130 in")
+        )
+
+
 @pytest.mark.parametrize("kilobytes", [250_000, 300_000, 400_000])
 def test_too_little_memory_is_told_before_any_library_looks_for_it(kilobytes: int) -> None:
     """With some limits the import of a library never ends."""
@@ -125,3 +149,4 @@ def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Pa
     assert writable(old, True, suffix=".c") == old
     with pytest.raises(ExchangeError, match="--replace writes over it"):
         writable(old, False, suffix=".c")
+

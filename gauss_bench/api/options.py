@@ -11,6 +11,11 @@ from gauss_bench.linkage.limits import harmless
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
 MOST_JOBS = 512  # workers: each takes a quarter of a GiB
+DESCRIPTION = "Validation and benchmarking of closed-loop planar linkage dynamics."
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or a faulty file, 70 a fault of gauss-bench "
+    "itself, 74 stdout is closed or full, 130 interrupted."
+)
 Verb = Callable[[argparse.Namespace], int]
 
 
@@ -23,7 +28,7 @@ class Parser(argparse.ArgumentParser):
 
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
     """All verbs with their options; `actions` maps the name of a verb to what it does."""
-    top = Parser(prog="gauss-bench", description="Validation and benchmarking of closed-loop planar linkage dynamics.")
+    top = Parser(prog="gauss-bench", description=DESCRIPTION, epilog=EXIT_CODES)
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
     for name, (help, options) in VERBS.items():
