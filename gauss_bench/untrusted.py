@@ -42,6 +42,12 @@ def read_bytes(path: Path, most: int) -> bytes:
     return content
 
 
+def read_start(path: Path, most: int) -> bytes:
+    """Return the first bytes of a file, `most` at most."""
+    with path.open("rb") as file:
+        return file.read(most)
+
+
 def parse_toml(text: str, parse_float: Any = float) -> dict[str, Any]:
     """Return the document of a TOML text.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import writable
+from gauss_bench.api.files import is_of_kind, writable
 from gauss_bench.cli import main
 from gauss_bench.exchange.errors import ExchangeError
 
@@ -149,4 +149,57 @@ def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Pa
     assert writable(old, True, suffix=".c") == old
     with pytest.raises(ExchangeError, match="--replace writes over it"):
         writable(old, False, suffix=".c")
+
+
+LINKAGE = FOUR_BAR.read_bytes()
+CONTENTS = {
+    ".csv": b"t [s],x [m]\n0,1\n",
+    ".svg": b'<?xml version="1.0"?>\n<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN">\n<svg/>\n',
+    ".html": b"<!doctype html>\n<html><svg/></html>",
+    ".xml": b'<mujoco model="x"><!-- svg --></mujoco>',
+    ".png": b"\x89PNG\r\n",
+    ".gif": b"GIF89a",
+    ".npz": b"PK\x03\x04",
+    ".toml": LINKAGE,
+    ".c": b"/* Model, of a linkage */\nint x[3];\n",
+    ".py": b'"""One linkage: python FILE, prints t."""\nx = [1]\n',
+}
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+@pytest.mark.parametrize("suffix", CONTENTS)
+def test_the_first_bytes_of_a_file_tell_its_kind(content: str, suffix: str, tmp_path: Path) -> None:
+    file = tmp_path / f"x{suffix}"
+    file.write_bytes(CONTENTS[content])
+    programs = {content, suffix} == {".c", ".py"}  # both begin in any way
+    assert is_of_kind(file, suffix) == (content == suffix or programs)
+
+
+@pytest.mark.parametrize("start", [b"<svg>", b'\n<?xml version="1.0"?>\n<!-- by hand -->\n<svg>', b""])
+def test_pictures_begin_in_several_ways(start: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "x.svg"
+    file.write_bytes(start)
+    assert is_of_kind(file, ".svg")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ["simulate", "four_bar", "--at", "0,0.01", "--out", "x.csv"],
+        ["simulate", "four_bar", "--at", "0,0.01", "--plot", "x.png"],
+        ["kinematics", "four_bar", "--out", "x.csv"],
+        ["show", "four_bar", "--svg", "x.svg"],
+        ["export", "four_bar", "--engine", "c", "--out", "x.c"],
+    ],
+    ids=lambda x: f"{x[0]} {x[-1]}",
+)
+def test_a_linkage_with_the_ending_of_another_kind_is_not_replaced(
+    call: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = Path(call[-1])
+    file.write_bytes(LINKAGE)
+    assert main([*call, "--replace"]) == 2
+    assert f"{file}: is there already, and no {file.suffix} file" in capsys.readouterr().err
+    assert file.read_bytes() == LINKAGE
 

@@ -1,11 +1,21 @@
 """Which files a verb may write: looked at before anything is run."""
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.untrusted import read_start
+
+LOOKED_AT = 65_536  # bytes of a file, which tell its kind
+STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}
+ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # elements, and the document types of the first two
+ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
+TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)
+NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a head, and a row
+FREE = (".c", ".py")  # programs, which begin in any way
 
 
 def writable(
@@ -31,12 +41,25 @@ def writable(
         raise ExchangeError(f"{out}: it is no ordinary file")
     if path.exists() and source and Path(source).exists() and path.samefile(source):
         raise ExchangeError(f"{out}: is what is read; {option} takes another file")
-    if path.exists() and suffix and path.suffix.lower() != suffix:
+    if path.exists() and suffix and (path.suffix.lower() != suffix or not is_of_kind(path, suffix)):
         raise ExchangeError(
             f"{out}: is there already, and no {suffix} file: --replace takes the place of files of its own kind alone"
         )
     _checked(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
     return path
+
+
+def is_of_kind(path: Path, suffix: str) -> bool:
+    """Whether a file holds, as its first bytes tell, what files with this ending hold; one without a byte does."""
+    start = read_start(path, LOOKED_AT)
+    kind = next((x for x, pattern in STARTS.items() if re.match(pattern, start)), "")
+    if root := ROOT.match(start):
+        kind = ROOTS[root[1].lower()]
+    if not kind and TABLE.search(start):
+        kind = ".toml"
+    if not kind and NUMBERS.match(start):
+        kind = ".csv"
+    return not start or kind == suffix or (not kind and suffix in FREE)
 
 
 def usable_folder(out: Path, usual: Path | None = None) -> Path:
@@ -81,5 +104,5 @@ def told_files(
             raise ChoiceError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():
             raise ChoiceError(f"--{name} {path}: is asked for twice")
-        files[name] = writable(path, replace, f"--{name}", source=source)
+        files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files
