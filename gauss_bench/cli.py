@@ -471,10 +471,13 @@ def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.provenance import environment
     from gauss_bench.runs.asked import checked_budget
-    from gauss_bench.tables import write_table, write_text
+    from gauss_bench.tables import refuse_foreign, write_table, write_text
 
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
+        refuse_foreign({folder / "atlas.csv": table.HEAD})
+    if options.out is not None:
+        refuse_foreign({options.out / name: table.TITLE for name in ("atlas.svg", "index.html")})
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     reaches = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
     rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
@@ -553,6 +556,10 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.runs.first_builds import build_first
 
     usable_folder(options.out, LOCAL)
+    if options.report:
+        from gauss_bench.report.build import refuse_pages_of_others
+
+        refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
     suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run

@@ -1188,6 +1188,17 @@ def atomically(path: Path, write: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
+def refuse_foreign(signs: Mapping[Path, str]) -> None:
+    """Let files be written over that are not there, or that gauss-bench wrote: those hold the sign given here.
+
+    Raises:
+        FileExistsError: naming a file of somebody else.
+    """
+    for path, sign in signs.items():
+        if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):
+            raise FileExistsError(f"{path}: is there already, and gauss-bench did not write it; move it or take another folder")
+
+
 def write_text(path: Path, content: str) -> None:
     atomically(path, lambda part: part.write_text(content, encoding="utf-8"))
 

@@ -203,3 +203,49 @@ def test_a_linkage_with_the_ending_of_another_kind_is_not_replaced(
     assert f"{file}: is there already, and no {file.suffix} file" in capsys.readouterr().err
     assert file.read_bytes() == LINKAGE
 
+
+@pytest.mark.parametrize("page", ["README.md", "site/index.html"])
+def test_no_report_takes_the_place_of_a_page_of_the_users(page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / page).parent.mkdir(exist_ok=True)
+    (tmp_path / page).write_text("my own words", encoding="utf-8")
+    (tmp_path / "site.css").write_text("", encoding="utf-8")
+    for call in (["run", "four_bar", "--report"], ["report"]):
+        assert main([*call, "--out", str(tmp_path)]) == 2
+        assert f"{tmp_path / page}: is there already, and gauss-bench did not write it" in capsys.readouterr().err
+    assert (tmp_path / page).read_text(encoding="utf-8") == "my own words"
+    assert not [*tmp_path.glob("*.csv")]
+
+
+@pytest.mark.parametrize("name", ["index.html", "atlas.svg", "atlas.csv"])
+def test_no_atlas_takes_the_place_of_a_file_of_the_users(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--out", str(tmp_path)]
+    assert main(call) == 0
+    assert main(call) == 0, "its own files are written over"
+    (tmp_path / name).write_text("my own", encoding="utf-8")
+    capsys.readouterr()
+    assert main(call) == 2
+    assert f"{tmp_path / name}: is there already" in capsys.readouterr().err
+    assert (tmp_path / name).read_text(encoding="utf-8") == "my own"
+
+
+def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "s"
+    call = [
+        "sweep",
+        "crank_slider",
+        "--vary",
+        "links.rod.mass=0.7:0.8:2",
+        "--engine",
+        "gauss",
+        "--until",
+        "0.01",
+        "--out",
+        str(out),
+    ]
+    assert main(call) == 0
+    assert main(call) == 0, "its own picture is drawn again"
+    (out / "summary.svg").write_text("<svg>mine</svg>", encoding="utf-8")
+    capsys.readouterr()
+    assert main(call) == 2
+    assert f"{out / 'summary.svg'}: is there already" in capsys.readouterr().err
+    assert (out / "summary.svg").read_text(encoding="utf-8") == "<svg>mine</svg>"

@@ -10,6 +10,9 @@ from gauss_bench.atlas.survey import Reach, sentence
 from gauss_bench.atlas.verdict import RULE
 from gauss_bench.report.palette import inline
 
+TITLE = "How far each engine goes"  # of the chart and of the page
+HEAD = "axis,engine,"  # of the table's file
+
 
 def row(x: Reach) -> dict[str, Any]:
     """One way along one axis; `breaks_at` is the first value that does not pass."""
@@ -69,7 +72,7 @@ def page(reaches: Sequence[Reach]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>How far each engine goes</title><style>{STYLE}</style></head>\n<body><main><h1>How far each engine goes</h1>"
+        f"<title>{TITLE}</title><style>{STYLE}</style></head>\n<body><main><h1>{TITLE}</h1>"
         f"<p>{escape(RULE)}.</p><p>Each rung of an axis is as wide as the next; engines run with their first integrator.</p>"
         f'<ul class="key">{key}</ul><div class="panels">\n' + "\n".join(parts) + "\n</div></main></body></html>\n"
     )

@@ -18,9 +18,11 @@ from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, ok, order
 from gauss_bench.report.site.first import Programs
-from gauss_bench.report.site.write import write_site
+from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, write_text
+from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, refuse_foreign, write_text
+
+HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # every report's own
 
 
 def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
@@ -98,6 +100,15 @@ def all_findings(run: Run) -> Iterator[Finding]:
             yield from module.findings(run)
 
 
+def refuse_pages_of_others(folder: Path) -> None:
+    """Let a report be written into a folder without pages, or with those of an earlier report.
+
+    Raises:
+        FileExistsError: naming a page of somebody else.
+    """
+    refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
+
+
 def build_report(
     folder: Path, programs: Programs | None = None, told: Callable[[str], object] = lambda sentence: None
 ) -> list[Path]:
@@ -109,7 +120,9 @@ def build_report(
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.
+        FileExistsError: as `refuse_pages_of_others`.
     """
+    refuse_pages_of_others(folder)
     run = read_run(folder)
     told(f"{folder}: writing the pages")
     findings = list(all_findings(run))

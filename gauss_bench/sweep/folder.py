@@ -21,9 +21,10 @@ import pyarrow.parquet as pq
 
 from gauss_bench.bench.journal import Busy
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.tables import atomically, write_text
+from gauss_bench.tables import atomically, refuse_foreign, write_text
 
-PLAN, PARTS = "plan.json", "samples"
+PLAN, PARTS, PICTURE = "plan.json", "samples", "summary.svg"
+SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # at the end of the picture
 TEXTS = {"engine", "status", "message"}
 FIRST = ("sample", "engine", "status", "message")
 
@@ -95,6 +96,7 @@ def checked(path: Path, asked: Mapping[str, Any]) -> None:
 
     Raises:
         SweepError: there is no folder to make it in, it holds something else, or another sweep.
+        FileExistsError: its picture is somebody else's.
     """
     if not path.parent.is_dir():
         raise SweepError(f"--out {path}: there is no folder {path.parent}")
@@ -116,6 +118,7 @@ def checked(path: Path, asked: Mapping[str, Any]) -> None:
     if other:
         was = "; ".join(f"{key} was {_short(there.get(key))}, is {_short(asked.get(key))}" for key in other)
         raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or ask for the same")
+    refuse_foreign({path / PICTURE: SIGN})
 
 
 def _short(x: object) -> str:

@@ -20,7 +20,7 @@ from gauss_bench.runs.asked import checked_budget, duration
 from gauss_bench.runs.offers import isolated, offer
 from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.folder import Folder, checked
+from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, checked
 from gauss_bench.sweep.halving import halved
 from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
@@ -125,7 +125,7 @@ def sweep(
 def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: list[str]) -> None:
     from gauss_bench.sweep.plots import plots
 
-    write_text(out / "summary.svg", plots(rows, some, figures))
+    write_text(out / PICTURE, plots(rows, some, figures) + SIGN)
     write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
 
 
