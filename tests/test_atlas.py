@@ -116,6 +116,23 @@ def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) 
     assert "loops open by 0.02" in failed.reason
 
 
+@pytest.mark.parametrize(("off", "verdict"), [(0.9e-3, Verdict.PASS), (1.1e-3, Verdict.DEGRADED)])
+def test_what_passes_is_off_by_a_thousandth_of_the_size(
+    off: float, verdict: Verdict, known: tuple[Mechanism, Run, Reference]
+) -> None:
+    mechanism, run, reference = known
+    assert mechanism.size == pytest.approx(1.0)
+    assert decided(mechanism, shifted(run, off), reference).verdict is verdict
+
+
+@pytest.mark.parametrize(("bar", "verdict"), [(0.9e-4, Verdict.PASS), (1.1e-4, Verdict.OPEN)])
+def test_a_reference_tells_where_it_is_known_to_a_tenth_of_what_passes(
+    bar: float, verdict: Verdict, known: tuple[Mechanism, Run, Reference]
+) -> None:
+    mechanism, run, reference = known
+    assert decided(mechanism, run, replace(reference, error_q=np.full(len(reference.t), bar))).verdict is verdict
+
+
 def test_an_error_is_a_share_of_the_linkages_size() -> None:
     """A link of the four-bar that is off by half of what passes, of a size that is not one metre."""
     mechanism = load("four_bar", "conservative")

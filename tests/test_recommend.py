@@ -1,6 +1,7 @@
 """Recommendations hold what they promise, in the time that they are given, and are the same again."""
 
 import json
+import queue
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import gauss_bench
 from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
-from gauss_bench.advice.answer import Answer
+from gauss_bench.advice.answer import Answer, setting_said
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
@@ -21,6 +22,7 @@ from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sampled
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.snippets import snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -453,6 +455,86 @@ def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:
     assert work("rk4", Trial(1e-3, {}, 100)) == 400
     assert work("rk4", Trial(1e-3, {}, 100, evaluations=350)) == 350
     assert work("implicit of some kind", Trial(1e-3, {}, 100)) == 100
+
+
+def way(settings: str, integrator: str = "rk4") -> Way:
+    return Way("gauss", settings, integrator, "none", 0.0)
+
+
+def engine_of(works: dict[Way, tuple[int, float]], adaptive: tuple[str, ...] = ()) -> _Engine:
+    """An engine with one trial a way: its steps, and its share of the requirement."""
+    trials = {x: [Trial(1.0 / steps, {SHARE: share}, steps)] for x, (steps, share) in works.items()}
+    return _Engine("gauss", [], None, adaptive, trials=trials)  # type: ignore[arg-type]
+
+
+def test_half_of_the_requirement_holds_and_the_least_work_comes_first() -> None:
+    engine = engine_of({way("a"): (300, 0.1), way("b"): (100, 0.5), way("c"): (50, 0.5001), way("d"): (100, 0.4)})
+    assert [x.settings for x in engine.passing()] == ["b", "d", "a"]
+    assert next(iter(engine.passing())).size == 1.0 / 100
+
+
+def test_of_an_engine_four_race_whose_work_is_at_most_four_times_the_least() -> None:
+    near = engine_of({way("a"): (100, 0.1), way("b"): (400, 0.1), way("c"): (401, 0.1), way("d", "own"): (5000, 0.1)}, ("own",))
+    many = engine_of({way(str(k)): (100 + k, 0.1) for k in range(6)})
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        assert [x.settings for x, _ in recommender._choices(near)] == ["a", "b", "d"]
+        assert [x.settings for x, _ in recommender._choices(many)] == ["0", "1", "2", "3"]
+
+
+@pytest.mark.parametrize(("steps", "most"), [(50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)])
+def test_a_variant_may_take_eight_times_the_work_of_the_best(steps: int, most: int) -> None:
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        assert recommender._most(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
+        assert recommender._most(way("b"), None) == 200_000
+
+
+def test_a_search_is_complete_where_nothing_was_left_or_cut() -> None:
+    refused, left = (Status.SKIP, "no such joint"), variants(offer("gauss"))[:1]
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        for engine, complete in (
+            (engine_with(), True),
+            (replace(engine_with(), cut=True), False),
+            (replace(engine_with(), left=left), False),
+            (replace(engine_with(refused=refused), left=left), True),
+        ):
+            assert recommender._counts(engine)["complete"] is complete
+
+
+def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none() -> None:
+    left = variants(offer("gauss"))[:1]
+    once = replace(engine_of({way("a"): (100, 0.1)}), left=[*left])
+    twice = replace(engine_of({way("a"): (100, 0.1), way("b"): (100, 0.1)}), left=[*left])
+    never, busy = replace(engine_of({}), left=[*left]), replace(engine_of({}), left=[*left], busy=True)
+    done, refused = engine_of({}), replace(engine_of({}), left=[*left], refused=(Status.SKIP, "no such joint"))
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        recommender._failures = queue.Queue()
+        recommender.engines = {"busy": busy, "done": done, "refused": refused, "twice": twice, "once": once, "never": never}
+        assert [recommender._next() for _ in range(3)] == [never, once, twice]
+        for engine in (once, twice, never):
+            engine.busy = False
+        recommender.budget.left = lambda share=1.0: 0.0  # type: ignore[method-assign]
+        assert recommender._next() is never
+        recommender.engines = {"once": once, "twice": twice}
+        assert recommender._next() is None
+
+
+def test_an_engine_that_refuses_is_asked_once_more_by_another_integrator() -> None:
+    trial = Trial(1e-3, {}, 100, Status.SKIP, "no such joint")
+    first = Variant("a", "rk4", "none", {})
+    same, other, third = (Variant(x, y, "none", {}) for x, y in (("b", "rk4"), ("c", "euler"), ("d", "rkf45")))
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        engine = replace(engine_of({way(first.name): (100, 1.0)}), left=[same, other, third])
+        recommender._refuse(engine, trial)
+        assert (engine.left, engine.refused) == ([other], None)
+        engine = replace(engine_of({way(first.name): (100, 1.0)}), left=[same])
+        recommender._refuse(engine, trial)
+        assert (engine.left, engine.refused) == ([], (Status.SKIP, "no such joint"))
+
+
+def test_a_setting_is_said_with_each_word_once() -> None:
+    assert setting_said("default", "rk4", "none") == "rk4"
+    assert setting_said("tuned", "rk4", "projection") == "tuned, rk4, projection"
+    assert setting_said("Newton/rk4", "rk4", "none") == "Newton/rk4"
 
 
 def test_a_scale_begins_no_coarser_than_asked() -> None:

@@ -19,6 +19,8 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.sweep import halving
+from gauss_bench.sweep.batch import Asked, columns_of
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
 from gauss_bench.sweep.figures import Motions, figures
@@ -310,6 +312,96 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
         again = sweep(*asked, how=how, where=Where(jobs=1))["engines"]["gauss"]["half_the_step"]
         assert again["ok"] is sound
         assert again["worst"] in range(12)
+
+
+ASKED = Asked(
+    of_one_scenario(document_of("crank_slider")[0], "paper"),
+    "paper",
+    "crank_slider",
+    ("gravity.y",),
+    0.2,
+    {"gauss": Choice("default", "rk4", step=1e-3)},
+    60.0,
+)
+
+
+def repeated(
+    monkeypatch: pytest.MonkeyPatch, count: int, changes: dict[int, float], unit: str = "m", lost: int = -1
+) -> dict[str, object]:
+    """What is said of `count` samples that are ok, of which some change one figure when they are repeated, and one is lost."""
+    pandas = pytest.importorskip("pandas")
+    units = columns_of(load("crank_slider", "paper"), [])
+    moved = next(name for name, x in units.items() if x == unit)
+    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(units, 0.0))
+
+    def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
+        assert parts == 2
+        found: dict[str, object] = {name: np.zeros(len(numbers)) for name in units}
+        found[moved] = np.array([changes.get(k, 0.0) for k in numbers])
+        return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
+
+    monkeypatch.setattr(halving, "rows_of", again)
+    found = halving.halved(ASKED, "gauss", table, np.zeros((count, 1)))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("count", "checked"), [(1, 1), (10, 1), (11, 2), (150, 15), (160, 16), (1000, 16)])
+def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(count: int, checked: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert repeated(monkeypatch, count, {})["samples"] == checked
+
+
+@pytest.mark.parametrize("unit", ["m", "rad"])
+@pytest.mark.parametrize(("share", "ok"), [(0.99, True), (1.01, False)])
+def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(
+    unit: str, share: float, ok: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = 0.025 * (load("crank_slider", "paper").size if unit == "m" else 1.0)
+    found = repeated(monkeypatch, 20, {0: -share * limit, 19: share * limit / 2}, unit)
+    assert (found["ok"], found["worst"], found["lost"]) == (ok, 0, 0)
+    assert found[unit] == pytest.approx(share * limit)
+    assert found["rad" if unit == "m" else "m"] == 0.0
+
+
+def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, lost=19)
+    assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, 1e-6)
+    assert repeated(monkeypatch, 20, {})["worst"] is None
+
+
+def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
+    assert replace(ASKED) == ASKED
+    assert hash(replace(ASKED)) == hash(ASKED)
+    assert replace(ASKED, until=0.3) != ASKED
+
+
+@pytest.mark.parametrize(
+    ("path", "welds", "said"),
+    [
+        ("scenarios.paper.start.crank_deg", False, ""),
+        ("scenarios.paper.duration", False, "is no number that a kernel leaves open"),
+        ("joints.guide.offset", False, ""),
+        ("joints.guide.angle_deg", False, "is no number that a kernel leaves open"),
+        ("forces.motor.value", False, ""),
+        ("links.rod.mass", False, ""),
+        ("links.rod.mass", True, "may be part of a welded body"),
+        ("gravity.y", True, ""),
+    ],
+)
+def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, said: str) -> None:
+    family = Family(ASKED.document, "paper", [path], "crank_slider")
+    family.document = ASKED.document | ({"welds": {}} if welds else {})
+    assert family.closed_to_kernels == (f"{path} {said}" if said else "")
+
+
+def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
+    document = of_one_scenario(document_of("four_bar")[0], "driven")
+    family = Family(document, "driven", ["links.coupler.length"], "four_bar")
+    usual = number_at(document, "links.coupler.length")
+    found = family.starts(np.array([[usual], [0.1 * usual], [0.95 * usual]]))
+    assert [*found.reasons] == [1]
+    assert np.isnan(found.q[1]).all()
+    assert np.isfinite(found.q[[0, 2]]).all()
 
 
 @pytest.mark.slow
