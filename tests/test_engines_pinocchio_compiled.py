@@ -74,6 +74,8 @@ def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
     variant = "compiled/rk4/least depth"
     choice = Choice(variant, "rk4", "projection")
     assert "has no projection" in str(ENGINE.skip(load("four_bar"), choice))
+    articulated = Choice("articulated/rk4/least depth,loop=compiled", "rk4")
+    assert "has no lcaba" in str(ENGINE.skip(load("four_bar"), articulated))
     driven = load("crank_slider", "driven")
     assert "has no drivers" in str(ENGINE.skip(driven, Choice(variant, "rk4")))
 

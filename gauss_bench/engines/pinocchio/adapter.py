@@ -61,7 +61,11 @@ class Pinocchio:
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
-        return (beyond_the_loop(mechanism, choice) or building.missing()) if is_compiled(choice.settings) else None
+        return (
+            (beyond_the_loop(mechanism, choice, VARIANTS.options(choice.settings)) or building.missing())
+            if is_compiled(choice.settings)
+            else None
+        )
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
         return PinocchioModel(mechanism, choice)

@@ -8,7 +8,6 @@
 
 #include <pinocchio/multibody.hpp>
 #include <pinocchio/algorithm/constrained-dynamics.hpp>
-#include <pinocchio/algorithm/loop-constrained-aba.hpp>
 #include <pinocchio/algorithm/proximal.hpp>
 
 #include <algorithm>
@@ -85,7 +84,6 @@ struct Linkage
   std::vector<pin::RigidConstraintModel> closures;
   std::vector<pin::RigidConstraintData> closure_data;
   pin::ProximalSettings proximal;
-  bool articulated = false;
   double solved = 0.0;  // of the largest acceleration: what the constraints may be missed by
 
   std::vector<Planar> joints;
@@ -189,8 +187,7 @@ struct Linkage
       for (const Push & p : pushes)
         push(p.at.joint, frames[p.at.joint].world(p.at.local), frames[p.frame].turned(p.value));
     }
-    const VectorXd & a = articulated ? pin::lcaba(model, data, at, speeds, tau, closures, closure_data, proximal)
-                                     : pin::constraintDynamics(model, data, at, speeds, tau, closures, closure_data, proximal);
+    const VectorXd & a = pin::constraintDynamics(model, data, at, speeds, tau, closures, closure_data, proximal);
     // mu times the last change of the forces is what the constraints are still missed by, as in the adapter
     const double missed = proximal.mu * proximal.relative_residual;
     if (!(missed <= solved) && !(missed <= solved * std::max(1.0, a.cwiseAbs().maxCoeff())))
@@ -476,7 +473,7 @@ extern "C"
   }
 
   // After all joints and closures: forces that are affine in the state, and how exactly Pinocchio solves.
-  void finish(Linkage * l, const double * constant, const double * stiffness, const double * damping, int articulated,
+  void finish(Linkage * l, const double * constant, const double * stiffness, const double * damping,
               const double * accuracies, double mu, int iterations, double solved)
   {
     const int n = l->model.nv;
@@ -489,11 +486,7 @@ extern "C"
     l->data = pin::Data(l->model);
     for (const auto & row : l->closures)
       l->closure_data.emplace_back(row);
-    l->articulated = articulated;
-    if (articulated)
-      pin::computeJointMinimalOrdering(l->model, l->data, l->closures);
-    else
-      pin::initConstraintDynamics(l->model, l->data, l->closures, l->closure_data);
+    pin::initConstraintDynamics(l->model, l->data, l->closures, l->closure_data);
     l->proximal = pin::ProximalSettings(accuracies[0], accuracies[1], mu, iterations);
     l->solved = solved;
     for (VectorXd * x : {&l->tau, &l->y, &l->dy, &l->trial, &l->speeds_after, &l->a1, &l->a2, &l->a3, &l->a4, &l->v2, &l->v3, &l->v4})
