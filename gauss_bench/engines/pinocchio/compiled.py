@@ -47,7 +47,7 @@ class CompiledDynamics(ConstrainedDynamics):
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         super().__init__(body, forces, options, gains)
-        self.n, self.library = forces.tree.n, _library()
+        self.n, self.library, self.tableau = forces.tree.n, _library(), _tableau()  # which loads scipy: not inside a run
         self.linkage = ctypes.c_void_p(self.library.create(_numbers(body.model.gravity.linear)))
         self._add_joints(body)
         for row in self.rows:
@@ -115,8 +115,7 @@ class CompiledDynamics(ConstrainedDynamics):
             RunFailure: there is no answer on the way.
         """
         y, dy = y.copy(), dy.copy()
-        method, tableau = METHODS.index(integrator), _tableau()
-        numbers = method, _pointer(tableau), ctypes.c_double(h), ctypes.c_long(count)
+        numbers = METHODS.index(integrator), _pointer(self.tableau), ctypes.c_double(h), ctypes.c_long(count)
         done = self.library.advance(self.linkage, *numbers, _pointer(y), _pointer(dy))
         self.evaluations += self.library.evaluations(self.linkage)
         if not done:
@@ -130,9 +129,9 @@ class CompiledDynamics(ConstrainedDynamics):
             StepFailure: the error control could not continue.
             RunFailure: there is no answer on the way.
         """
-        last, tableau, times = [y[0].copy(), dy[0].copy()], _tableau(), np.ascontiguousarray(times, dtype=float)
+        last, times = [y[0].copy(), dy[0].copy()], np.ascontiguousarray(times, dtype=float)
         limits = _numbers([rtol, atol]), _pointer(times), ctypes.c_long(len(times)), ctypes.c_long(MOST)
-        steps: int = self.library.advance_adaptive(self.linkage, _pointer(tableau), *limits, *map(_pointer, (*last, y, dy)))
+        steps: int = self.library.advance_adaptive(self.linkage, _pointer(self.tableau), *limits, *map(_pointer, (*last, y, dy)))
         self.evaluations += self.library.evaluations(self.linkage)
         if steps == FAILED:
             self._fail(float(times[0]), *last)
