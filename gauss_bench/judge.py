@@ -1,9 +1,10 @@
 """Whether a finished run may be used: one judge for every verb, from what our own code found in the trajectory.
 
-A run is valid where nothing is objected to: it has every sample that was asked for, its loops stay closed, its energy balances, its
-accelerations are those of this linkage, its velocities and accelerations are the rates of what it tells, and it is where it should
-be: where a truth says so, or else where a repetition ends up too, at half the step or at a tighter tolerance. Each limit asks "is
-this still the motion of this linkage?"; how good a valid run is, its error says, and by its error it is ranked.
+A run is valid where nothing is objected to: it has every sample that was asked for, begins where the scenario does, its loops stay
+closed, its energy balances, its accelerations are those of this linkage, its velocities and accelerations are the rates of what it
+tells, and it is where it should be: where a truth says so, or else where a repetition ends up too, at half the step or at a tighter
+tolerance. Each limit asks "is this still the motion of this linkage?"; how good a valid run is, its error says, and by its error it
+is ranked.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 
 OFF_TIME = 1e-9  # [s] a sample this far from its time is another sample: a million times rounding, a thousandth of any step
+OFF_START = 1e-5  # of size, rad and largest speeds: single precision keeps more, and so does any assembly
 OFF_DRIFT = 1e-2  # of the linkage's size, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
 OFF_ENERGY = 1e-2  # of the energy that moves: half a per cent of every speed, more than any integrator leaves that resolves them
 OFF_ACCELERATION = 1e-2  # of the largest acceleration: an engine 1 % off at the same state solves another problem
@@ -36,6 +38,7 @@ class Subject(StrEnum):
 
     COMPLETENESS = "completeness"
     NUMBERS = "numbers"
+    START = "start"
     MODEL = "model"
     LOOPS = "loops"
     ENERGY = "energy"
@@ -86,6 +89,7 @@ class Evidence:
         errors: against the truth, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
         rates: of the run; rates_again: of its repetition, at the same samples as far as it goes, or None.
+        start: how far the first sample is from the start: places [m], angles [rad], their rates [m/s], [rad/s]; or None.
         duration: from the first sample to the last [s].
         halving: where no truth is known, what the run differs by from its repetition, or None.
         finer: how it was repeated: "half the step" or "a tighter tolerance".
@@ -108,6 +112,7 @@ class Evidence:
     seen: Array | None = None
     rates: metrics.RateGaps | None = None
     rates_again: metrics.RateGaps | None = None
+    start: tuple[float, float, float, float] | None = None
     duration: float = 0.0
     finer: str = "half the step"
     unrepeated: str = ""
@@ -197,12 +202,11 @@ def examine(
         energy, bar = metrics.energy_error(evaluator, trajectory)
         scale = metrics.energy_scale(evaluator, trajectory)
         errors = metrics.state_errors(mechanism, trajectory, reference) if reference else None
-        rates = metrics.rate_gaps(trajectory)
+        rates, start = metrics.rate_gaps(trajectory), metrics.start_gaps(mechanism, trajectory)
         floor = metrics.energy_rounding(evaluator.energy(trajectory.q, trajectory.v))
     duration = float(trajectory.t[-1] - trajectory.t[0])
-    return Evidence(
-        mechanism.size, drift, energy, bar, scale, errors, acceleration_error, rates=rates, duration=duration, energy_floor=floor
-    )
+    found = Evidence(mechanism.size, drift, energy, bar, scale, errors, acceleration_error, rates=rates, duration=duration)
+    return replace(found, start=start, energy_floor=floor)
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -232,7 +236,7 @@ def judge(evidence: Evidence) -> Judgement:
         length, turn = float(x.halving.length.max(initial=0.0)), float(x.halving.angle.max(initial=0.0))
         checks.append((Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"))
         checks.append((Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"))
-    checks += _check_rates(x)
+    checks += _check_start(x) + _check_rates(x)
     if x.unrepeated:
         checks.append((Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
     if x.disagreement is not None:
@@ -241,6 +245,19 @@ def judge(evidence: Evidence) -> Judgement:
         )
         checks.append((Subject.MODEL, x.disagreement, OFF_ACCELERATION, said))
     return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
+
+
+def _check_start(x: Evidence) -> list[tuple[Subject, float, float, str]]:
+    """Hold the first sample against the start of the scenario."""
+    if x.start is None or x.rates is None:
+        return []
+    slow = x.size / x.duration if x.duration else x.size
+    speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
+    units = ((x.size, "m"), (1.0, "rad"), (speed, "m/s"), (spin, "rad/s"))
+    return [
+        (Subject.START, gap, OFF_START * scale, f"the first sample is {gap:.2g} {unit} off the scenario's start")
+        for gap, (scale, unit) in zip(x.start, units, strict=True)
+    ]
 
 
 def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
@@ -313,7 +330,7 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, ada
     if Subject.MODEL in subjects:
         return "no step mends accelerations that are another linkage's: look for another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
-        return "do not trust it" if subjects & {Subject.RATES, Subject.REPETITION} else ""
+        return "do not trust it" if subjects & {Subject.START, Subject.RATES, Subject.REPETITION} else ""
     smaller = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"
     project = Subject.LOOPS in subjects and not stabilized
     return f"do not trust it; {smaller}, or stabilization projection" if project else f"do not trust it; {smaller}"

@@ -85,6 +85,13 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
     return RateGaps(gaps[0], gaps[1], gaps[2], gaps[3], (bars[0], bars[1], bars[2], bars[3]), (fastest[0], fastest[1]))
 
 
+def start_gaps(mechanism: Mechanism, trajectory: Trajectory) -> tuple[float, float, float, float]:
+    """Return how far the first sample is from the start: places [m], angles [rad], velocities [m/s], angular ones [rad/s]."""
+    gaps = ((trajectory.q[:1] - mechanism.q0), (trajectory.v[:1] - mechanism.v0))
+    place, turn, speed, spin = (float(_largest(x, part).max(initial=0.0)) for x in gaps for part in (slice(0, 2), slice(2, 3)))
+    return place, turn, speed, spin
+
+
 def _largest(x: Array, part: slice) -> Array:
     """Largest |x| (k,) over the links of x (k, 3 links): of their centres of mass, or of their angles."""
     return np.asarray(np.abs(x.reshape(len(x), -1, 3)[..., part]).max(axis=(1, 2), initial=0.0))

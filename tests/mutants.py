@@ -33,7 +33,7 @@ NEAR = {  # pattern of files -> the tests near them
     "gauss_bench/judge.py": ("test_scrutiny", "test_measurements_metrics", "test_conformance", "test_api"),
     "gauss_bench/runs/scrutiny.py": ("test_scrutiny", "test_api"),
     "gauss_bench/advice/*.py": ("test_recommend",),
-    "gauss_bench/diagnosis/*.py": ("test_diagnosis", "test_selftest"),
+    "gauss_bench/diagnosis/*.py": ("test_diagnosis", "test_diagnosis_limits", "test_selftest"),
     "gauss_bench/sweep/*.py": ("test_sweep",),
     "gauss_bench/atlas/*.py": ("test_atlas",),
     "gauss_bench/bench/clock.py": ("test_measurements_clock", "test_measurements_kernel", "test_search"),

@@ -187,6 +187,49 @@ def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.Monk
     assert "≥ 1" in alone(family, [found])
 
 
+def test_a_linkage_of_a_family_is_made_once_with_its_own_truth_where_it_has_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def perform(request: surveying.Request, *_: object) -> Run:
+        asked.append(request.choice.tolerance)
+        return Run(Status.CRASHED, "why", None, None, request.wanted)
+
+    asked: list[float | None] = []
+    monkeypatch.setattr(surveying, "performed", perform)
+    course, worker = Course(tmp_path), Worker()
+    mechanism, reference = course.at(FAMILIES["size"], 1.0, worker)
+    assert isinstance(reference, Reference)
+    np.testing.assert_allclose(reference.q, pendulum(1.0, reference.t, 1e-12)[0], atol=1e-10)
+    assert course.at(FAMILIES["size"], 1.0, worker)[0] is mechanism
+    assert asked == []
+    family = replace(FAMILIES["size"], truth=None)
+    assert Course(tmp_path).at(family, 1.0, worker)[1] == "no reference: why"
+    assert asked == [1e-12]
+
+
+def test_a_reference_is_the_run_at_the_tighter_tolerance_and_its_bar_what_the_other_differs_by(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def perform(request: surveying.Request, mechanism: Mechanism, *_: object) -> Run:
+        t = request.wanted.times
+        states = np.full((3, len(t), mechanism.n), 1e6 * request.choice.tolerance)
+        return Run(Status.OK, "", Trajectory(t, *states, 10), None, request.wanted)
+
+    monkeypatch.setattr(surveying, "performed", perform)
+    reference = Course(tmp_path).at(replace(FAMILIES["size"], truth=None), 1.0, Worker())[1]
+    assert isinstance(reference, Reference)
+    assert reference.q.max() == pytest.approx(1e-6)
+    assert reference.error_q.max() == pytest.approx(99e-6)
+
+
+@pytest.mark.parametrize(
+    ("last", "said"),
+    [(Verdict.FAILED, "then why"), (Verdict.OPEN, "then open: why"), (Verdict.CANNOT, "then cannot: why")],
+)
+def test_what_ends_a_way_is_said_as_what_it_is(last: Verdict, said: str) -> None:
+    assert sentence(Reach(WAY, "size", 1.0, 1.0, last, "why", 0.0, 3)) == f"passes to 1; {said}"
+
+
 def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["redundancy"], {0.0: Verdict.PASS}
     monkeypatch.setattr(

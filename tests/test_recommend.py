@@ -160,6 +160,78 @@ def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(
                 recommender.search()
 
 
+@pytest.mark.parametrize(("off", "sound"), [(0.9e-6, True), (1.1e-6, False)])
+def test_a_truth_has_the_linkages_own_accelerations_to_a_millionth(off: float, sound: bool) -> None:
+    judge, coarse, fine = Evaluator(SHORT.mechanism), moving(20), moving(40)
+    fine = replace(fine, a=fine.a * (1 + off))
+    if sound:
+        assert truths._compared(SHORT, judge, coarse, fine, 20, "gauss").steps == 20
+    else:
+        with pytest.raises(NoTruth, match="accelerations of gauss differ from those of the linkage by 1"):
+            truths._compared(SHORT, judge, coarse, fine, 20, "gauss")
+
+
+@pytest.mark.parametrize(("off", "sound"), [(0.9e-3, True), (1.1e-3, False)])
+def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it(off: float, sound: bool) -> None:
+    """A motion that is found 1e-3 m or so beside the certified one, with a bar of a micrometre."""
+    judge = Evaluator(SHORT.mechanism)
+    found = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+    q = found.reference.q.copy()
+    q[:, 3] += off
+    found = replace(found, reference=replace(found.reference, q=q), bars=found.bars | {"position": 1e-6, "angle": 1e-7})
+    if sound:
+        certified = truths._certified(SHORT, judge, found)
+        assert certified.certified
+        assert certified.bars["position"] == pytest.approx(off, rel=1e-3)
+    else:
+        with pytest.raises(NoTruth, match="the motion found and the certified one differ by 1"):
+            truths._certified(SHORT, judge, found)
+
+
+@pytest.mark.parametrize(
+    ("bars", "wanted", "seconds", "taken", "best", "quick"),
+    [
+        ((1e-3, 1e-5, 1e-7), 1e-5, 60.0, [100, 200, 400], 1e-5, False),
+        ((1e-6,), 1e-5, 60.0, [100, 200], 1e-6, True),
+        ((1e-3, 2e-3, 1e-9), 1e-9, 60.0, [100, 200, 400], 1e-3, False),  # rounding: the second is no better
+        ((1e-3, 1e-3, 1e-9), 1e-9, 60.0, [100, 200, 400], 1e-3, False),
+        ((1e-9,), 1e-5, 0.0, [], None, False),
+        (tuple(0.5**k for k in range(12)), 1e-9, 60.0, [100 << k for k in range(13)], 0.5**11, False),
+    ],
+)
+def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
+    bars: tuple[float, ...],
+    wanted: float,
+    seconds: float,
+    taken: list[int],
+    best: float | None,
+    quick: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def known_to(run: Run, judge: Evaluator, coarse: object, fine: object, steps: int, engine: str) -> Truth:
+        bar = next(found)
+        return Truth(None, {"position": bar, "angle": bar}, {}, steps, False, "")  # type: ignore[arg-type]
+
+    seen, found = list[int](), iter(bars)
+    monkeypatch.setattr(truths, "_run", lambda run, engine, steps, left, worker: seen.append(steps) or object())
+    monkeypatch.setattr(truths, "_compared", known_to)
+    followed = truths._Followed(SHORT, {"position": wanted}, lambda: seconds, None, quiet, "gauss")  # type: ignore[arg-type]
+    followed.join(30.0)
+    assert (seen, followed.quick, followed.reason) == (taken, quick, "")
+    assert (None if followed.best is None else followed.best.bars["position"]) == best
+    assert followed.looked.is_set()
+    assert followed.ended.is_set()
+
+
+def test_a_motion_that_cannot_be_followed_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truths, "_run", lambda *_: "the matrix is singular")
+    told: list[str] = []
+    followed = truths._Followed(SHORT, {}, lambda: 60.0, None, told.append, "gauss")  # type: ignore[arg-type]
+    followed.join(30.0)
+    assert (followed.best, followed.reason) == (None, "the matrix is singular")
+    assert told == ["truth: gauss: the matrix is singular"]
+
+
 def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run whose loops open on its way and are closed at its end."""
     open_once = moving(40)
@@ -529,6 +601,34 @@ def test_an_engine_that_refuses_is_asked_once_more_by_another_integrator() -> No
         engine = replace(engine_of({way(first.name): (100, 1.0)}), left=[same])
         recommender._refuse(engine, trial)
         assert (engine.left, engine.refused) == ([], (Status.SKIP, "no such joint"))
+
+
+def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_so() -> None:
+    def named(name: str, steps: int, share: float) -> tuple[Way, Trial]:
+        errors = {SHARE: share, "position": share * 1e-6}
+        return Way("x", name, "rk4", "none", 0.0), Trial(SHORT.until / steps, errors, steps)
+
+    def engine(name: str, *ways: tuple[Way, Trial]) -> _Engine:
+        trials = {way._replace(engine=name): [trial] for way, trial in ways}
+        return _Engine(name, [], None, (), variants=2, trials=trials)  # type: ignore[arg-type]
+
+    slow, quick = named("slow", 100, 0.1), named("quick", 120, 0.2)
+    engines = [engine("far", named("a", 50, 2.0)), engine("unraced", slow), engine("second", slow, quick), engine("first", quick)]
+
+    def at(name: str, pair: tuple[Way, Trial]) -> Way:
+        return pair[0]._replace(engine=name, size=pair[1].size)
+
+    seconds = {at("second", slow): 0.05, at("second", quick): 0.02, at("first", quick): 0.01}
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        recommender.engines = {x.name: x for x in engines}
+        answers = recommender.answers({way: np.full(5, x) for way, x in seconds.items()})
+    assert [x.engine for x in answers] == ["first", "second", "unraced", "far"]
+    assert [x.settings for x in answers[:3]] == ["quick", "quick", "slow"]
+    assert [x.status for x in answers] == ["ok", "ok", "ok", "not reached"]
+    assert [x.ratio for x in answers[:3]] == [pytest.approx(1.0), pytest.approx(2.0), None]
+    assert [x.message for x in answers[:3]] == ["", "", "it was not raced: there was no time"]
+    assert [(x.step, x.tolerance, x.steps) for x in answers[:1]] == [(SHORT.until / 120, None, 120)]
+    assert "came to 2.0e-06 m with a, rk4, step 0.004 s" in answers[3].message
 
 
 def test_a_setting_is_said_with_each_word_once() -> None:

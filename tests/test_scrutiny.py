@@ -16,6 +16,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, drawn_samples, sampling, sampling_at
@@ -331,6 +332,109 @@ CHANGED: dict[str, Callable[[Trajectory], Trajectory]] = {
 def test_a_motion_whose_rates_are_of_another_motion_is_refused(how: str, scenario: str) -> None:
     assert played("four_bar", scenario, 0.2, lambda x: x).valid
     assert judge.Subject.RATES in {x.subject for x in played("four_bar", scenario, 0.2, CHANGED[how]).objections}
+
+
+@pytest.mark.parametrize("faster", [1.0, 1.01])
+def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
+    """It moves as this linkage would, once it had begun so: nothing but the start tells."""
+    mechanism = load("four_bar", "conservative")
+    choice = Choice("default", "rk4", step=1e-3)
+
+    def run(step: float) -> Run:
+        model = get("gauss").build(replace(mechanism, v0=faster * mechanism.v0), replace(choice, step=step))
+        model.prepare(1e-3 * np.arange(101))
+        model.run()
+        return Run(Status.OK, "", model.read(), None, sampling(step, 0.1))
+
+    first = run(1e-3).trajectory
+    assert first is not None
+    evidence, _ = evidence_of(mechanism, choice, first, None, run(5e-4))
+    assert {x.subject for x in judge.judge(evidence).objections} == (set() if faster == 1.0 else {judge.Subject.START})
+
+
+@pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize("k", range(4))
+def test_the_limits_of_the_start_are_shares_of_size_and_speed(k: int, share: float, valid: bool) -> None:
+    """Size 0.2 m; 3 m/s and 40 rad/s in 1 s, and the same so slowly that no link leaves its place by it."""
+    none = np.zeros(5)
+    for fastest, limits in (((3.0, 40.0), (2e-6, 1e-5, 3e-5, 4e-4)), ((0.0, 0.0), (2e-6, 1e-5, 2e-6, 1e-5))):
+        start = (*[0.0] * k, share * limits[k], *[0.0] * (3 - k))
+        rates = metrics.RateGaps(none, none, none, none, (0.0, 0.0, 0.0, 0.0), fastest)
+        drift = metrics.Drift(none, none, none)
+        evidence = judge.Evidence(
+            0.2, drift, none, 0.0, 1.0, rates=rates, duration=1.0, start=(start[0], start[1], start[2], start[3])
+        )
+        assert judge.judge(evidence).valid == valid
+
+
+FIVE = np.zeros(5)
+STILL = metrics.RateGaps(FIVE, FIVE, FIVE, FIVE, bars=(0.0, 0.0, 0.0, 0.0), fastest=(3.0, 40.0))
+SOUND = judge.Evidence(0.2, metrics.Drift(FIVE, FIVE, FIVE), FIVE, 0.0, 7.0, rates=STILL, duration=1.0)
+
+
+def off_by(length: float, angle: float) -> metrics.Errors:
+    each = FIVE[:, None]
+    return metrics.Errors(FIVE, FIVE, each + length, each + angle, each, FIVE, FIVE)
+
+
+IN_NUMBERS: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {  # limit, and the evidence of a value
+    "loops": (0.002, lambda x: {"drift": metrics.Drift(FIVE + x, FIVE, FIVE)}),
+    "energy": (0.07, lambda x: {"energy": FIVE + x}),
+    "accelerations": (0.01, lambda x: {"acceleration_error": x}),
+    "formulations": (0.01, lambda x: {"disagreement": x}),
+    "a link's place": (0.01, lambda x: {"errors": off_by(x, 0.0)}),
+    "a link's angle": (0.05, lambda x: {"errors": off_by(0.0, x)}),
+    "half the step, place": (0.005, lambda x: {"halving": off_by(x, 0.0)}),
+    "half the step, angle": (0.025, lambda x: {"halving": off_by(0.0, x)}),
+    "positions and velocities": (0.005, lambda x: {"rates": replace(STILL, place=FIVE + x)}),
+    "angles and angular velocities": (0.025, lambda x: {"rates": replace(STILL, turn=FIVE + x)}),
+    "velocities and accelerations": (0.075, lambda x: {"rates": replace(STILL, speed=FIVE + x)}),
+    "angular velocities and accelerations": (1.0, lambda x: {"rates": replace(STILL, spin=FIVE + x)}),
+    "steps a period": (1 / 2.0, lambda x: {"steps_a_period": 1 / x}),
+    "steps a forcing": (1 / 2.0, lambda x: {"steps_a_forcing": 1 / x}),
+}
+
+
+@pytest.mark.parametrize(("share", "valid"), [(0.99, True), (1.01, False), (np.nan, False)])
+@pytest.mark.parametrize("what", IN_NUMBERS)
+def test_every_limit_of_the_judge_in_numbers(what: str, share: float, valid: bool) -> None:
+    """Size 0.2 m, 7 J that move, speeds 3 m/s and 40 rad/s."""
+    assert judge.judge(SOUND).valid
+    limit, found = IN_NUMBERS[what]
+    assert judge.judge(replace(SOUND, **found(share * limit))).valid is valid
+
+
+@pytest.mark.parametrize(("share", "valid"), [(0.99, True), (1.01, False)])
+def test_samples_and_a_repetition_allow_twice_what_they_change_and_the_work_twice_its_limit(share: float, valid: bool) -> None:
+    """The limit of angles is 0.025 rad, that of the energy 0.07 J."""
+    bars = (0.0, 0.005, 0.0, 0.0)
+    sampled = replace(STILL, turn=FIVE + share * 0.035, bars=bars)
+    assert judge.judge(replace(SOUND, rates=sampled)).valid is valid
+    again = replace(STILL, turn=FIVE + share * 0.040 - 0.0075)
+    assert judge.judge(replace(SOUND, rates=replace(STILL, turn=FIVE + share * 0.040), rates_again=again)).valid is valid
+    assert judge.judge(replace(SOUND, energy=FIVE + share * 0.21, energy_bar=100.0)).valid is valid
+
+
+@pytest.mark.parametrize(("lost", "told"), [(0.9e-9, False), (1.1e-9, True), (0.99e-2, True), (1.01e-2, False)])
+def test_digits_are_told_that_lie_between_a_billionth_and_what_is_refused(lost: float, told: bool) -> None:
+    assert bool(judge.remark(replace(SOUND, disagreement=lost))) is told
+
+
+@pytest.mark.parametrize("broken", [1, 2, 7, 24])
+def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(broken: int) -> None:
+    mechanism = load("four_bar", "conservative")
+    model = get("gauss").build(mechanism, Choice("default", "rk4", step=1e-3))
+    model.prepare(1e-3 * np.arange(25))
+    model.run()
+    x = model.read()
+    q = x.q.copy()
+    q[broken:, 0] += 0.5
+    evaluator = Evaluator(mechanism)
+    assert judge.trusted_until(evaluator, x) == x.t[-1]
+    assert judge.trusted_until(evaluator, replace(x, q=q)) == x.t[broken - 1]
+    moved = as_truth(replace(x, q=q))
+    assert judge.trusted_until(evaluator, x, finer=moved) == x.t[broken - 1]
+    assert judge.trusted_until(evaluator, x, moved) == x.t[broken - 1]
 
 
 @pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])

@@ -26,9 +26,10 @@ from gauss_bench.sweep.family import Family
 from gauss_bench.sweep.figures import Motions, figures
 from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import changed, number_at
-from gauss_bench.sweep.plan import plan
-from gauss_bench.sweep.run import How, Where, sweep
-from gauss_bench.sweep.summary import sensitivities
+from gauss_bench.sweep.plan import dimension, plan
+from gauss_bench.sweep.run import How, Where, _batches, _choice, _tasks, sweep
+from gauss_bench.sweep.summary import _dependence, sensitivities, summary
+from tests.conftest import needs
 from tests.faults import alive
 from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
@@ -369,6 +370,115 @@ def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypat
     assert repeated(monkeypatch, 20, {})["worst"] is None
 
 
+@pytest.mark.parametrize(("integrator", "how", "parts"), [("rk4", "half the step", 2), ("dop853", "a tighter tolerance", 1)])
+def test_steps_are_halved_and_tolerances_made_a_hundredth(
+    integrator: str, how: str, parts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pandas = pytest.importorskip("pandas")
+    units = columns_of(load("crank_slider", "paper"), [])
+    seen: list[tuple[Choice, int]] = []
+
+    def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
+        seen.append((asked.choices[engine], parts))
+        return dict.fromkeys(units, np.zeros(len(numbers))) | {"status": ["ok"] * len(numbers)}
+
+    monkeypatch.setattr(halving, "rows_of", again)
+    choice = Choice("default", integrator, step=1e-3, tolerance=1e-6)
+    table = pandas.DataFrame({"sample": range(3), "status": "ok"} | dict.fromkeys(units, 0.0))
+    found = halving.halved(replace(ASKED, choices={"gauss": choice}), "gauss", table, np.zeros((3, 1)))
+    assert found is not None
+    assert found["how"] == how
+    ((repeated_by, in_parts),) = seen
+    assert in_parts == parts
+    assert repeated_by.tolerance == pytest.approx(1e-6 if parts == 2 else 1e-8)
+    assert halving.halved(ASKED, "gauss", table.assign(status="invalid"), np.zeros((3, 1))) is None
+
+
+def test_what_a_repetition_says_in_words() -> None:
+    check = {"how": "half the step", "samples": 3, "m": 0.012, "rad": 0.5, "worst": None, "lost": 0, "ok": True}
+    changes = "half the step of 3 samples changes 0.012 m and 0.5 rad at most"
+    assert halving.text(None) == "nothing was repeated: no sample is ok"
+    assert halving.text(check) == changes
+    bad = check | {"ok": False, "worst": 7}
+    assert halving.text(bad) == f"NOT TO BE TRUSTED: {changes} (sample 7): take a smaller --step"
+    adaptive = check | {"ok": False, "lost": 2, "how": "a tighter tolerance"}
+    said = "NOT TO BE TRUSTED: a tighter tolerance of 3 samples changes 0.012 m and 0.5 rad at most, and 2 of them are lost"
+    assert halving.text(adaptive) == f"{said}: take settings of a tighter tolerance"
+
+
+@pytest.mark.parametrize(
+    ("engine", "how", "integrator", "step"),
+    [
+        ("gauss-native", How(), "dop853_fixed", 2e-3),
+        ("gauss-native", How(integrator="rk4"), "rk4", 1e-3),
+        ("gauss-native", How(step=5e-4), "dop853_fixed", 5e-4),
+        ("gauss", How(integrator="dop853_fixed"), "dop853_fixed", 1e-3),
+        ("gauss", How(integrator="rk4"), "rk4", 1e-3),
+    ],
+)
+def test_steps_that_nobody_asks_for(engine: str, how: How, integrator: str, step: float) -> None:
+    needs("llvmlite")
+    choice = _choice(engine, replace(how, stabilization="none"), until=1.0)
+    assert (choice.integrator, choice.step) == (integrator, step)
+    if how.step is None:
+        assert _choice(engine, replace(how, stabilization="none"), until=1e-4).step == 1e-4
+
+
+def test_batches_are_large_where_one_call_takes_them_and_small_elsewhere() -> None:
+    native, other = (list(_batches(513, [engine])) for engine in ("gauss-native", "gauss"))
+    assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
+    assert [x.end - x.first for x in other] == [8] * 64 + [1]
+    assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
+
+
+def test_a_cluster_says_itself_how_many_tasks_it_takes() -> None:
+    assert _tasks(Where("dask", jobs=3)) == -1
+    assert _tasks(Where("local", jobs=3)) == 3
+
+
+def test_too_many_steps_are_refused_by_what_asks_for_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["sweep", "crank_slider", "--vary", "gravity.y=-9:-10:2", "--engine", "gauss", "--out", str(tmp_path / "s")]
+    assert cli.main([*call, "--until", "1", "--step", "0.99e-8"]) == 2
+    assert "--step 9.9e-09: 1.0e+08 steps a sample; 1e+08 are the most" in capsys.readouterr().err
+
+
+def test_a_grid_has_ten_million_values_at_most() -> None:
+    assert dimension("gravity.y=1:2:10000000").count == 10_000_000
+    with pytest.raises(SweepError, match="from 1 to 10000000"):
+        dimension("gravity.y=1:2:10000001")
+
+
+def test_a_summary_of_known_rows() -> None:
+    """Values 1, 2, 3, 4 of four samples that are ok, and one that is not; by hand."""
+    pandas = pytest.importorskip("pandas")
+    some = plan(["gravity.y=1:5:5"], None, "random", 0)
+    table = pandas.DataFrame({"sample": range(5), "engine": "gauss", "y": [1.0, 2.0, 3.0, 4.0, 99.0]})
+    table["status"], table["message"] = ["ok"] * 4 + ["invalid"], ["", "", "", "", "why"]
+    found = summary(table, some, ["y"])["gauss"]
+    assert (found["samples"], found["status"], found["reasons"]) == (5, {"invalid": 1, "ok": 4}, {"why": 1})
+    y = found["figures"]["y"]
+    assert (y["count"], y["mean"], y["quantiles"]["0.5"], y["quantiles"]["1"]) == (4, 2.5, 2.5, 4.0)
+    assert [*y["quantiles"]] == ["0", "0.05", "0.25", "0.5", "0.75", "0.95", "1"]
+    assert y["deviation"] == pytest.approx(np.sqrt(5 / 3))
+    assert "rank_correlation" not in y  # of fewer than eight samples
+    alone = summary(table[table["sample"] == 0], some, ["y"])["gauss"]["figures"]["y"]
+    assert (alone["count"], alone["deviation"]) == (1, 0.0)
+
+
+@pytest.mark.parametrize(("count", "told"), [(7, False), (8, True)])
+def test_a_correlation_needs_eight_samples(count: int, told: bool) -> None:
+    some = plan([f"gravity.y=1:5:{count}"], None, "random", 0)
+    assert sensitivities(some, np.arange(float(count))) == ({"rank_correlation": {"gravity.y": pytest.approx(1.0)}} if told else {})
+    assert sensitivities(some, np.ones(count)) == {}
+
+
+def test_dependences_in_words_begin_with_the_strongest() -> None:
+    assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
+    assert (
+        _dependence({"sobol": {"a": {"first": 0.1, "total": 0.2}, "b": {"first": 0.3, "total": 0.4}}}) == "b 0.30/0.40, a 0.10/0.20"
+    )
+
+
 def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
     assert replace(ASKED) == ASKED
     assert hash(replace(ASKED)) == hash(ASKED)
@@ -398,7 +508,7 @@ def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> Non
     document = of_one_scenario(document_of("four_bar")[0], "driven")
     family = Family(document, "driven", ["links.coupler.length"], "four_bar")
     usual = number_at(document, "links.coupler.length")
-    found = family.starts(np.array([[usual], [0.1 * usual], [0.95 * usual]]))
+    found = family.starts(np.array([[usual], [5.0 * usual], [0.95 * usual]]))
     assert [*found.reasons] == [1]
     assert np.isnan(found.q[1]).all()
     assert np.isfinite(found.q[[0, 2]]).all()

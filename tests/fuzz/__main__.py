@@ -23,6 +23,7 @@ from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import LATE, Ending, endings, run_one
 from tests.fuzz.kills import over_kills
 from tests.fuzz.motions import MOTIONS, over_motions
+from tests.fuzz.sound import over_sound
 from tests.fuzz.stored import over_stored
 
 PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
@@ -39,6 +40,7 @@ def main() -> int:
     options.add_argument("--kills", type=int, default=10, metavar="N", help="kills of runs and sweeps (default 10)")
     options.add_argument("--calls", type=int, default=500, metavar="N", help="calls of simulate in one process (default 500)")
     options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
+    options.add_argument("--sound", type=int, default=20, metavar="N", help="sound motions of the gate, to be ok (default 20)")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file, list and what was stored")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
@@ -76,6 +78,7 @@ def main() -> int:
                         keep(asked.keep, asked.seed, number)
         for kind, wanted, others in (
             ("motion", asked.motions, over_motions(asked.seed, asked.motions)),
+            ("sound", asked.sound, over_sound(asked.seed, asked.sound, folder)),
             ("kill", asked.kills, over_kills(asked.seed, asked.kills, folder)),
             ("call", asked.calls, over_calls(simulated(asked.seed), asked.calls)),
         ):
