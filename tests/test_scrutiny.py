@@ -415,6 +415,22 @@ def test_samples_and_a_repetition_allow_twice_what_they_change_and_the_work_twic
     assert judge.judge(replace(SOUND, energy=FIVE + share * 0.21, energy_bar=100.0)).valid is valid
 
 
+@pytest.mark.parametrize(("share", "valid"), [(0.99, True), (1.01, False)])
+def test_rates_may_be_off_by_what_moves_no_link_from_its_place(share: float, valid: bool) -> None:
+    """At rest for 4 s: a fortieth of 0.2 m in that time is 1.25 mm/s, and of a radian 6.25 mrad/s."""
+    rest = replace(SOUND, duration=4.0, rates=replace(STILL, fastest=(0.0, 0.0)))
+    assert judge.judge(replace(rest, rates=replace(rest.rates, speed=FIVE + share * 1.25e-3))).valid is valid  # type: ignore[type-var]
+    assert judge.judge(replace(rest, rates=replace(rest.rates, spin=FIVE + share * 6.25e-3))).valid is valid  # type: ignore[type-var]
+
+
+def test_samples_that_are_received_keep_their_note_and_their_counts() -> None:
+    t, x = np.arange(3.0), np.zeros((3, 6))
+    received = judge.leading(Trajectory(t, x, x, x, 7, 9, "a note"), t, 6)
+    assert received is not None
+    assert (received.steps, received.evaluations, received.note) == (7, 9, "a note")
+    assert judge.leading(Trajectory(t, x, x, x, 7), t, 6).evaluations is None  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(("lost", "told"), [(0.9e-9, False), (1.1e-9, True), (0.99e-2, True), (1.01e-2, False)])
 def test_digits_are_told_that_lie_between_a_billionth_and_what_is_refused(lost: float, told: bool) -> None:
     assert bool(judge.remark(replace(SOUND, disagreement=lost))) is told
