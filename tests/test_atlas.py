@@ -146,6 +146,10 @@ def test_an_error_is_a_share_of_the_linkages_size() -> None:
     run = shifted(Run(Status.OK, "", x, None, sampling(1e-3, 0.01)), moved)
     assert abs(mechanism.size - 1.0) > 0.2
     assert decided(mechanism, run, truth).error == pytest.approx(0.5 * PASSES, rel=1e-9)
+    for share, verdict in ((0.9, Verdict.PASS), (1.1, Verdict.OPEN)):
+        vague = replace(truth, error_q=none + share * 1e-4 * mechanism.size)
+        assert mechanism.size < 1.0
+        assert decided(mechanism, run, vague).verdict is verdict
 
 
 def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tuple[Mechanism, Run, Reference]) -> None:

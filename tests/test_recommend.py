@@ -248,6 +248,39 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     assert trial.errors["loops"] >= 0.999e-3
 
 
+@pytest.mark.parametrize(
+    ("errors", "share"),
+    [
+        ({"position": 3e-7, "force": 0.05}, 0.5),
+        ({"position": 8e-7, "force": 0.05}, 0.8),
+        ({"position": 3e-7, "force": float("nan")}, float("nan")),
+    ],
+)
+def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide_its_steps(
+    errors: dict[str, float], share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sampled_by(run: Run, steps: int, samples: int) -> object:
+        seen.append((steps, samples))
+        return sampled(run, steps, samples)
+
+    seen: list[tuple[int, int]] = []
+    monkeypatch.setattr("gauss_bench.advice.recommending.sampled", sampled_by)
+    monkeypatch.setattr(
+        "gauss_bench.advice.recommending.run_apart", lambda request, *_, **__: Ended(Status.OK, "", None, None, request.wanted)
+    )
+    monkeypatch.setattr("gauss_bench.advice.recommending.judged", lambda *_: Trial(1e-3, errors, 1000))
+    judge = Evaluator(SHORT.mechanism)
+    with Recommender(
+        SHORT, {"position": 1e-6, "force": 0.1}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet
+    ) as recommender:
+        recommender.truth = truths._compared(SHORT, judge, moving(10), moving(20), 10, "gauss")
+        engine = recommender.engines["gauss"]
+        for steps in (1000, 400, 401):
+            trial = recommender._evaluated(engine, Way("gauss", "default", "rk4", "none", SHORT.until / steps), adaptive=False)
+            assert trial.errors[SHARE] == pytest.approx(share, nan_ok=True)
+    assert seen == [(1000, 250), (400, 400), (401, 1)]
+
+
 @pytest.mark.slow
 def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) -> None:
     certified = certified_reference(SHORT.mechanism, SHORT.until)

@@ -29,7 +29,7 @@ from gauss_bench.sweep.paths import changed, number_at
 from gauss_bench.sweep.plan import dimension, plan
 from gauss_bench.sweep.run import How, Where, _batches, _choice, _tasks, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
-from tests.conftest import needs
+from tests.conftest import DATA, needs
 from tests.faults import alive
 from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
@@ -176,8 +176,11 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
     assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x"} <= together.columns.keys()
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), [("crank_slider", "paper"), ("four_bar", "torque"), ("four_bar", "driven")])
-def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str) -> None:
+@pytest.mark.parametrize(
+    ("linkage", "scenario"),
+    [("crank_slider", "paper"), ("four_bar", "torque"), ("four_bar", "driven"), (str(DATA / "pushed.toml"), None)],
+)
+def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str | None) -> None:
     """Forces on pins and slides, work of dampers and drivers, the bar of that work: as the metrics find them for one trajectory."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
@@ -195,6 +198,16 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     np.testing.assert_allclose(evidence.energy, gain, rtol=0, atol=1e-3 * bar + 1e-12)
     assert evidence.energy_scale == pytest.approx(metrics.energy_scale(evaluator, x), rel=1e-9)
     assert found["loops"][0] == pytest.approx(metrics.drift(evaluator, x).position.max(), rel=1e-6)
+
+
+@pytest.mark.parametrize("by", [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)])
+def test_a_loop_is_open_whichever_way_a_link_is_off(by: tuple[float, float]) -> None:
+    mechanism = load("four_bar", "conservative")
+    q = np.tile(mechanism.q0, (3, 1))
+    q[1, :2] += by
+    motions = Motions(np.arange(3.0), q[:, None], 0 * q[:, None], np.zeros((3, 1, 2 * len(mechanism.joints))))
+    found, _ = figures(mechanism, motions, mechanism.size)
+    assert found["loops"][0] == pytest.approx(0.01, rel=1e-6)
 
 
 def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None:
@@ -333,12 +346,12 @@ def repeated(
     pandas = pytest.importorskip("pandas")
     units = columns_of(load("crank_slider", "paper"), [])
     moved = next(name for name, x in units.items() if x == unit)
-    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(units, 0.0))
+    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(units, 1.0))
 
     def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
         assert parts == 2
-        found: dict[str, object] = {name: np.zeros(len(numbers)) for name in units}
-        found[moved] = np.array([changes.get(k, 0.0) for k in numbers])
+        found: dict[str, object] = {name: np.ones(len(numbers)) for name in units}
+        found[moved] = np.array([1.0 + changes.get(k, 0.0) for k in numbers])
         return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
 
     monkeypatch.setattr(halving, "rows_of", again)
@@ -366,7 +379,7 @@ def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(
 
 def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypatch: pytest.MonkeyPatch) -> None:
     found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, lost=19)
-    assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, 1e-6)
+    assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, pytest.approx(1e-6))
     assert repeated(monkeypatch, 20, {})["worst"] is None
 
 
