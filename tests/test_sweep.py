@@ -178,7 +178,13 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
 
 @pytest.mark.parametrize(
     ("linkage", "scenario"),
-    [("crank_slider", "paper"), ("four_bar", "torque"), ("four_bar", "driven"), (str(DATA / "pushed.toml"), None)],
+    [
+        ("crank_slider", "paper"),
+        ("four_bar", "torque"),
+        ("four_bar", "driven"),
+        (str(DATA / "pushed.toml"), None),
+        (str(DATA / "loaded.toml"), None),
+    ],
 )
 def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str | None) -> None:
     """Forces on pins and slides, work of dampers and drivers, the bar of that work: as the metrics find them for one trajectory."""
