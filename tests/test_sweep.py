@@ -523,6 +523,13 @@ def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, 
     assert family.closed_to_kernels == (f"{path} {said}" if said else "")
 
 
+def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> None:
+    path = "forces.motor.value"
+    found = Family(ASKED.document, "paper", [path], "crank_slider").starts(np.array([[-0.4], [-0.6]]))
+    assert {name: x.tolist() for name, x in found.columns.items()} == {path: [-0.4, -0.6]}
+    assert Family(ASKED.document, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
+
+
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
     document = of_one_scenario(document_of("four_bar")[0], "driven")
     family = Family(document, "driven", ["links.coupler.length"], "four_bar")
