@@ -21,6 +21,7 @@ from gauss_bench.linkage.load import built_in
 from tests.fuzz import files, lists
 from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import LATE, Ending, endings, run_one
+from tests.fuzz.judged import over_judged
 from tests.fuzz.kills import over_kills
 from tests.fuzz.motions import MOTIONS, over_motions
 from tests.fuzz.sound import over_sound
@@ -40,6 +41,7 @@ def main() -> int:
     options.add_argument("--kills", type=int, default=10, metavar="N", help="kills of runs and sweeps (default 10)")
     options.add_argument("--calls", type=int, default=500, metavar="N", help="calls of simulate in one process (default 500)")
     options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
+    options.add_argument("--judged", type=int, default=60, metavar="N", help="motions with one thing wrong, judged (default 60)")
     options.add_argument("--sound", type=int, default=20, metavar="N", help="sound motions of the gate, to be ok (default 20)")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file, list and what was stored")
@@ -78,6 +80,7 @@ def main() -> int:
                         keep(asked.keep, asked.seed, number)
         for kind, wanted, others in (
             ("motion", asked.motions, over_motions(asked.seed, asked.motions)),
+            ("judged", asked.judged, over_judged(asked.seed, asked.judged)),
             ("sound", asked.sound, over_sound(asked.seed, asked.sound, folder)),
             ("kill", asked.kills, over_kills(asked.seed, asked.kills, folder)),
             ("call", asked.calls, over_calls(simulated(asked.seed), asked.calls)),

@@ -133,6 +133,28 @@ class Mechanics:
                     Q[i + 2] += sign * pull * unit @ place.turned
         return Q
 
+    def springs(self, q: Array, v: Array) -> list[tuple[dict[str, Any], float, float]]:
+        """Springs with their lengths [m] and the rates of these [m/s]."""
+        found = []
+        for force in self.forces:
+            if force["type"] != "torque":
+                one, two = (self.place(name, q, v) for name in force["between"])
+                d = two.at - one.at
+                length = float(np.hypot(*d))
+                found.append((force, length, float(d @ (two.velocity - one.velocity)) / length))
+        return found
+
+    def potential(self, q: Array) -> float:
+        """Energy [J] of weights and springs."""
+        weights = self.mass.reshape(-1, 3)[:, :1] * self.gravity * q.reshape(-1, 3)[:, :2]
+        stretched = (0.5 * force["k"] * (length - force["rest"]) ** 2 for force, length, _ in self.springs(q, 0 * q))
+        return float(sum(stretched) - weights.sum())
+
+    def power(self, q: Array, v: Array) -> float:
+        """What torques give and dampers take [W]."""
+        torques = (f["value"] * v[3 * self.number[f["link"]] + 2] for f in self.forces if f["type"] == "torque")
+        return float(sum(torques) - sum(force["c"] * rate**2 for force, _, rate in self.springs(q, v)))
+
     def acceleration(self, q: Array, v: Array) -> Array:
         self.evaluations += 1
         if self.evaluations > MOST:

@@ -1,0 +1,252 @@
+"""Motions with one thing wrong, by lot, before the judge: what is beyond what "ok" allows must not be ok.
+
+A sound motion of a linkage by lot is changed in one of KINDS, by a size that is log-uniform over a tenth to a hundred times a
+limit. How far it then is beyond each row of the documentation's table is worked out by `limits`, which knows nothing of the judge.
+What speaks for a motion is by lot too: a repetition with the same fault, a sound one, its own bits once more, or the truth.
+"""
+
+import copy
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.judge import judge
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.one_run import Run, sampling
+from gauss_bench.runs.scrutiny import as_truth, evidence_of
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.fuzz.files import toml
+from tests.fuzz.limits import Motion, parts, shares
+from tests.fuzz.mechanics import Mechanics
+from tests.random_linkages import random_linkage
+
+UNTIL, STEP, SAMPLES = 0.1, 1e-3, 101
+SIZES = (0.1, 100.0)  # of a limit
+NEAR = 1.05  # of a share: integrals by other sums differ by less
+MOTIONS = 100_000  # of one seed
+WITNESSES = ("the same fault", "the same fault", "the same fault", "a sound repetition", "the same bits", "the truth")
+FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
+TIMES = np.linspace(0.0, UNTIL, SAMPLES)
+AFTER = (TIMES > 0)[:, None]  # of the start, which has a row of its own
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A linkage by lot, its file, its compiled model, and its motion."""
+
+    document: dict[str, Any]
+    folder: Path
+    mechanism: Mechanism
+    model: Any
+    sound: Motion
+
+    @property
+    def speed(self) -> float:
+        return float(max(np.abs(part).max() for part in parts(self.sound.v))) or 1.0
+
+    def run(self, step: float, times: Array = TIMES, document: dict[str, Any] | None = None) -> Motion:
+        """Return a motion at times (k,) from 0 on, of this linkage or of another document."""
+        choice = Choice("default", "rk4", step=step)
+        model = self.model if document is None else get("gauss").build(read(document, self.folder), choice)
+        model.choice = choice
+        model.prepare(times)
+        model.run()
+        x = model.read()
+        return Motion(x.t, x.q, x.v, x.a)
+
+
+def read(document: dict[str, Any], folder: Path) -> Mechanism:
+    path = folder / f"{document['name']}.toml"
+    path.write_bytes(toml(document))
+    return load(str(path))
+
+
+# What goes wrong: of a drawn linkage, a share of a limit, a lot and a step of the integration, the motion as it is told
+
+Wrong = Callable[[Drawn, float, np.random.Generator, float], Motion]
+
+
+def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """The links stand still from some time on."""
+    y, still = x.run(step), UNTIL * (1 - min(1.0, share / 100)) <= TIMES
+    first = int(np.argmax(still)) if still.any() else SAMPLES - 1
+    q, v, a = y.q.copy(), y.v.copy(), y.a.copy()
+    q[first:], v[first:], a[first:] = q[first], 0.0, 0.0
+    return Motion(TIMES, q, v, a)
+
+
+def slowed(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """Time goes slower from some time on, in every rate alike."""
+    pace = np.where(UNTIL * float(lot.uniform(0.0, 0.5)) < TIMES, 1 - min(0.95, 5e-3 * share), 1.0)
+    y = x.run(step, np.concatenate([[0.0], np.cumsum(pace[1:] * np.diff(TIMES))]))
+    return Motion(TIMES, y.q, pace[:, None] * y.v, pace[:, None] ** 2 * y.a)
+
+
+def shifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """The motion of a later time."""
+    late = share * (1e-5, 1e-2)[int(lot.integers(2))] * min(1.0, x.mechanism.size) / x.speed
+    y = x.run(step, np.concatenate([[0.0], min(late, UNTIL) + TIMES]))
+    return Motion(TIMES, y.q[1:], y.v[1:], y.a[1:])
+
+
+def aliased(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """A ripple with a whole number of waves between samples, which shows in velocities alone."""
+    y = x.run(step)
+    ripple = share * 0.025 * x.mechanism.size / UNTIL * lot.normal(size=y.v.shape[1])
+    return Motion(TIMES, y.q, y.v + AFTER * ripple, y.a)
+
+
+def noisy(level: str, unit: float) -> Wrong:
+    def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+        y = x.run(step)
+        levels = {"q": y.q, "v": y.v, "a": y.a}
+        size = x.mechanism.size if level == "q" else float(np.abs(levels[level]).max())
+        levels[level] = levels[level] + AFTER * share * unit * size * lot.normal(size=y.q.shape)
+        return Motion(TIMES, levels["q"], levels["v"], levels["a"])
+
+    return wrong
+
+
+def other_linkage(*keys: str, unit: float) -> Wrong:
+    """The motion of a linkage with another number: a link's mass or inertia, a force, or gravity."""
+
+    def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+        document = copy.deepcopy(x.document)
+        if keys == ("gravity",):
+            document["gravity"] = [y * (1 + unit * share) for y in document.get("gravity", [0.0, -9.81])]
+        else:
+            table = list(document["links"].values())[int(lot.integers(len(document["links"])))]
+            table[keys[0]] *= 1 + unit * share
+        return x.run(step, document=document)
+
+    return wrong
+
+
+def jumped(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """From some time on the motion of a later one."""
+    late = min(UNTIL, share * 0.025 * min(1.0, x.mechanism.size) / x.speed)
+    y, z = x.run(step), x.run(step, np.concatenate([[0.0], late + TIMES]))
+    after = UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES
+    return Motion(TIMES, *(np.where(after[:, None], b[1:], a) for a, b in ((y.q, z.q), (y.v, z.v), (y.a, z.a))))
+
+
+def drifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """Links leave their places ever faster, with the rates of it."""
+    y, part = x.run(step), TIMES[:, None] / UNTIL
+    way = share * 0.01 * min(1.0, x.mechanism.size) * lot.normal(size=y.q.shape[1])
+    return Motion(TIMES, y.q + part**2 * way, y.v + 2 * part * way / UNTIL, y.a + 2 * way / UNTIL**2)
+
+
+def scaled(level: str) -> Wrong:
+    """Velocities or accelerations in another unit."""
+
+    def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+        y, factor = x.run(step), 1 + 0.01 * share * AFTER
+        return Motion(TIMES, y.q, y.v * (factor if level == "v" else 1.0), y.a * (factor if level == "a" else 1.0))
+
+    return wrong
+
+
+def mirrored(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
+    """One link is turned about its centre of mass, at once and for good: another way to close a loop, or none."""
+    y = x.run(step)
+    link = int(lot.integers(y.q.shape[1] // 3))
+    q = y.q.copy()
+    q[:, 3 * link + 2] += np.where(UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES, 0.025 * share, 0.0)
+    return Motion(TIMES, q, y.v, y.a)
+
+
+KINDS: dict[str, Wrong] = {
+    "frozen": frozen,
+    "slowed": slowed,
+    "shifted": shifted,
+    "aliased": aliased,
+    "noisy positions": noisy("q", 0.01),
+    "noisy velocities": noisy("v", 0.05),
+    "noisy accelerations": noisy("a", 0.01),
+    "one mass": other_linkage("mass", unit=0.02),
+    "one inertia": other_linkage("inertia", unit=0.05),
+    "gravity": other_linkage("gravity", unit=0.02),
+    "jumped": jumped,
+    "turned": mirrored,
+    "drifted": drifted,
+    "velocities scaled": scaled("v"),
+    "accelerations scaled": scaled("a"),
+}
+
+
+def draw(seed: int, folder: Path) -> Drawn | None:
+    """A linkage whose motion is sound by rows of the table alone, or None."""
+    document = random_linkage(seed)
+    try:
+        mechanism = read(document, folder)
+        model = get("gauss-native").build(mechanism, Choice("default", "rk4", step=STEP))
+        one = Drawn(document, folder, mechanism, model, Motion(TIMES, *np.zeros((3, SAMPLES, mechanism.n))))
+        sound = one.run(STEP)
+        mechanics = Mechanics(document, "run")
+        start = Motion(TIMES[:1], mechanism.q0[None], mechanism.v0[None], mechanism.v0[None])
+        with np.errstate(all="ignore"):
+            off = shares(mechanics, mechanism.size, start, sound, one.run(STEP / 2), None)
+    except (LinkageError, *FAILURES):
+        return None
+    return replace(one, sound=sound) if max(off.values()) < SIZES[0] else None
+
+
+def ending(number: int, kind: str, x: Drawn) -> tuple[str, str]:
+    """How the judge took the motion of that number, in a word, and a sentence where it is beyond and yet ok."""
+    lot = np.random.default_rng([number, 25])
+    share, witness = float(np.exp(lot.uniform(*np.log(SIZES)))), WITNESSES[int(lot.integers(len(WITNESSES)))]
+    mechanics, lots = Mechanics(x.document, "run"), np.random.default_rng([number, 26]).spawn(1)
+    try:
+        with np.errstate(all="ignore"):
+            told = KINDS[kind](x, share, copy.deepcopy(lots[0]), STEP)
+            again = {
+                "the same fault": lambda: KINDS[kind](x, share, copy.deepcopy(lots[0]), STEP / 2),
+                "a sound repetition": lambda: x.run(STEP / 2),
+                "the same bits": lambda: told,
+                "the truth": lambda: None,
+            }[witness]()
+            truth = x.run(STEP / 4) if again is None else None
+            start = Motion(TIMES[:1], x.mechanism.q0[None], x.mechanism.v0[None], x.mechanism.v0[None])
+            off = shares(mechanics, x.mechanism.size, start, told, again, truth)
+            ok = judged(x.mechanism, told, again, truth)
+    except (LinkageError, *FAILURES) as error:
+        return f"{kind}: no motion ({type(error).__name__})", ""
+    row, worst = max(off.items(), key=lambda pair: pair[1])
+    beyond = not worst <= NEAR
+    word = f"{kind}: {'beyond' if beyond else 'within'}, {'ok' if ok else 'not ok'}"
+    said = f"{number} {kind}, {share:.3g} of a limit, {witness}: {row} at {worst:.3g} of what is allowed, and ok"
+    return word, said if beyond and ok else ""
+
+
+def judged(mechanism: Mechanism, told: Motion, again: Motion | None, truth: Motion | None) -> bool:
+    """What the judge says of a motion, as of a run by equal steps."""
+    trajectory = Trajectory(told.t, told.q, told.v, told.a, SAMPLES - 1)
+    finer = None
+    if again is not None:
+        finer = Run(
+            Status.OK, "", Trajectory(again.t, again.q, again.v, again.a, 2 * (SAMPLES - 1)), None, sampling(STEP / 2, UNTIL)
+        )
+    known = as_truth(Trajectory(truth.t, truth.q, truth.v, truth.a, 0)) if truth is not None else None
+    evidence, _ = evidence_of(mechanism, Choice("default", "rk4", step=STEP), trajectory, known, finer)
+    return judge(evidence).valid
+
+
+def over_judged(seed: int, count: int) -> Iterator[tuple[int, str, str]]:
+    """Number, word and sentence of each of `count` motions: of every linkage one of each kind."""
+    with tempfile.TemporaryDirectory() as folder:
+        linkages = (x for k in range(MOTIONS) if (x := draw(MOTIONS * seed + k, Path(folder))) is not None)
+        for k in range(count):
+            if k % len(KINDS) == 0:
+                x = next(linkages)
+            number = MOTIONS * seed + k
+            yield (number, *ending(number, [*KINDS][k % len(KINDS)], x))

@@ -1,0 +1,75 @@
+"""The judge before motions with one thing wrong, and the program that tells how far beyond the documentation each of them is."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.fuzz.judged import KINDS, over_judged
+from tests.fuzz.limits import Motion, shares
+from tests.fuzz.mechanics import Mechanics
+from tests.fuzz.sound import over_sound
+
+PENDULUM = {
+    "links": {"bob": {"points": {"A": [0.0, 0.0]}, "com": [0.5, 0.0], "mass": 2.0, "inertia": 0.1}},
+    "ground": {"points": {"O": [0.0, 0.0]}},
+    "joints": {"pin": {"type": "revolute", "at": ["ground.O", "bob.A"]}},
+    "scenarios": {"run": {}},
+}
+T = np.linspace(0.0, 1.0, 101)
+FALL = 2.0 * 9.81 * 0.5 / (0.1 + 2.0 * 0.25)  # [rad/s^2] of the level pendulum
+NONE = np.zeros((101, 1))
+
+
+def level(**changes: np.ndarray) -> Motion:
+    """The pendulum at rest in the level place, as if nothing pulled at it, with columns of its own for x, y, angle."""
+    q = np.hstack([NONE + 0.5, NONE, NONE]) + changes.get("q", 0.0)
+    return Motion(T, q, 0 * q + changes.get("v", 0.0), 0 * q + changes.get("a", 0.0))
+
+
+def rows_of(x: Motion, again: Motion | None = None, truth: Motion | None = None) -> dict[str, float]:
+    start = Motion(T[:1], np.array([[0.5, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros((1, 3)))
+    with np.errstate(all="ignore"):
+        return shares(Mechanics(PENDULUM, "run"), 0.5, start, x, again, truth)
+
+
+def test_limits_are_those_of_the_documentation_in_numbers() -> None:
+    """Size 0.5 m, 1 s: places may be 5e-6 m and rates 0.0125 m off, loops open by 5 mm, and 0.025 m from the truth."""
+    assert rows_of(level(q=np.array([5e-6, 0.0, 0.0])))["start"] == pytest.approx(1.0)
+    assert rows_of(level(v=np.array([0.0, 0.0, 1e-5])))["start"] == pytest.approx(1.0)
+    assert rows_of(level(q=np.array([0.0, 5e-3, 0.0])))["loops"] == pytest.approx(1.0)
+    assert rows_of(level(v=np.array([0.0, 0.0125, 0.0])))["rates"] == pytest.approx(1.0)
+    assert rows_of(level(a=np.array([0.0, 0.0, 0.025])))["rates"] == pytest.approx(1.0)
+    assert rows_of(level(q=np.array([0.0, 0.025, 0.0])), truth=level())["truth"] == pytest.approx(1.0)
+    assert rows_of(level(q=np.array([0.0, 0.0, 0.025])), again=level())["repetition"] == pytest.approx(1.0)
+    true = np.array([0.0, -0.5 * FALL, -FALL])
+    assert rows_of(level(a=true))["accelerations"] == pytest.approx(0.0, abs=1e-9)
+    assert rows_of(level(a=1.01 * true))["accelerations"] == pytest.approx(1.0)
+
+
+def test_samples_and_a_repetition_allow_no_more_than_two_limits_each() -> None:
+    """Velocities that jump in every second sample change the integral without bounds: three limits in all, or five."""
+    swing = np.where(np.arange(101) % 2, 1e3, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    alone = rows_of(level(v=swing))["rates"]
+    assert alone == pytest.approx(rows_of(level(v=swing), again=level())["rates"] * 5 / 3, rel=1e-6)
+
+
+def test_energy_that_is_gained_is_held_against_three_hundredths_of_what_moves() -> None:
+    """The pendulum that rises by a quarter of a metre: all that moves is the 4.905 J that it gains."""
+    rise = np.clip(4 * T, 0.0, 1.0)[:, None] * np.array([0.0, 0.25, 0.0])
+    assert rows_of(level(q=rise))["energy"] == pytest.approx(1 / 0.03)
+
+
+@pytest.mark.slow
+def test_no_motion_beyond_what_is_documented_is_ok_and_no_sound_one_refused(tmp_path: Path) -> None:
+    """Two of each kind, and sound ones of the gate; `make fuzz` asks for thousands."""
+    found, bad = Counter[str](), []
+    for stream in (over_judged(3, 2 * len(KINDS)), over_sound(3, 6, tmp_path)):
+        for _, word, sentence in stream:
+            found[word.partition(": ")[2] or word.partition(" (")[0]] += 1
+            bad += [sentence] if sentence else []
+    assert bad == []
+    assert found["beyond, not ok"] >= len(KINDS)
+    assert found["within, ok"] >= 3
+    assert found["sound, ok"] >= 6
