@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.advice import truth as truths
 from gauss_bench.api.results import OneRun, named
 from gauss_bench.api.telling import Told, nobody
+from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs
 from gauss_bench.diagnosis.explanations import Explained
@@ -15,19 +17,18 @@ from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.store import certified_reference
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.asked import checked_budget, countable, duration
 from gauss_bench.runs.offers import ChoiceError, offer
 from gauss_bench.runs.one_run import Run, Sampling
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference, Status
 
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
 LEAST = 1.0  # [s] that a run is given, however late it is
-SUB_SAMPLES = 1 << 24  # bytes of a reference's answer
+KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] how well the truth is to be known: errors below 1e-6 have no cause
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,7 +118,7 @@ def diagnose(
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
-        reference = truth(linkage, mechanism, end, left(deadline), worker)
+        reference = truth(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
             return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left(deadline), worker)
@@ -133,8 +134,8 @@ def left(deadline: float) -> float:
     return max(LEAST, deadline - time.monotonic())
 
 
-def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker: Worker) -> Reference:
-    """The certified motion, or one that is built in the worker within the limit [s].
+def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
+    """The certified motion, or one found by smaller and smaller steps before the deadline, as for a recommendation.
 
     Raises:
         ChoiceError: there is none.
@@ -142,17 +143,12 @@ def truth(linkage: str, mechanism: Mechanism, until: float, limit: float, worker
     if certified := certified_reference(mechanism, until):
         return certified
     try:
-        arrays = worker.call(_built, (linkage, mechanism.scenario, until), limit, SUB_SAMPLES)
-    except WorkerFailure as failure:
+        with Worker() as worker:
+            found = truths.truth(WayRun(linkage, mechanism, until), KNOWN, lambda: deadline - time.monotonic(), worker, told)
+    except truths.NoTruth as failure:
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
-    told: dict[str, Any] = {"method": str(arrays.pop("method")), "certified": bool(arrays.pop("certified"))}
-    curves: dict[str, Any] = {k: np.asarray(x, dtype=float) for k, x in arrays.items()}
-    return Reference(**curves, **told)
-
-
-def _built(linkage: str, scenario: str, until: float) -> dict[str, Any]:
-    """A reference as plain data, in the worker."""
-    return asdict(build_reference(load(linkage, scenario), until))
+    bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
+    return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
 
 
 def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
