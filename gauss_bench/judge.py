@@ -173,12 +173,12 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
 
 
 def copy_numbers(x: object) -> Array:
-    """Copy real numbers into an array of this process's own, which nobody else can change later.
+    """Copy real numbers into an array of this process's own, which nobody else can change later; what is masked is no number.
 
     Raises:
         TypeError: complex numbers, truth values, texts or objects.
     """
-    given = np.asarray(x)
+    given = np.asarray(np.ma.filled(x, np.nan) if np.ma.isMaskedArray(x) else x)
     if given.dtype.kind not in "fiu":
         raise TypeError(f"{given.dtype} where real numbers are wanted")
     return np.array(given, dtype=float)

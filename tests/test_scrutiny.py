@@ -621,6 +621,13 @@ def test_samples_that_are_no_real_numbers_are_refused(kind: type) -> None:
     assert judge.leading(bad, t, 3) is None
 
 
+def test_a_sample_that_is_masked_is_not_a_number() -> None:
+    t, states = np.arange(3.0), np.zeros((3, 3))
+    masked = np.ma.masked_array(states, mask=[[False] * 3, [False] * 3, [False, True, False]])
+    assert judge.completeness(Trajectory(t, states.view(np.ma.MaskedArray), states, states, 2), t, 3).valid
+    assert not judge.completeness(Trajectory(t, masked, states, states, 2), t, 3).valid
+
+
 def test_what_an_engine_keeps_a_hold_of_changes_nothing_that_was_received() -> None:
     t, states = np.arange(3.0), np.zeros((3, 3))
     taken = judge.leading(Trajectory(t, states, states, states, 2), t, 3)
