@@ -53,7 +53,13 @@ class Along:
     point: Point
     angle: float
     across: bool = False
+    body: int | None = None
     unit: ClassVar[Literal["m"]] = "m"
+
+    @property
+    def axes(self) -> int:
+        """The body in whose frame the axis is fixed: that of the origin, unless another is named."""
+        return self.origin.link if self.body is None else self.body
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +69,14 @@ class Distance:
     a: Point
     b: Point
     unit: ClassVar[Literal["m"]] = "m"
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """The speed [m/s] of a point across a direction at `angle` [rad] in the frame of its own link; it has no position level."""
+
+    point: Point
+    angle: float
 
 
 Coordinate = Angle | Along | Distance
@@ -137,6 +151,12 @@ class Revolute:
         """The coordinate that the pin leaves free."""
         return Angle(self.a.link, self.b.link)
 
+    @property
+    def held(self) -> tuple[tuple[Along, float], tuple[Along, float]]:
+        """The coordinates that the pin holds, with their values: the ways between its points along the axes of the world."""
+        x, y = (Along(self.a, self.b, 0.0, across, GROUND) for across in (False, True))
+        return (x, 0.0), (y, 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
@@ -190,6 +210,10 @@ class KnifeEdge:
     name: str
     point: Point
     angle: float
+
+    @property
+    def coordinate(self) -> Slip:
+        return Slip(self.point, self.angle)
 
 
 @dataclass(frozen=True, eq=False)

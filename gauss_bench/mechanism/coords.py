@@ -1,0 +1,269 @@
+"""Scalar coordinates of a linkage, defined once, for numbers of any kind: joints and forces know nothing else.
+
+    Angle       x = theta_b - theta_a
+    Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in a third one such as the ground
+    Distance    x = |p_b - p_a|
+    Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge holds it)
+
+Each has a gradient, by body a vector (None where there is none) and a turning, and a bias, what velocities add to the second rate:
+
+    x' = G v,    x'' = G a + bias
+
+With a point p = z + r of a body of angular speed w, n's own body turning with W, and w~ = w - W what others turn relative to it, the
+bias of Along is, seen from axes that turn with n,
+
+    n . [ w~_b x (w~_b x r_b) - w~_a x (w~_a x r_a) + (w~_b x W) x r_b - (w~_a x W) x r_a - 2 W x (u_b - u_a) + W x (W x (z_b - z_a)) ]
+
+in which terms of n's own body vanish, those of what rests, and (w~ x W) in the plane.
+
+A force is a law on a coordinate (`Law`), which comes to a generalised force (`push`), a potential (`energy`) and a loss of power.
+
+Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives all
+of this anew and in another way, and must not use what stands here: a certificate is worth what it does not share.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple, Protocol, assert_never
+
+from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
+from gauss_bench.mechanism.model import Along, Angle, Coordinate, Distance, Slip
+from gauss_bench.mechanism.spaces import Plane, Real, Turning, Vec
+
+
+class Entry(NamedTuple):
+    """A coordinate's gradient at one body: for the velocity of its centre of mass, and for its angular speed."""
+
+    frame: Frame
+    n: Vec | None
+    m: Turning
+
+
+def total(terms: Sequence[Real]) -> Real:
+    """The sum; zero of none."""
+    return sum(terms[1:], start=terms[0]) if terms else 0.0
+
+
+class AlongState:
+    """The way of b from a along a direction n, at a state."""
+
+    def __init__(self, space: Plane, n: Direction, a: End, b: End):
+        self.space, (self.axes, self.n), self.a, self.b = space, n, a, b
+        self.gap = b.place - a.place
+
+    @cached_property
+    def value(self) -> Real:
+        return self.space.dot(self.n, self.gap)
+
+    @cached_property
+    def entries(self) -> tuple[Entry, ...]:
+        wedge, n, (A, ra), (B, rb) = self.space.wedge, self.n, self.a, self.b
+        if self.axes is A:
+            return Entry(A, -n, wedge(n, self.gap) + wedge(n, ra)), Entry(B, n, wedge(rb, n))
+        own = () if self.axes.rests else (Entry(self.axes, None, wedge(n, self.gap)),)
+        return Entry(A, -n, wedge(n, ra)), Entry(B, n, wedge(rb, n)), *own
+
+    @cached_property
+    def rate(self) -> Real:
+        turning = [self.space.inner(e.frame.omega, e.m) for e in self.entries if not e.frame.rests]
+        return total([self.space.dot(self.n, self.b.frame.u - self.a.frame.u), *turning])
+
+    @cached_property
+    def bias(self) -> Real:
+        space, n, axes = self.space, self.n, self.axes
+        terms = []
+        for sign, (frame, r) in ((1.0, self.b), (-1.0, self.a)):
+            if frame is axes or (frame.rests and axes.rests):
+                continue
+            relative = frame.omega if axes.rests else frame.omega - axes.omega
+            terms.append(space.pull(relative, n, r) if sign > 0 else -space.pull(relative, n, r))
+            if not axes.rests and (across := space.twist(relative, axes.omega)) is not None:
+                swung = space.inner(across, space.wedge(r, n))
+                terms.append(swung if sign > 0 else -swung)
+        if not axes.rests:
+            a, b = self.a.frame, self.b.frame
+            terms.append(space.inner(axes.omega, space.wedge(n, b.u - a.u)) * 2.0)
+            terms.append(space.pull(axes.omega, n, b.z - a.z))
+        return total(terms)
+
+
+class AngleState:
+    """The angle between two bodies at a state, unwrapped."""
+
+    bias: Real = 0.0
+
+    def __init__(self, space: Plane, a: Frame, b: Frame):
+        self.space, self.a, self.b = space, a, b
+
+    @property
+    def value(self) -> Real:
+        return self.b.angle - self.a.angle
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        return Entry(self.a, None, -self.space.axis), Entry(self.b, None, self.space.axis)
+
+    @property
+    def rate(self) -> Real:
+        return self.space.inner(self.b.omega - self.a.omega, self.space.axis)
+
+
+class DistanceState:
+    """The distance of a and b at a state; what begins with half_square is of x^2 / 2, which needs no root.
+
+    Where the distance is known to be another number, as on a constraint, it may be given.
+    """
+
+    def __init__(self, space: Plane, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
+        self.space, self.a, self.b, self.n = space, a, b, b.place - a.place
+        self.arithmetic, self.known = arithmetic, known
+
+    @cached_property
+    def square(self) -> Real:
+        return self.space.dot(self.n, self.n)
+
+    @cached_property
+    def value(self) -> Real:
+        return self.arithmetic.sqrt(self.square)
+
+    @cached_property
+    def inverse_square(self) -> Real:
+        return self.arithmetic.inverse(self.square if self.known is None else self.known * self.known)
+
+    @cached_property
+    def inverse(self) -> Real:
+        return self.arithmetic.sqrt(self.inverse_square) if self.known is None else self.arithmetic.inverse(self.known)
+
+    @cached_property
+    def half_square_entries(self) -> tuple[Entry, ...]:
+        wedge, n, (A, ra), (B, rb) = self.space.wedge, self.n, self.a, self.b
+        return Entry(A, -n, wedge(n, ra)), Entry(B, n, wedge(rb, n))
+
+    @cached_property
+    def half_square_rate(self) -> Real:
+        turning = [self.space.inner(e.frame.omega, e.m) for e in self.half_square_entries if not e.frame.rests]
+        return total([self.space.dot(self.n, self.b.frame.u - self.a.frame.u), *turning])
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        return tuple(Entry(e.frame, e.n * self.inverse, e.m * self.inverse) for e in self.half_square_entries if e.n is not None)
+
+    @property
+    def rate(self) -> Real:
+        return self.half_square_rate * self.inverse
+
+    @cached_property
+    def bias(self) -> Real:
+        space, n, (A, ra), (B, rb) = self.space, self.n, self.a, self.b
+        across = (space.wedge(n, B.u - A.u) + space.swing(B.omega, n, rb) - space.swing(A.omega, n, ra)) * self.inverse
+        return (space.pull(B.omega, n, rb) - space.pull(A.omega, n, ra) + space.inner(across, across)) * self.inverse
+
+
+class SlipState:
+    """The speed of a point along a direction that turns with its own body."""
+
+    def __init__(self, space: Plane, n: Direction, end: End):
+        self.space, self.n, self.end = space, n.n, end
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        return (Entry(self.end.frame, self.n, self.space.wedge(self.end.arm, self.n)),)
+
+    @property
+    def rate(self) -> Real:
+        frame = self.end.frame
+        return self.space.dot(self.n, frame.u) + self.space.inner(frame.omega, self.entries[0].m)
+
+    @property
+    def bias(self) -> Real:
+        return self.space.inner(self.end.frame.omega, self.space.wedge(self.n, self.end.frame.u))
+
+
+State = AngleState | AlongState | DistanceState | SlipState
+
+
+class Linear(Protocol):
+    """The numbers of a `Law`, of one or of many at once."""
+
+    @property
+    def k(self) -> Real: ...
+    @property
+    def c(self) -> Real: ...
+    @property
+    def rest(self) -> Real: ...
+    @property
+    def bias(self) -> Real: ...
+
+
+def state(coordinate: Coordinate | Slip, at: Placement, known: Real = None) -> State:
+    """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
+    match coordinate:
+        case Angle(a, b):
+            return AngleState(at.space, at.frame(a), at.frame(b))
+        case Along(origin, point, angle, across):
+            return AlongState(at.space, at.direction(coordinate.axes, angle, across), at.end(origin), at.end(point))
+        case Distance(a, b):
+            return DistanceState(at.space, at.end(a), at.end(b), at.arithmetic, known)
+        case Slip(point, angle):
+            return SlipState(at.space, at.direction(point.link, angle, True), at.end(point))
+        case _:
+            assert_never(coordinate)
+
+
+def columns(space: Plane, entries: Sequence[Entry]) -> dict[int, Real]:
+    """A gradient by generalised speed; the ground has none."""
+    size, found = space.dimension + space.turns, dict[int, Real]()
+    for frame, n, m in entries:
+        if not frame.rests:
+            first = size * frame.body
+            straight = [] if n is None else list(enumerate(n.parts, first))
+            for k, x in (*straight, *enumerate(space.levers(m), first + space.dimension)):
+                found[k] = found[k] + x if k in found else x
+    return found
+
+
+def absent(number: Real) -> bool:
+    """Tell whether a number is zero by structure: the float zero, or an expression that says so."""
+    return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
+
+
+def strength(x: State, law: Linear) -> Real:
+    """Return what pulls along a coordinate by a law: F, of which `entries` are the lever; of a distance F / x, by `half_square_entries`.
+
+    With F grad x = (F / x) grad h and h = x^2 / 2 it is along a distance
+
+        F / x = -k + (k rest + bias) / x - c h' / x^2
+
+    so that a spring without rest length has no root, and one that is undamped besides no division. Through zero length such a
+    spring goes on as it should; any other pulls from a direction that flips there, and at zero itself from none.
+    """
+    sprung, damped, biased = not absent(law.k), not absent(law.c), not absent(law.bias)
+    terms: list[Real] = []
+    if isinstance(x, DistanceState):
+        if sprung:
+            terms.append(-law.k)
+        if sprung and not absent(law.rest):
+            terms.append(law.k * law.rest * x.inverse)
+        if biased:
+            terms.append(law.bias * x.inverse)
+        if damped:
+            terms.append(-(law.c * x.half_square_rate * x.inverse_square))
+        return total(terms)
+    if biased:
+        terms.append(law.bias)
+    if sprung:
+        terms.append(-(law.k * x.value) if absent(law.rest) else law.k * (law.rest - x.value))
+    if damped:
+        terms.append(-(law.c * x.rate))
+    return total(terms)
+
+
+def push(x: State, law: Linear) -> tuple[Entry, ...]:
+    """Return the generalised force of a law along a coordinate."""
+    force = strength(x, law)
+    entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
+    return tuple(Entry(e.frame, None if e.n is None else e.n * force, e.m * force) for e in entries)
+
+
+def energy(x, law):
+    raise NotImplementedError

@@ -1,0 +1,74 @@
+"""Constraint rows and applied forces of a linkage, once, for numbers of any kind: who places the bodies chooses the numbers.
+
+A joint is the scalar coordinates that it holds, a driver one that follows a law of time, a knife edge a slip that stays zero; a force
+is a law on a coordinate or a vector at a point. Nobody asks here for a joint's kind or a force's. Order of rows: joints in the file's
+order, drivers, knife edges.
+
+    phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol, assert_never
+
+from gauss_bench.mechanism.coords import Entry, columns, push, state
+from gauss_bench.mechanism.frames import Placement
+from gauss_bench.mechanism.model import Coordinate, Law, Load, Mechanism, PointForce, Slip
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import Real
+
+Motion = tuple[Real, Real, Real]  # value, rate, second rate
+
+
+class Given(Placement, Protocol):
+    """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
+
+    def held(self, joint: str, place: int, value: Any, /) -> Real:
+        """What the coordinate at a place of a joint is held at."""
+        ...
+
+    def law(self, law: MotionLaw, /) -> Motion:
+        """A law of time, now."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One constraint: name, entries of J by generalised speed, gamma, residual (None without a position level), explicit rate."""
+
+    name: str
+    entries: dict[int, Real]
+    gamma: Real
+    phi: Real | None
+    phi_t: Real
+
+
+def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
+    """Yield all rows; `on_constraints` takes a driven distance to be what its law says, which saves a root."""
+    for joint in mechanism.joints:
+        for place, (coordinate, value) in enumerate(joint.held):
+            held = at.held(joint.name, place, value)
+            yield _row(joint.name, at, coordinate, (held, 0.0, 0.0), on_constraints)
+    for driver in mechanism.drivers:
+        yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
+    for edge in mechanism.knife_edges:
+        x = state(edge.coordinate, at)
+        yield Row(edge.name, columns(at.space, x.entries), -x.bias, None, 0.0)
+
+
+def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
+    value, rate, second = motion
+    x = state(coordinate, at, value if on_constraints else None)
+    return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
+
+
+def generalised(at: Placement, load: Load) -> dict[int, Real]:
+    """Return the generalised force of one load, by generalised speed."""
+    match load:
+        case Law():
+            return columns(at.space, push(state(load.coordinate, at), load))
+        case PointForce():
+            (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
+            return columns(at.space, (Entry(end.frame, force, at.space.wedge(end.arm, force)),))
+        case _:
+            assert_never(load)
