@@ -7,13 +7,13 @@ order, drivers, knife edges.
     phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, assert_never
 
-from gauss_bench.mechanism.coords import Entry, columns, push, state
-from gauss_bench.mechanism.frames import Placement
-from gauss_bench.mechanism.model import Coordinate, Law, Load, Mechanism, PointForce, Slip
+from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, state
+from gauss_bench.mechanism.frames import Direction, Placement
+from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import Real
 
@@ -22,6 +22,10 @@ Motion = tuple[Real, Real, Real]  # value, rate, second rate
 
 class Given(Placement, Protocol):
     """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
+
+    def vector(self, body: int, value: Any, /) -> Direction:
+        """A vector that is fixed in a body's frame, in world axes."""
+        ...
 
     def held(self, joint: str, place: int, value: Any, /) -> Real:
         """What the coordinate at a place of a joint is held at."""
@@ -62,7 +66,7 @@ def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constr
     return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
 
 
-def generalised(at: Placement, load: Load) -> dict[int, Real]:
+def generalised(at: Given, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load, by generalised speed."""
     match load:
         case Law():
@@ -70,5 +74,21 @@ def generalised(at: Placement, load: Load) -> dict[int, Real]:
         case PointForce():
             (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
             return columns(at.space, (Entry(end.frame, force, at.space.wedge(end.arm, force)),))
+        case _:
+            assert_never(load)
+
+
+def energies(at: Given, load: Load) -> tuple[Real, Real]:
+    """Return the potential energy of one load [J], and the power of what of it has none [W]."""
+    match load:
+        case Law():
+            x = state(load.coordinate, at)
+            return energy(x, load), -loss(x, load)
+        case PointForce():
+            (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
+            if load.frame == GROUND:
+                return -at.space.dot(force, end.place), 0.0
+            turning = at.space.inner(end.frame.omega, at.space.wedge(end.arm, force))
+            return 0.0, at.space.dot(force, end.frame.u) + turning
         case _:
             assert_never(load)

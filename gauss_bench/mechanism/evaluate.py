@@ -1,10 +1,14 @@
 """A mechanism at a state: the terms of its equations of motion, its residuals and its energy."""
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.symbols import Symbols
 from gauss_bench.terms import Array, Terms
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
@@ -27,11 +31,20 @@ class Evaluator:
         self.mass = mechanism.mass
         self.M = np.diag(self.mass)
 
+    @cached_property
+    def _terms(self) -> Callable[..., list[Array]]:
+        """Entries of J that vary, Q of steady forces, gamma, phi and phi_t, written out together."""
+        at = Symbols(self.mechanism.n)
+        entries, *others = self.constraints.asked(at)
+        return at.written(entries, self.applied.steady(at), *others)
+
     def terms(self, t: float, q: Array, v: Array) -> Terms:
         """M, J, Q, gamma and the residuals at one state q, v (n,); Q without friction, which needs the multipliers."""
-        rows = self.constraints(t, q, v)
-        Q = self.applied.generalised(q, v, t)
-        return Terms(self.M, rows.J, Q, rows.gamma, rows.phi, rows.J @ v + rows.phi_t)
+        entries, Q, gamma, phi, phi_t = self._terms(t, q, v)
+        J = self.constraints.filled(entries)
+        for force in self.applied.varying:
+            Q = Q + force(q, v, t)
+        return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
         """Refuse friction where rows are redundant at the start.

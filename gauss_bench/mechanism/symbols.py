@@ -1,0 +1,77 @@
+"""A mechanism with symbols in the place of its coordinates: what its equations are asked with once, to be written out.
+
+The inputs of what is written are q and v (n,), and g, what laws of time give: value, rate and second rate of each, in the order in
+which the equations ask for them.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.coordinates import unit
+from gauss_bench.mechanism.frames import Direction, End, Frame
+from gauss_bench.mechanism.model import GROUND, Point
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import PLANE, Vec
+from gauss_bench.mechanism.written import Number, Program, Symbol, Written
+from gauss_bench.terms import Array
+
+
+class Symbols:
+    """The bodies of a mechanism of n coordinates; a `Given` of `equations.py`."""
+
+    space = PLANE
+
+    def __init__(self, n: int):
+        self.n, self.program = n, Program()
+        self.laws: list[MotionLaw] = []
+        self._frames: dict[int, Frame] = {}
+
+    @property
+    def arithmetic(self) -> Program:
+        return self.program
+
+    def frame(self, body: int) -> Frame:
+        if body not in self._frames:
+            none, names = self.program.symbol(0.0), range(3 * body, 3 * body + 3)
+            (x, y, angle), (u, w, omega) = (
+                [none] * 3 if body == GROUND else [self.program.input(f"{name}{k}") for k in names] for name in "qv"
+            )
+            self._frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
+        return self._frames[body]
+
+    def end(self, point: Point) -> End:
+        frame, arm = self.vector(point.link, point.local)
+        return End(frame, arm)
+
+    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
+        return self.vector(body, unit(angle, across))
+
+    def vector(self, body: int, value: Sequence[Number] | Array) -> Direction:
+        """A vector that is fixed in a body's frame, in world axes."""
+        frame, s = self.frame(body), Vec(*map(self.program.symbol, value))
+        turn = Vec(self.program.cos(frame.angle), self.program.sin(frame.angle))
+        return Direction(frame, s if frame.rests else PLANE.turned(turn, s))
+
+    def held(self, joint: str, place: int, value: Any) -> Symbol:
+        return self.program.symbol(value)
+
+    def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
+        self.laws.append(law)
+        first = 3 * (len(self.laws) - 1)
+        x, rate, second = (self.program.input(f"g{first + k}") for k in range(3))
+        return x, rate, second
+
+    def written(self, *told: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
+        """A function of t (...), q and v (..., n): each group of symbols as an array (..., k)."""
+        inputs = [("q", self.n), ("v", self.n), ("g", 3 * len(self.laws))]
+        function, laws = Written(self.program, inputs, [[self.program.symbol(x) for x in group] for group in told]), self.laws
+
+        def at(t: float | Array, q: Array, v: Array) -> list[Array]:
+            if not laws:
+                return function(q, v, q[..., :0])
+            now = [np.asarray(x) for law in laws for x in law(t)]
+            return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in now], axis=-1))
+
+        return at

@@ -1,0 +1,171 @@
+"""Equations written out: a straight line of Python for floats or arrays, in which every operation stands once.
+
+The equations are asked once with symbols in the place of numbers. Operations on symbols are kept in their order, equal ones once;
+zeros, ones and what is known already are worked out at once. What is left is a function without a loop or an index: of floats it
+takes a tenth of the time of arrays, and the same text serves arrays of states, in double or longer.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.terms import Array
+
+FUNCTIONS = ("sqrt", "sin", "cos", "tanh")
+Number = Any  # a float, or one of a longer type
+
+
+class Symbol:
+    """A number of a program: a name in it, or a constant."""
+
+    __slots__ = ("number", "program", "text")
+
+    def __init__(self, program: "Program", text: str, number: Number | None = None):
+        self.program, self.text, self.number = program, text, number
+
+    @property
+    def zero(self) -> bool:
+        return self.number is not None and bool(self.number == 0)
+
+    def __add__(self, other: "Symbol | Number") -> "Symbol":
+        return self.program.add(self, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: "Symbol | Number") -> "Symbol":
+        return self.program.subtract(self, other)
+
+    def __rsub__(self, other: Number) -> "Symbol":
+        return self.program.subtract(other, self)
+
+    def __mul__(self, other: "Symbol | Number") -> "Symbol":
+        return self.program.multiply(self, other)
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> "Symbol":
+        return self.program.negate(self)
+
+
+class Program:
+    """Lines in the order in which they are needed, each operation once; it is the arithmetic of its symbols."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.constants: dict[str, Number] = {}
+        self.known: dict[str, Symbol] = {}
+
+    def symbol(self, x: Symbol | Number) -> Symbol:
+        """A symbol, or a constant: written as a float, or by a name where a float has too few digits."""
+        if isinstance(x, Symbol):
+            return x
+        if float(x) == x:
+            return Symbol(self, f"({float(x)!r})" if x < 0 else repr(float(x)), x)
+        name = f"c{len(self.constants)}"
+        self.constants[name] = x
+        return Symbol(self, name, x)
+
+    def input(self, name: str) -> Symbol:
+        return self.known.setdefault(name, Symbol(self, name))
+
+    def add(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        a, b = self.symbol(a), self.symbol(b)
+        if a.number is not None and b.number is not None:
+            return self.symbol(a.number + b.number)
+        if a.zero or b.zero:
+            return b if a.zero else a
+        return self._kept(f"{a.text} + {b.text}")
+
+    def subtract(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        a, b = self.symbol(a), self.symbol(b)
+        if a.number is not None and b.number is not None:
+            return self.symbol(a.number - b.number)
+        if b.zero:
+            return a
+        return self.negate(b) if a.zero else self._kept(f"{a.text} - {b.text}")
+
+    def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        a, b = self.symbol(a), self.symbol(b)
+        if a.number is not None and b.number is not None:
+            return self.symbol(a.number * b.number)
+        if b.number is not None:
+            a, b = b, a
+        if a.number is not None and abs(a.number) in (0, 1):
+            return self.symbol(0.0) if a.zero else b if a.number > 0 else self.negate(b)
+        return self._kept(f"{a.text} * {b.text}")
+
+    def negate(self, a: Symbol) -> Symbol:
+        return self.symbol(-a.number) if a.number is not None else self._kept(f"-{a.text}")
+
+    def inverse(self, a: Symbol | Number) -> Symbol:
+        """1 / a; zero of zero: two points that coincide have a distance without a direction."""
+        a = self.symbol(a)
+        if a.number is not None:
+            return self.symbol(1.0 / a.number if a.number else 0.0)
+        return self._kept(f"inverse({a.text})")
+
+    def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
+        if name not in FUNCTIONS:
+            raise AttributeError(name)
+        return lambda a: self._of_one(name, self.symbol(a))
+
+    def _of_one(self, name: str, a: Symbol) -> Symbol:
+        return self.symbol(getattr(np, name)(a.number)) if a.number is not None else self._kept(f"{name}({a.text})")
+
+    def _kept(self, text: str) -> Symbol:
+        if text not in self.known:
+            name = f"x{len(self.lines)}"
+            self.lines.append(f"{name} = {text}")
+            self.known[text] = Symbol(self, name)
+        return self.known[text]
+
+
+class Written:
+    """A function of lists of numbers, written out: `inputs` names each list and its length, `told` are its groups of symbols.
+
+    Attributes:
+        source: its text.
+    """
+
+    def __init__(self, program: Program, inputs: Sequence[tuple[str, int]], told: Sequence[Sequence[Symbol]]):
+        names = ", ".join(name for name, _ in inputs)
+        heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
+        groups = ", ".join(f"({''.join(f'{x.text}, ' for x in group)})" for group in told)
+        self.source = "\n    ".join([f"def function({names}):", *heads, *program.lines, f"return ({groups},)"])
+        self.sizes = [len(group) for group in told]
+        floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": _inverse}
+        arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": _inverses}
+        self._of_floats, self._of_arrays = (self._made(names | program.constants) for names in (floats, arrays))
+        self._in_floats = not program.constants
+
+    def _made(self, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
+        exec(self.source, names)  # the text above, of names and numbers alone
+        return names["function"]  # type: ignore[no-any-return]
+
+    def __call__(self, *given: Array) -> list[Array]:
+        """Groups (..., k) of inputs (..., n)."""
+        first = given[0]
+        if first.ndim == 1 and first.dtype == float and self._in_floats:
+            try:
+                return [np.array(group) for group in self._of_floats(*(x.tolist() for x in given))]
+            except (ValueError, OverflowError):  # a sine of what is not finite, which arrays answer by nan
+                pass
+        shape, dtype = first.shape[:-1], np.result_type(*(x.dtype for x in given))
+        found = []
+        for group in self._of_arrays(*(np.moveaxis(x, -1, 0) for x in given)):
+            out = np.empty((*shape, len(group)), dtype=dtype)
+            for k, x in enumerate(group):
+                out[..., k] = x
+            found.append(out)
+        return found
+
+
+def _inverse(x: float) -> float:
+    return 1.0 / x if x else 0.0
+
+
+def _inverses(x: Array) -> Array:
+    zero = np.equal(x, 0)
+    return np.where(zero, 0, 1 / np.where(zero, 1, x)) if zero.any() else 1 / x
