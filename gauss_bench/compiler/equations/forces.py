@@ -10,13 +10,14 @@ u = exp(2 x) - 1, which is had from a short series at 2 x / 2^D and D doublings,
 
 from collections.abc import Iterable, Sequence
 from math import factorial
-from typing import Any, assert_never
+from typing import Any
 
 from gauss_bench.compiler.equations.links import Links
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector, maximum, minimum
-from gauss_bench.mechanism import coordinates
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
+from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.factors import STEADY, Factor
-from gauss_bench.mechanism.model import GROUND, Law, Load, PointForce, Torque
+from gauss_bench.mechanism.model import PointForce, Torque
+from gauss_bench.mechanism.spaces import Vec
 
 FLAT = 20.0
 DOUBLINGS, TERMS = 8, 11  # 2 FLAT / 2^8 is 0.16, of which the twelfth power over 12! is below a thousandth of rounding
@@ -26,10 +27,13 @@ SMALLEST = 1e-300  # [N, N m] of a force: one without a size has no direction ei
 def generalised_force(links: Links) -> dict[int, Node]:
     """Q by coordinate; what is missing is zero."""
     terms: dict[int, list[Node]] = {}
-    steady, varying = (_entries(links, load) for load in links.loads()), (_varied(links, *force) for force in links.varying())
+    steady, varying = (
+        (equations.generalised(links, load) for load in links.loads()),
+        (_varied(links, *force) for force in links.varying()),
+    )
     for entries in (*_weights(links), *steady, *varying):
         for k, x in entries.items():
-            terms.setdefault(k, []).append(x)
+            terms.setdefault(k, []).append(links.graph.node(x))
     sums = {k: links.graph.total(x) for k, x in terms.items()}
     return {k: x for k, x in sums.items() if not x.zero}
 
@@ -37,28 +41,16 @@ def generalised_force(links: Links) -> dict[int, Node]:
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
-        yield links.entries([(i, 0), (i, 1)], [mass * links.number(f"gravity.{axis}") for axis in "xy"])
-
-
-def _entries(links: Links, load: Load) -> dict[int, Node]:
-    """The generalised force of one load."""
-    match load:
-        case Law():
-            x = coordinates.state(load.coordinate, links)
-            return links.entries(coordinates.columns(load.coordinate), coordinates.push(x, load))
-        case PointForce():
-            force, arm = _world(links, load), links.end(load.point).r
-            return links.entries([(load.point.link, axis) for axis in range(3)], (force.x, force.y, arm.cross(force)))
-        case _:
-            assert_never(load)
+        yield {3 * i + k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy")}
 
 
 def _varied(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """The generalised force of one that varies: its speed is its power over its size."""
     (load,) = force.lowered()
-    entries, graph = _entries(links, load), links.graph
+    graph = links.graph
+    entries = {k: graph.node(x) for k, x in equations.generalised(links, load).items()}
     value: Any = force.value
-    square = value.dot(value) if isinstance(value, Vector) else value * value
+    square = links.space.dot(value, value) if isinstance(value, Vec) else value * value
     size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
     line = tuple(links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     along = graph.total(x * links.rate(k) for k, x in entries.items()) / size if factor.share != 1.0 else links.zero
@@ -96,27 +88,15 @@ def _series(graph: ExpressionGraph, y: Node, coefficients: Sequence[float]) -> N
     return total
 
 
-def _world(links: Links, force: PointForce) -> Vector:
-    """A force at a point in world axes; its numbers are nodes."""
-    return links.rotated(force.frame, force.value)  # type: ignore[arg-type]
-
-
 def energy(links: Links) -> Node:
     """Kinetic plus potential energy."""
     terms: list[Node] = []
     for i, link in enumerate(links.mechanism.links):
         mass, inertia = links.number(f"links.{link.name}.mass"), links.number(f"links.{link.name}.inertia")
-        u, omega = links.centre_velocity(i), links.rate(3 * i + 2)
-        gravity = Vector(links.number("gravity.x"), links.number("gravity.y"))
-        terms += [mass * 0.5 * u.dot(u), inertia * 0.5 * (omega * omega), -(mass * gravity.dot(links.centre(i)))]
-    return links.graph.total([*terms, *(_potential(links, load) for load in links.loads())])
-
-
-def _potential(links: Links, load: Load) -> Node:
-    match load:
-        case Law():
-            return links.graph.node(coordinates.energy(coordinates.state(load.coordinate, links), load))
-        case PointForce():
-            return -_world(links, load).dot(links.position(load.point)) if load.frame == GROUND else links.zero
-        case _:
-            assert_never(load)
+        frame = links.frame(i)
+        gravity = Vec(links.number("gravity.x"), links.number("gravity.y"))
+        omega = links.rate(3 * i + 2)
+        terms += [mass * 0.5 * links.space.dot(frame.u, frame.u), inertia * 0.5 * (omega * omega)]
+        terms.append(-(mass * links.space.dot(gravity, frame.z)))
+    held = (links.graph.node(equations.energies(links, load)[0]) for load in links.loads())
+    return links.graph.total([*terms, *held])

@@ -14,18 +14,22 @@ motion never leaves these rows, which are linear. Sines and cosines are those of
 steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.compiler.equations.laws import law_of_time
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
-from gauss_bench.mechanism.coordinates import Column, End
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.mechanism.coordinates import unit
+from gauss_bench.mechanism.equations import Motion
 from gauss_bench.mechanism.factors import Factor
+from gauss_bench.mechanism.frames import Direction, End, Frame
 from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Prismatic, Torque, factor_of, loads
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import PLANE, Vec
 from gauss_bench.terms import Array
 
 
@@ -138,15 +142,22 @@ class State:
 class Links:
     """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too.
 
-    They are a `Placement` of `mechanism/coordinates.py`, whose real numbers are nodes.
+    They are a `Given` of `mechanism/equations.py`, whose real numbers are nodes.
     """
+
+    space = PLANE
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.zero = graph.constant(0.0)
-        self.ends: dict[tuple[object, ...], End] = {}
+        self._frames: dict[int, Frame] = {}
+        self._ends: dict[tuple[object, ...], End] = {}
+
+    @property
+    def arithmetic(self) -> ExpressionGraph:
+        return self.graph
 
     @property
     def time(self) -> Node:
@@ -158,74 +169,66 @@ class Links:
     def rate(self, k: int) -> Node:
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
-    def angle(self, link: int) -> Node:
-        """theta as it stands in the state; the ground's is 0."""
-        return self.zero if link == GROUND else self.coordinate(3 * link + 2)
-
     def omega(self, link: int) -> Node:
         """Angular speed; a tied link has that of its root."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(3 * root + 2)
 
-    @property
-    def arithmetic(self) -> ExpressionGraph:
-        return self.graph
-
-    def centre(self, link: int) -> Vector:
-        return self.fixed(0.0, 0.0) if link == GROUND else Vector(self.coordinate(3 * link), self.coordinate(3 * link + 1))
-
-    def centre_velocity(self, link: int) -> Vector:
-        return self.fixed(0.0, 0.0) if link == GROUND else Vector(self.rate(3 * link), self.rate(3 * link + 1))
+    def frame(self, link: int) -> Frame:
+        if link not in self._frames:
+            if link == GROUND:
+                still = Vec(self.zero, self.zero)
+                self._frames[link] = Frame(link, still, still, self.zero, self.zero, True)
+            else:
+                x, y, angle = (self.coordinate(3 * link + k) for k in range(3))
+                u = Vec(self.rate(3 * link), self.rate(3 * link + 1))
+                self._frames[link] = Frame(link, Vec(x, y), u, self.omega(link), angle)
+        return self._frames[link]
 
     def number(self, name: str) -> Node:
         return self.parameters.node(self.graph, name)
 
-    def local(self, point: Point) -> Vector:
+    def held(self, joint: str, place: int, value: float) -> Node:
+        name = f"joints.{joint}.offset"
+        return self.number(name) if place == 0 and name in self.parameters.all else self.graph.constant(float(value))
+
+    def law(self, law: MotionLaw) -> Motion:
+        return law_of_time(law, self.graph, self.time)
+
+    def local(self, point: Point) -> Vec:
         """The point in its link's frame, from the centre of mass."""
         owner, name = point.name.split(".", 1)
         if f"points.{owner}.{name}.x" not in self.parameters.all:
             return self.fixed(*point.local)
-        x, y = (self.number(f"points.{owner}.{name}.{axis}") for axis in "xy")
-        if point.link == GROUND:
-            return Vector(x, y)
-        return Vector(x - self.number(f"links.{owner}.com.x"), y - self.number(f"links.{owner}.com.y"))
+        place = Vec(*(self.number(f"points.{owner}.{name}.{axis}") for axis in "xy"))
+        return place if point.link == GROUND else place - Vec(*(self.number(f"links.{owner}.com.{axis}") for axis in "xy"))
 
-    def fixed(self, x: float, y: float) -> Vector:
-        return Vector(self.graph.constant(float(x)), self.graph.constant(float(y)))
+    def fixed(self, x: float, y: float) -> Vec:
+        return Vec(self.graph.constant(float(x)), self.graph.constant(float(y)))
 
-    def rotated(self, link: int, s: Vector) -> Vector:
+    def rotated(self, link: int, s: Vec) -> Vec:
         """A link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
-        s = s * self._unit(tie.offset)
+        s = PLANE.turned(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
         theta = self.coordinate(3 * tie.root + 2)
-        return s * Vector(self.graph.cos(theta), self.graph.sin(theta))
+        return PLANE.turned(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
 
-    def _unit(self, theta: float) -> Vector:
-        return self.fixed(*(0.0 if abs(x) < AXIS else x for x in (np.cos(theta), np.sin(theta))))
+    def _unit(self, theta: float, across: bool = False) -> Vec:
+        return self.fixed(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
 
-    def direction(self, link: int, angle: float, across: bool = False) -> Vector:
-        n = self._unit(angle)
-        return self.rotated(link, n.turned() if across else n)
+    def direction(self, link: int, angle: float, across: bool = False) -> Direction:
+        return Direction(self.frame(link), self.rotated(link, self._unit(angle, across)))
+
+    def vector(self, link: int, value: Vec) -> Direction:
+        return Direction(self.frame(link), self.rotated(link, value))
 
     def end(self, point: Point) -> End:
         key = (point.name, *point.local.tolist())
-        if key not in self.ends:
-            link = point.link
-            self.ends[key] = End(
-                self.centre(link), self.centre_velocity(link), self.omega(link), self.rotated(link, self.local(point))
-            )
-        return self.ends[key]
-
-    def position(self, point: Point) -> Vector:
-        end = self.end(point)
-        return end.z + end.r  # type: ignore[no-any-return]
-
-    def entries(self, columns: Iterable[Column], entries: Iterable[Node | float]) -> dict[int, Node]:
-        """A row by coordinate; the ground has no columns, and zeros are left out."""
-        placed = {3 * link + axis: self.graph.node(x) for (link, axis), x in zip(columns, entries, strict=True) if link != GROUND}
-        return {k: x for k, x in placed.items() if not x.zero}
+        if key not in self._ends:
+            self._ends[key] = End(self.frame(point.link), self.rotated(point.link, self.local(point)))
+        return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:
         """What the steady forces come to, their numbers being nodes."""
@@ -241,6 +244,6 @@ class Links:
         return {
             key: self.number(f"{name}.{key}")
             if np.ndim(x) == 0
-            else Vector(self.number(f"{name}.{key}.x"), self.number(f"{name}.{key}.y"))
+            else Vec(self.number(f"{name}.{key}.x"), self.number(f"{name}.{key}.y"))
             for key, x in force_numbers(force).items()
         }

@@ -1,0 +1,89 @@
+"""Laws of time as expressions: the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1."""
+
+import numpy as np
+
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.terms import Array
+
+Law = tuple[Node, Node, Node]  # value, rate, second rate
+
+
+def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
+    """Value, rate and second rate of a law at t.
+
+    Raises:
+        KernelError: a law of an unknown kind.
+    """
+    numbers = law.numbers
+    match law.name:
+        case "constant":
+            speed = float(numbers["speed"])
+            return t * speed + float(numbers["start"]), graph.constant(speed), graph.constant(0.0)
+        case "table":
+            knots = (numbers[key].astype(float) for key in ("times", "angles", "curvatures"))
+            return _table(graph, t, float(numbers["start"]), *knots)
+        case "sine" | "cosine" | "poly345":
+            return _rise(graph, t, law.name, *(float(numbers[key]) for key in ("start", "travel", "time")))
+    raise KernelError(f"no kernel for the motion law {law.name}")
+
+
+def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
+    zero, one = graph.constant(0.0), graph.constant(1.0)
+    s = minimum(maximum(t * (1.0 / time), zero), one)
+    moving = at_most(zero, t) * at_most(t, graph.constant(time))
+    x, rate, second = RISES[name](graph, s)
+    return x * travel + start, rate * moving * (travel / time), second * moving * (travel / time**2)
+
+
+def _sine(graph: ExpressionGraph, s: Node) -> Law:
+    w = 2 * np.pi
+    angle = s * w
+    wave, slope = graph.sin(angle), graph.cos(angle)
+    return s - wave * (1 / w), 1.0 - slope, wave * w
+
+
+def _cosine(graph: ExpressionGraph, s: Node) -> Law:
+    angle = s * np.pi
+    wave, slope = graph.sin(angle), graph.cos(angle)
+    return (1.0 - slope) * 0.5, wave * (np.pi / 2), slope * (np.pi**2 / 2)
+
+
+def _poly345(graph: ExpressionGraph, s: Node) -> Law:
+    rest = 1.0 - s
+    square = s * s
+    return (
+        square * s * (square * 6.0 - s * 15.0 + 10.0),
+        square * (rest * rest) * 30.0,
+        s * rest * (1.0 - s * 2.0) * 60.0,
+    )
+
+
+RISES = {"sine": _sine, "cosine": _cosine, "poly345": _poly345}
+
+
+def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
+    """A cubic spline: the coefficients of the piece that t is in are picked by switches, one of which is 1."""
+    h = knots[1:] - knots[:-1]
+    bend = (curvatures[1:] - curvatures[:-1]) / h
+    slope = (values[1:] - values[:-1]) / h - h * (2 * curvatures[:-1] + curvatures[1:]) / 6
+    inside = minimum(maximum(t, graph.constant(knots[0])), graph.constant(knots[-1]))
+    passed = [at_most(graph.constant(x), inside) for x in knots[1:-1]]
+    left = [graph.constant(1.0), *passed]
+    switches = [a - b for a, b in zip(left, [*passed, graph.constant(0.0)], strict=True)]
+    s = inside - _picked(switches, knots[:-1])
+    c3, c2, c1, c0 = (_picked(switches, x) for x in (bend / 6, curvatures[:-1] / 2, slope, values[:-1]))
+    moving = at_most(graph.constant(knots[0]), t) * at_most(t, graph.constant(knots[-1]))
+    value = ((c3 * s + c2) * s + c1) * s + c0
+    rate = (c3 * s * 3.0 + c2 * 2.0) * s + c1
+    return value + start, rate * moving, (c3 * s * 6.0 + c2 * 2.0) * moving
+
+
+def _picked(switches: list[Node], values: Array) -> Node:
+    return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
+
+
+def at_most(a: Node, b: Node) -> Node:
+    """1 where a <= b, else 0."""
+    return a.graph.opaque("LE", (a, b), (a.at <= b.at).astype(float))
