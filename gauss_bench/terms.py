@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating[Any]]
+Vectors = NDArray[np.complexfloating[Any, Any]]  # of the plane
 
 
 class SingularSystem(ArithmeticError):

@@ -32,9 +32,8 @@ import numpy as np
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.points import SAME, Points, place
 from gauss_bench.kinematics.root_finding import Residual
-from gauss_bench.mechanism.coordinates import Vectors
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, Vectors
 
 
 @dataclass(frozen=True, eq=False)

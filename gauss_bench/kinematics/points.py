@@ -16,9 +16,8 @@ from itertools import permutations
 import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
-from gauss_bench.mechanism.coordinates import Vectors
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, Vectors
 
 SAME = 1e-12  # [m] places given in a file agree to rounding, or differ by what can be made
 

@@ -316,6 +316,7 @@ class Placed:
     def __init__(self, q: Array, v: Array | None = None):
         self.q, self.v = q, np.zeros_like(q) if v is None else v
         self.frames: dict[int, Frame] = {}
+        self.turns: dict[int, Vec] = {}
 
     def frame(self, body: int) -> Frame:
         if body not in self.frames:
@@ -326,16 +327,25 @@ class Placed:
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
         return self.frames[body]
 
-    def turned(self, frame: Frame, s: Sequence[float] | Array) -> Vec:
-        return Vec(*s) if frame.rests else PLANE.turned(Vec(np.cos(frame.angle), np.sin(frame.angle)), Vec(*s))
+    def turned(self, frame: Frame, s: Sequence[Real] | Array) -> Vec:
+        """What is fixed in a body, in world axes."""
+        if frame.rests:
+            return Vec(*s)
+        if frame.body not in self.turns:
+            self.turns[frame.body] = Vec(np.cos(frame.angle), np.sin(frame.angle))
+        return PLANE.turned(self.turns[frame.body], Vec(*s))
 
     def end(self, point: Point) -> End:
         frame = self.frame(point.link)
         return End(frame, self.turned(frame, point.local))
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:
+        return self.vector(body, unit(angle, across))
+
+    def vector(self, body: int, value: Sequence[Real] | Array) -> Direction:
+        """A vector that is fixed in a body's frame, in world axes."""
         frame = self.frame(body)
-        return Direction(frame, self.turned(frame, unit(angle, across)))
+        return Direction(frame, self.turned(frame, value))
 
 
 def value(coordinate: Coordinate, q: Array) -> Array:

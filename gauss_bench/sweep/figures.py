@@ -9,8 +9,9 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.judge import Evidence
-from gauss_bench.mechanism.coordinates import Placed, Vector, energy, loss, state
-from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Mechanism, Point, PointForce, Prismatic, Revolute, loads
+from gauss_bench.mechanism import equations
+from gauss_bench.mechanism.coordinates import Placed, state
+from gauss_bench.mechanism.model import Coordinate, Mechanism, Prismatic, loads
 from gauss_bench.terms import Array
 
 OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy_scale": "J"}
@@ -23,28 +24,6 @@ def units(mechanism: Mechanism) -> dict[str, str]:
     if not mechanism.redundant:
         told |= {f"force.{joint.name}": "N" for joint in mechanism.joints}
     return told | OF_A_RUN
-
-
-class _Placed(Placed):
-    """States whose rotations and centres are worked out once."""
-
-    def __init__(self, q: Array, v: Array):
-        super().__init__(q, v)
-        self.turns: dict[int, Vector] = {}
-        self.centres: dict[tuple[bool, int], Vector] = {}
-
-    def _centre(self, x: Array, link: int) -> Vector:
-        key = x is self.q, link
-        if key not in self.centres:
-            self.centres[key] = super()._centre(x, link)
-        return self.centres[key]
-
-    def rotated(self, link: int, local: Array) -> Vector:
-        if link == GROUND:
-            return super().rotated(link, local)
-        if link not in self.turns:
-            self.turns[link] = np.exp(1j * self.angle(link))
-        return self.turns[link] * (local[0] + 1j * local[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,15 +48,14 @@ def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[s
         size: of the linkage [m], for the judge.
     """
     with np.errstate(all="ignore"):
-        x = _Placed(motions.q, motions.v)
+        x = Placed(motions.q, motions.v)
 
         def at(coordinate: Coordinate) -> Array:
             return np.asarray(state(coordinate, x).value)
 
         by_name = {"measured": at(mechanism.measured.coordinate)[-1]}
         for p in mechanism.observed_points:
-            place = _place(x, p)
-            for axis, way in (("x", place.real), ("y", place.imag)):
+            for axis, way in zip("xy", x.end(p).place.parts, strict=True):
                 by_name |= {f"{p.name}.{axis}_min": way.min(axis=0), f"{p.name}.{axis}_max": way.max(axis=0)}
         by_name |= _forces(mechanism, motions.multipliers)
         opened = _opened(mechanism, x, motions.t)
@@ -91,11 +69,6 @@ def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[s
     return by_name, evidence
 
 
-def _place(x: _Placed, point: Point) -> Vector:
-    end = x.end(point)
-    return end.z + end.r
-
-
 def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     """Largest force of each joint [N]; nothing where redundant rows leave it open."""
     if mechanism.redundant:
@@ -107,21 +80,15 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     return largest
 
 
-def _opened(mechanism: Mechanism, x: _Placed, t: Array) -> Array:
+def _opened(mechanism: Mechanism, x: Placed, t: Array) -> Array:
     """Largest residual (k, batch) of joints and drivers [m, rad]."""
-    rows: list[Array] = []
-    for joint in mechanism.joints:
-        if isinstance(joint, Revolute):
-            gap = _place(x, joint.b) - _place(x, joint.a)
-            rows += [np.abs(gap.real), np.abs(gap.imag)]
-        else:
-            rows += [np.abs(state(held, x).value - fixed) for held, fixed in joint.held]
+    rows = [np.abs(state(held, x).value - fixed) for joint in mechanism.joints for held, fixed in joint.held]
     for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))
     return np.asarray(np.maximum.reduce(rows)) if rows else np.zeros(x.q.shape[:-1])
 
 
-def _energy(mechanism: Mechanism, motions: Motions, x: _Placed) -> tuple[Array, Array, Array]:
+def _energy(mechanism: Mechanism, motions: Motions, x: Placed) -> tuple[Array, Array, Array]:
     """Energy gained beyond the work done (k, batch), the error bar of that work (batch,), and the energy that moves (batch,).
 
     As `metrics.energy_error` and `metrics.energy_scale` have it for one linkage.
@@ -133,12 +100,8 @@ def _energy(mechanism: Mechanism, motions: Motions, x: _Placed) -> tuple[Array, 
         kinetic = kinetic + 0.5 * (link.mass * (vx * vx + vy * vy) + link.inertia * (w * w))
         potential = potential - link.mass * (mechanism.gravity[0] * q[..., 3 * i] + mechanism.gravity[1] * q[..., 3 * i + 1])
     for load in loads(mechanism.forces):
-        if isinstance(load, Law):
-            coordinate = state(load.coordinate, x)
-            potential, power = potential + energy(coordinate, load), power - loss(coordinate, load)
-        else:
-            held, gained = _pushed(load, x)
-            potential, power = potential + held, power + gained
+        held, gained = equations.energies(x, load)
+        potential, power = potential + held, power + gained
     for k, driver in enumerate(mechanism.drivers, 2 * len(mechanism.joints)):
         power = power - motions.multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     whole = kinetic + potential
@@ -154,12 +117,3 @@ def _energy(mechanism: Mechanism, motions: Motions, x: _Placed) -> tuple[Array, 
         bar = rounding.copy()
         bar[active] += np.abs(fine - coarse).max(axis=0)
     return gain, bar, scale
-
-
-def _pushed(force: PointForce, x: _Placed) -> tuple[Array, Array]:
-    """Potential and power of a force at a point: the one where it is fixed in the world, else the other."""
-    end, none = x.end(force.point), np.zeros(x.q.shape[:-1])
-    value = x.rotated(force.frame, force.value)
-    if force.frame == GROUND:
-        return -(np.conj(value) * (end.z + end.r)).real, none
-    return none, (np.conj(value) * (end.u + 1j * end.omega * end.r)).real

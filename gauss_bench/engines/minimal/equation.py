@@ -30,8 +30,10 @@ from gauss_bench.compiler.elimination.function import Function, Inputs, function
 from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, Dyad, Held, Way
-from gauss_bench.mechanism.coordinates import DistanceState, End, state, strength
+from gauss_bench.mechanism.coordinates import DistanceState, state, strength
+from gauss_bench.mechanism.frames import Direction, End, Frame
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
+from gauss_bench.mechanism.spaces import PLANE, Vec
 from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] by a part of which the expressions' random points lie off the samples
@@ -402,19 +404,27 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
 class _Rates:
     """The links as coordinates of forces see them, at a speed of the coordinate; points stand for themselves, without arms."""
 
+    space = PLANE
+
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
+        self.still = Vec(motion.zero, motion.zero)
 
-    def angle(self, link: int) -> Node:
-        return self.motion.angle(link)
+    def frame(self, link: int) -> Frame:
+        return self._frame(link, self.still, self.still)
 
-    def omega(self, link: int) -> Node:
-        return self.motion.bodies[link].omega * self.speed
+    def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
+        omega = self.motion.bodies[link].omega * self.speed
+        return Frame(link, place, velocity, omega, self.motion.angle(link))
 
     def end(self, point: Point) -> End:
-        place, zero = self.motion.at(point), self.motion.zero
-        return End(place.p, place.d * self.speed, self.omega(point.link), Vector(zero, zero))
+        place = self.motion.at(point)
+        return End(self._frame(point.link, _parts(place.p), _parts(place.d * self.speed)), self.still)
 
-    def direction(self, link: int, angle: float, across: bool = False) -> Vector:
+    def direction(self, link: int, angle: float, across: bool = False) -> Direction:
         n = self.motion.bodies[link].e * _unit(self.motion.graph, angle)
-        return n.turned() if across else n
+        return Direction(self.frame(link), _parts(n.turned() if across else n))
+
+
+def _parts(x: Vector) -> Vec:
+    return Vec(x.x, x.y)

@@ -17,9 +17,9 @@ from itertools import permutations
 
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import Vectors, rate, value
+from gauss_bench.mechanism.coordinates import rate, value
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, Vectors
 
 
 class NoWay(ValueError):
