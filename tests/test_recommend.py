@@ -523,14 +523,15 @@ def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:
     compiled = [way for way in ways.values() if loop_of(way) == "compiled"][:5]
     called = next(way for way in ways.values() if loop_of(way) == "called from Python")
     trials = {way: [Trial(0.01, {SHARE: 0.4}, 100 + k, evaluations=100 + k)] for k, way in enumerate([*compiled, called])}
-    engine = _Engine("pinocchio", [], Worker(), (), trials=trials)
+    options = {name: x.options for name, x in offer("pinocchio").variants.items()}
+    engine = _Engine("pinocchio", [], Worker(), (), trials=trials, options=options)
     chosen = [way._replace(size=0.0) for way, _ in choices(engine)]
     assert chosen == [*compiled[:3], called]
     seconds = (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 6e-2)
     times = {way._replace(size=0.01): np.full(3, x) for way, x in zip((*compiled, called), seconds, strict=True)}
-    told = by_loop("pinocchio", times, np.full(3, 1e-3))
+    told = by_loop(engine, times, np.full(3, 1e-3))
     assert told == pytest.approx({"compiled": 3.0, "called from Python": 60.0})
-    assert by_loop("mujoco", times, np.full(3, 1e-3)) == {}
+    assert by_loop(replace(engine, name="mujoco"), times, np.full(3, 1e-3)) == {}
     answer = Answer("pinocchio", "ok", loops=told)
     assert remarks(SHORT, [answer])[0].endswith("in times of the fastest engine: compiled 3, called from Python 60")
 
@@ -581,9 +582,8 @@ def test_half_of_the_requirement_holds_and_the_least_work_comes_first() -> None:
 def test_of_an_engine_four_race_whose_work_is_at_most_four_times_the_least() -> None:
     near = engine_of({way("a"): (100, 0.1), way("b"): (400, 0.1), way("c"): (401, 0.1), way("d", "own"): (5000, 0.1)}, ("own",))
     many = engine_of({way(str(k)): (100 + k, 0.1) for k in range(6)})
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
-        assert [x.settings for x, _ in recommender._choices(near)] == ["a", "b", "d"]
-        assert [x.settings for x, _ in recommender._choices(many)] == ["0", "1", "2", "3"]
+    assert [x.settings for x, _ in choices(near)] == ["a", "b", "d"]
+    assert [x.settings for x, _ in choices(many)] == ["0", "1", "2", "3"]
 
 
 @pytest.mark.parametrize(("steps", "most"), [(50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)])

@@ -27,7 +27,7 @@ from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import survived
-from gauss_bench.bench.ways import Run, Way, choice_of, judged, loop_of, request_of, sampled
+from gauss_bench.bench.ways import Run, Way, choice_of, judged, request_of, sampled
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -100,6 +100,10 @@ class _Engine:
             way._replace(size=trial.size): trial
             for way, trial in sorted(holding.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
         }
+
+    def loop_of(self, way: Way) -> str:
+        """Return who runs the loop under a way's settings, where they tell."""
+        return str(self.options.get(way.settings, {}).get("loop", ""))
 
     def next(self) -> Variant:
         return self.left.pop(0)
@@ -377,7 +381,7 @@ class Recommender:
                 chosen[engine.name] = next(iter(ways.items()))
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held = [
-            replace(self._held(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(e, times, fastest))
+            replace(self._held(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
             for e, pair in chosen.items()
         ]
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
@@ -434,15 +438,15 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
     ways = list(engine.passing().items())
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
-    shown = {loop_of(w) for w, _ in near}
-    others = {loop_of(w): (w, t) for w, t in reversed(ways) if loop_of(w) not in shown}  # the least work of every further loop
+    shown = {engine.loop_of(w) for w, _ in near}
+    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in shown}  # the least of each loop
     return [*near[: CHOICES - len(others)], *others.values()]
 
 
-def by_loop(engine: str, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
+def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
     """Return whose loop -> time of its fastest raced way over that of the fastest of all; empty where an engine has one loop."""
-    ways = [way for way in times if way.engine == engine]
-    loops = {loop: [w for w in ways if loop_of(w) == loop] for loop in dict.fromkeys(map(loop_of, ways))}
+    ways = [way for way in times if way.engine == engine.name]
+    loops = {loop: [w for w in ways if engine.loop_of(w) == loop] for loop in dict.fromkeys(map(engine.loop_of, ways))}
     if fastest is None or len(loops) < 2:
         return {}
     return {loop: min(time_of(times[w]) for w in some) / time_of(fastest) for loop, some in loops.items()}

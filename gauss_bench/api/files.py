@@ -15,7 +15,6 @@ ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # elements, and t
 ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
 TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a head, and a row
-FREE = (".c", ".py")  # programs, which begin in any way
 
 
 def writable(
@@ -50,7 +49,7 @@ def writable(
 
 
 def is_of_kind(path: Path, suffix: str) -> bool:
-    """Whether a file holds, as its first bytes tell, what files with this ending hold; one without a byte does."""
+    """Tell whether a file holds what files with this ending hold, or what its first bytes do not tell."""
     start = read_start(path, LOOKED_AT)
     kind = next((x for x, pattern in STARTS.items() if re.match(pattern, start)), "")
     if root := ROOT.match(start):
@@ -59,7 +58,7 @@ def is_of_kind(path: Path, suffix: str) -> bool:
         kind = ".toml"
     if not kind and NUMBERS.match(start):
         kind = ".csv"
-    return not start or kind == suffix or (not kind and suffix in FREE)
+    return kind in ("", suffix)
 
 
 def usable_folder(out: Path, usual: Path | None = None) -> Path:

@@ -86,7 +86,7 @@ def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Mot
 
 def slowed(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
     """Time goes slower from some time on, in every rate alike."""
-    pace = np.where(UNTIL * float(lot.uniform(0.0, 0.5)) < TIMES, 1 - min(0.95, 5e-3 * share), 1.0)
+    pace = np.where(UNTIL * float(lot.uniform(0.0, 0.5)) < TIMES, 1 - min(0.95, 0.03 * share), 1.0)
     y = x.run(step, np.concatenate([[0.0], np.cumsum(pace[1:] * np.diff(TIMES))]))
     return Motion(TIMES, y.q, pace[:, None] * y.v, pace[:, None] ** 2 * y.a)
 
@@ -133,7 +133,7 @@ def other_linkage(*keys: str, unit: float) -> Wrong:
 
 def jumped(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
     """From some time on the motion of a later one."""
-    late = min(UNTIL, share * 0.025 * min(1.0, x.mechanism.size) / x.speed)
+    late = min(UNTIL, share * 0.1 * min(1.0, x.mechanism.size) / x.speed)
     y, z = x.run(step), x.run(step, np.concatenate([[0.0], late + TIMES]))
     after = UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES
     return Motion(TIMES, *(np.where(after[:, None], b[1:], a) for a, b in ((y.q, z.q), (y.v, z.v), (y.a, z.a))))
@@ -150,7 +150,7 @@ def scaled(level: str) -> Wrong:
     """Velocities or accelerations in another unit."""
 
     def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-        y, factor = x.run(step), 1 + 0.01 * share * AFTER
+        y, factor = x.run(step), 1 + 0.02 * share * AFTER
         return Motion(TIMES, y.q, y.v * (factor if level == "v" else 1.0), y.a * (factor if level == "a" else 1.0))
 
     return wrong
@@ -161,7 +161,7 @@ def mirrored(x: Drawn, share: float, lot: np.random.Generator, step: float) -> M
     y = x.run(step)
     link = int(lot.integers(y.q.shape[1] // 3))
     q = y.q.copy()
-    q[:, 3 * link + 2] += np.where(UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES, 0.025 * share, 0.0)
+    q[:, 3 * link + 2] += np.where(UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES, 0.05 * share, 0.0)
     return Motion(TIMES, q, y.v, y.a)
 
 
@@ -172,10 +172,10 @@ KINDS: dict[str, Wrong] = {
     "aliased": aliased,
     "noisy positions": noisy("q", 0.01),
     "noisy velocities": noisy("v", 0.05),
-    "noisy accelerations": noisy("a", 0.01),
-    "one mass": other_linkage("mass", unit=0.02),
-    "one inertia": other_linkage("inertia", unit=0.05),
-    "gravity": other_linkage("gravity", unit=0.02),
+    "noisy accelerations": noisy("a", 0.02),
+    "one mass": other_linkage("mass", unit=0.2),
+    "one inertia": other_linkage("inertia", unit=0.5),
+    "gravity": other_linkage("gravity", unit=0.05),
     "jumped": jumped,
     "turned": mirrored,
     "drifted": drifted,

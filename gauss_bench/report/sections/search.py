@@ -21,7 +21,6 @@ from gauss_bench.report.content import (
     goal,
     listed,
     ratio_cells,
-    remark,
     small,
     text_cell,
     texts,
@@ -45,7 +44,7 @@ SEARCH = (
     "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; **times "
     "the fastest** is over the least of all engines' times, whoever made it; **ratio** is to the suite's own compiled way that is "
     "marked **base**: above 1 the engine is slower. "
-    "**Ours in Python** is what of the suite's own runs in Python inside that time. Engines marked **own** are by the suite's "
+    "Remarks say what of the suite's own runs in Python inside that time. Engines marked **own** are by the suite's "
     "authors. A range is where a second race of as many processes falls in 99 of 100 cases, whichever of those that tie is named "
     "then."
 )
@@ -63,7 +62,6 @@ HEAD = (
         "met",
         "tried",
         "passing",
-        "ours in Python",
         "remark",
     ),
 )
@@ -81,7 +79,7 @@ def section(run: Run) -> Section | None:
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
         title, line = f"Searched best, by error of {ERRORS.get(kind, kind)}", with_base(run, group)
-        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, 2, folded=kind not in ("position", "end")))
+        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, 1, folded=kind not in ("position", "end")))
     if space := run.table("search_space"):
         blocks.append(titled_table(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True))
     if knobs := run.table("search_knobs"):
@@ -141,9 +139,13 @@ def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
         *ratio_cells(row, "ratio"),
         *goal(row),
         *counts(row, "evaluations", "passing"),
-        text_cell(row.get("in_python") or "-"),
-        remark(row) if row["status"] == OK else text_cell(answer_of(run, row).words, "warn"),
+        text_cell(in_python(row)) if row["status"] == OK else text_cell(answer_of(run, row).words, "warn"),
     )
+
+
+def in_python(row: Row) -> str:
+    """Return what of the suite's own runs in Python inside a time, in words; empty where nothing does."""
+    return f"in Python: {row['in_python']}" if row.get("in_python") else ""
 
 
 def variant(row: Row) -> tuple[Cell, ...]:
