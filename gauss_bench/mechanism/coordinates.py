@@ -9,17 +9,18 @@ Each has a gradient, by body a vector (None where there is none) and a turning, 
 
     x' = G v,    x'' = G a + bias
 
-With a point p = z + r of a body of angular speed w, n's own body turning with W, and w~ = w - W what others turn relative to it, the
-bias of Along is, seen from axes that turn with n,
+With a point p = z + r of a body of angular speed w, n's own body turning with W, and w~ = w - W what others turn relative to it,
+the bias of Along is, seen from axes that turn with n,
 
-    n . [ w~_b x (w~_b x r_b) - w~_a x (w~_a x r_a) + (w~_b x W) x r_b - (w~_a x W) x r_a - 2 W x (u_b - u_a) + W x (W x (z_b - z_a)) ]
+    n . [ w~_b x (w~_b x r_b) - w~_a x (w~_a x r_a) + (w~_b x W) x r_b - (w~_a x W) x r_a
+          - 2 W x (u_b - u_a) + W x (W x (z_b - z_a)) ]
 
 in which terms of n's own body vanish, those of what rests, and (w~ x W) in the plane.
 
-A force is a law on a coordinate (`Law`), which comes to a generalised force (`push`), a potential (`energy`) and a loss of power.
+A force is a law on a coordinate (`Law`): it has a generalised force (`push`), a potential (`energy`) and a loss of power.
 
-Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives all
-of this anew and in another way, and must not use what stands here: a certificate is worth what it does not share.
+Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
+all of this anew and in another way, and must not use what stands here: a certificate is worth what it does not share.
 """
 
 from collections.abc import Sequence
@@ -182,7 +183,7 @@ class SlipState:
         return self.space.inner(self.end.frame.omega, self.space.wedge(self.n, self.end.frame.u))
 
 
-State = AngleState | AlongState | DistanceState | SlipState
+State = AngleState | AlongState | DistanceState
 
 
 class Linear(Protocol):
@@ -198,7 +199,7 @@ class Linear(Protocol):
     def bias(self) -> Real: ...
 
 
-def state(coordinate: Coordinate | Slip, at: Placement, known: Real = None) -> State:
+def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
     """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
     match coordinate:
         case Angle(a, b):
@@ -207,10 +208,14 @@ def state(coordinate: Coordinate | Slip, at: Placement, known: Real = None) -> S
             return AlongState(at.space, at.direction(coordinate.axes, angle, across), at.end(origin), at.end(point))
         case Distance(a, b):
             return DistanceState(at.space, at.end(a), at.end(b), at.arithmetic, known)
-        case Slip(point, angle):
-            return SlipState(at.space, at.direction(point.link, angle, True), at.end(point))
         case _:
             assert_never(coordinate)
+
+
+def slip(coordinate: Slip, at: Placement) -> SlipState:
+    """A slip at a state of the linkage."""
+    point = coordinate.point
+    return SlipState(at.space, at.direction(point.link, coordinate.angle, True), at.end(point))
 
 
 def columns(space: Plane, entries: Sequence[Entry]) -> dict[int, Real]:
@@ -231,9 +236,9 @@ def absent(number: Real) -> bool:
 
 
 def strength(x: State, law: Linear) -> Real:
-    """Return what pulls along a coordinate by a law: F, of which `entries` are the lever; of a distance F / x, by `half_square_entries`.
+    """Return what pulls along a coordinate by a law: F, of which `entries` are the lever.
 
-    With F grad x = (F / x) grad h and h = x^2 / 2 it is along a distance
+    Of a distance x it is F / x, of which `half_square_entries` are the lever: with h = x^2 / 2, F grad x = (F / x) grad h, and
 
         F / x = -k + (k rest + bias) / x - c h' / x^2
 

@@ -1,8 +1,8 @@
 """Constraint rows and applied forces of a linkage, once, for numbers of any kind: who places the bodies chooses the numbers.
 
-A joint is the scalar coordinates that it holds, a driver one that follows a law of time, a knife edge a slip that stays zero; a force
-is a law on a coordinate or a vector at a point. Nobody asks here for a joint's kind or a force's. Order of rows: joints in the file's
-order, drivers, knife edges.
+A joint is the scalar coordinates that it holds, a driver one that follows a law of time, a knife edge a slip that stays zero; a
+force is a law on a coordinate or a vector at a point. Nobody asks here for a joint's kind or a force's. Order of rows: joints in
+the file's order, drivers, knife edges.
 
     phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
 """
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, assert_never
 
-from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, state
-from gauss_bench.mechanism.frames import Direction, Placement
+from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
+from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import Real
@@ -22,10 +22,6 @@ Motion = tuple[Real, Real, Real]  # value, rate, second rate
 
 class Given(Placement, Protocol):
     """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
-
-    def vector(self, body: int, value: Any, /) -> Direction:
-        """A vector that is fixed in a body's frame, in world axes."""
-        ...
 
     def held(self, joint: str, place: int, value: Any, /) -> Real:
         """What the coordinate at a place of a joint is held at."""
@@ -50,13 +46,14 @@ class Row:
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
     """Yield all rows; `on_constraints` takes a driven distance to be what its law says, which saves a root."""
     for joint in mechanism.joints:
-        for place, (coordinate, value) in enumerate(joint.held):
-            held = at.held(joint.name, place, value)
-            yield _row(joint.name, at, coordinate, (held, 0.0, 0.0), on_constraints)
+        held: tuple[tuple[Coordinate, float], ...] = joint.held
+        for place, (coordinate, value) in enumerate(held):
+            at_rest = (at.held(joint.name, place, value), 0.0, 0.0)
+            yield _row(joint.name, at, coordinate, at_rest, on_constraints)
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
-        x = state(edge.coordinate, at)
+        x = slip(edge.coordinate, at)
         yield Row(edge.name, columns(at.space, x.entries), -x.bias, None, 0.0)
 
 
@@ -66,7 +63,7 @@ def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constr
     return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
 
 
-def generalised(at: Given, load: Load) -> dict[int, Real]:
+def generalised(at: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load, by generalised speed."""
     match load:
         case Law():
@@ -78,7 +75,7 @@ def generalised(at: Given, load: Load) -> dict[int, Real]:
             assert_never(load)
 
 
-def energies(at: Given, load: Load) -> tuple[Real, Real]:
+def energies(at: Placement, load: Load) -> tuple[Real, Real]:
     """Return the potential energy of one load [J], and the power of what of it has none [W]."""
     match load:
         case Law():

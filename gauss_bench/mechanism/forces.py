@@ -22,7 +22,7 @@ import numpy as np
 
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
-from gauss_bench.mechanism.model import Force, Mechanism, Prismatic, factor_of, loads
+from gauss_bench.mechanism.model import Force, Mechanism, Prismatic, factor_of, loads, steady_part
 from gauss_bench.mechanism.spaces import PLANE, Real
 from gauss_bench.mechanism.symbols import Symbols
 from gauss_bench.terms import Array
@@ -94,9 +94,9 @@ class _Varying:
     def __init__(self, mechanism: Mechanism, force: Force):
         factor = factor_of(force)
         assert factor is not None
-        self.name, self.factor, steady = force.name, factor, replace(force, factor=None)
-        self.size = float(np.linalg.norm(np.atleast_1d(force.value).astype(float))) or 1.0
-        self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))
+        self.name, self.factor, of = force.name, factor, steady_part(force)
+        self.size = float(np.linalg.norm(np.atleast_1d(of.value).astype(float))) or 1.0
+        self.steady = AppliedForces(replace(mechanism, forces=(of,), gravity=0.0 * mechanism.gravity))
 
     def __call__(self, q: Array, v: Array, t: float | Array | None) -> Array:
         """Its share of Q (..., n)."""
@@ -128,9 +128,9 @@ class JointFriction:
     STALLED = 1e-11  # the same, where solving for lambda anew each time leaves rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
-        at = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
+        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
-        self.rows = np.array([at[pair.name] for _, pair in self.acting], dtype=int)
+        self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
         self.pins = np.array([not isinstance(pair, Prismatic) for _, pair in self.acting], dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])

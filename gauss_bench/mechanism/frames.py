@@ -1,10 +1,10 @@
 """Bodies at a state: where a body is, how it moves, and how what is fixed in it lies in world axes.
 
-A `Placement` says where all bodies of a linkage are; the ground is one that rests at the origin. Everything above asks it for frames,
-ends and directions, whatever its numbers are.
+A `Placement` says where all bodies of a linkage are; the ground is one that rests at the origin. Everything above asks it for
+frames, ends and directions, whatever its numbers are.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from gauss_bench.mechanism.model import Point
 from gauss_bench.mechanism.spaces import Plane, Real, Turning, Vec
@@ -65,4 +65,8 @@ class Placement(Protocol):
     def end(self, point: Point, /) -> End: ...
     def direction(self, body: int, angle: float, across: bool, /) -> Direction:
         """The direction at an angle [rad] of a body's frame, or where `across` the one a quarter turn on."""
+        ...
+
+    def vector(self, body: int, value: Any, /) -> Direction:
+        """A vector that is fixed in a body's frame, in world axes."""
         ...

@@ -4,7 +4,7 @@ Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, link
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -420,6 +420,17 @@ FORCES: Mapping[str, Callable[[str, Mapping[str, Any], Names], Force | CoulombFr
 def factor_of(force: Force) -> Factor | None:
     """What a force is multiplied by, or None where it is steady."""
     return force.factor if isinstance(force, (Torque, PointForce)) else None
+
+
+def steady_part(force: Force) -> Torque | PointForce:
+    """The steady force that one that varies is a multiple of.
+
+    Raises:
+        TypeError: the force is of a kind that does not vary.
+    """
+    if not isinstance(force, (Torque, PointForce)):
+        raise TypeError(f"force {force.name} is of a kind that does not vary")
+    return replace(force, factor=None)
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:

@@ -1,9 +1,9 @@
 """Constraint rows of a linkage as expressions, entry by entry: `mechanism/equations.py`, whose numbers are nodes.
 
-On the constraints a driven L(t) stands for the distance it is equal to, which saves a root and several products; off the constraints
-this changes the acceleration by as little as the state is off, and no row's zero. Slides do without: stages of a step are off by its
-second power, and an offset in the place of the true distance would save three operations a stage and make steps err otherwise than
-they should.
+On the constraints a driven L(t) stands for the distance it is equal to, which saves a root and several products; off the
+constraints this changes the acceleration by as little as the state is off, and no row's zero. Slides do without: stages of a step
+are off by its second power, and an offset in the place of the true distance would save three operations a stage and make steps err
+otherwise than they should.
 """
 
 from collections.abc import Sequence

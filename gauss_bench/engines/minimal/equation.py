@@ -425,6 +425,10 @@ class _Rates:
         n = self.motion.bodies[link].e * _unit(self.motion.graph, angle)
         return Direction(self.frame(link), _parts(n.turned() if across else n))
 
+    def vector(self, link: int, value: Array) -> Direction:
+        x, y = (self.motion.graph.constant(float(part)) for part in value)
+        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * Vector(x, y)))
+
 
 def _parts(x: Vector) -> Vec:
     return Vec(x.x, x.y)
