@@ -3,8 +3,9 @@
 All functions take one state, q (n,), or a batch, q (..., n), in double or in the longer type the linkage was built in.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -48,7 +49,11 @@ class Constraints:
             else:
                 self.template[place] = x.number
         self.places = np.array(places, dtype=int)
-        self._written = at.written(*_groups(every, at))
+
+    @cached_property
+    def _written(self) -> Callable[..., list[Array]]:
+        at = Symbols(self.n)
+        return at.written(*self.asked(at))
 
     def asked(self, at: Symbols) -> tuple[list[Symbol], ...]:
         """Entries of J that vary, gamma, phi and phi_t as symbols, to be written out with others."""
