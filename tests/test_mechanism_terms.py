@@ -1,7 +1,7 @@
 """Own terms against automatic differentiation: a linkage is written a second time, as positions and energies in symbols alone.
 
 Rows, Jacobian, bias, generalised forces, potential and power all follow from those by differentiation, and so do the rates of
-motion laws: `gauss_bench/engines/casadi/equations.py`.
+motion laws: `tests/second_derivation.py`.
 """
 
 from pathlib import Path
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.casadi import functions
-from gauss_bench.engines.casadi.equations import equations
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from tests.conftest import DATA, everything, redundant
+from tests.second_derivation import equations
 
 FILES = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
 CASES = [(path, scenario) for path in FILES for scenario in document_of(path)[0]["scenarios"]]

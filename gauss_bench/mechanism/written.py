@@ -147,7 +147,7 @@ class Written:
         """Groups (..., k) of inputs (..., n)."""
         first = given[0]
         shape, dtype = first.shape[:-1], np.result_type(*(x.dtype for x in given))
-        if self._in_floats and dtype == float and math.prod(shape) < FEW:
+        if self._in_floats and dtype == np.float64 and math.prod(shape) < FEW:
             try:
                 return self._one_by_one(shape, given)
             except (ValueError, OverflowError):  # a sine of what is not finite, which arrays answer by nan

@@ -1,41 +1,23 @@
-"""The equations of motion of a linkage from its positions and energies alone, in CasADi's symbols; the rest is differentiation.
+"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py`, whose numbers are expressions.
 
-    phi(t, q) = 0        pins, slides, drivers
-    c(t, q, v) = 0       d phi/dt, and below it the knife edges, which have no position level
-    J = dc/dv,           gamma = -(dc/dt + dc/dq v),         so that dc/dt = J a - gamma along a motion
-    Q = -dV/dq - dR/dv + f,    V potential energy, R half the power lost in dampers, f what has neither
-
-Nothing of `mechanism/constraints.py`, `mechanism/forces.py` and the rates in `mechanism/motion_laws.py` is used, on purpose: the
-tests hold those against this, and what both would share no test could find wrong.
+Rates of motion laws are left to differentiation. The Jacobian of rows and their bias could be, too; written out they take fewer
+instructions.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, assert_never
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from gauss_bench.mechanism.model import (
-    GROUND,
-    Along,
-    Angle,
-    AxisSpringDamper,
-    Coordinate,
-    Distance,
-    Force,
-    Joint,
-    JointDamping,
-    KnifeEdge,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    Revolute,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
-)
+from gauss_bench.mechanism.coordinates import unit
+from gauss_bench.mechanism.equations import Motion, Row, energies, generalised, rows
+from gauss_bench.mechanism.frames import Direction, End, Frame
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import PLANE, Vec
+from gauss_bench.terms import Array
 
 Symbol = Any  # casadi.SX, which has no types
 
@@ -67,30 +49,82 @@ class Equations:
     power: Symbol
 
 
+class Symbols:
+    """The bodies of a mechanism at a state of symbols t (1), q and v (n,); a `Given` of `mechanism/equations.py`."""
+
+    space = PLANE
+
+    def __init__(self, t: Symbol, q: Symbol, v: Symbol):
+        self.t, self.q, self.v = t, q, v
+        self.arithmetic = _Arithmetic()
+
+    def frame(self, body: int) -> Frame:
+        if body == GROUND:
+            return Frame(body, Vec(0.0, 0.0), Vec(0.0, 0.0), 0.0, 0.0, rests=True)
+        (x, y, angle), (u, w, omega) = ([s[3 * body + k] for k in range(3)] for s in (self.q, self.v))
+        return Frame(body, Vec(x, y), Vec(u, w), omega, angle)
+
+    def end(self, point: Point) -> End:
+        return End(*self.vector(point.link, point.local))
+
+    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
+        return self.vector(body, unit(angle, across))
+
+    def vector(self, body: int, value: Sequence[Any] | Array) -> Direction:
+        frame, (x, y) = self.frame(body), value
+        turn = Vec(ca.cos(frame.angle), ca.sin(frame.angle))
+        return Direction(frame, Vec(x, y) if frame.rests else PLANE.turned(turn, Vec(x, y)))
+
+    def held(self, joint: str, place: int, value: Any) -> Any:
+        return value
+
+    def law(self, law: MotionLaw) -> Motion:
+        x = prescribed(law, self.t)
+        rate = ca.jacobian(x, self.t)
+        return x, rate, ca.jacobian(rate, self.t)
+
+
+class _Arithmetic:
+    @staticmethod
+    def sqrt(x: Symbol) -> Symbol:
+        return ca.sqrt(x)
+
+    @staticmethod
+    def inverse(x: Symbol) -> Symbol:
+        return 1.0 / x
+
+
 def equations(mechanism: Mechanism) -> Equations:
     """The equations of a mechanism, whose numbers may be symbols too; dry friction is not among them."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", mechanism.n), ca.SX.sym("v", mechanism.n)
-    rows = [row for joint in mechanism.joints for row in joint_rows(joint, q)]
-    phi = stacked([*rows, *(value(driver.coordinate, q) - prescribed(driver.law, t) for driver in mechanism.drivers)])
-    c = ca.vertcat(rate(phi, q, v) + ca.jacobian(phi, t), *(sideways(edge, q, v) for edge in mechanism.knife_edges))
-    gravity = ca.vertcat(*mechanism.gravity)
-    V = -sum((link.mass * ca.dot(gravity, q[3 * i : 3 * i + 2]) for i, link in enumerate(mechanism.links)), ca.SX(0))
-    V += sum((potential(f, q) for f in mechanism.forces), ca.SX(0))
-    R = sum((dissipation(f, q, v) for f in mechanism.forces), ca.SX(0))
-    neither = sum((without_potential(f, q) for f in mechanism.forces), ca.SX(mechanism.n, 1))
-    return Equations(
-        t,
-        q,
-        v,
-        phi,
-        c,
-        ca.vertcat(*(x for link in mechanism.links for x in (link.mass, link.mass, link.inertia))),
-        ca.jacobian(c, v),
-        -(rate(c, q, v) + ca.jacobian(c, t)),
-        -ca.gradient(V, q) - ca.gradient(R, v) + neither,
-        V,
-        ca.dot(neither, v) - 2 * R,
-    )
+    n = mechanism.n
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
+    at = Symbols(t, q, v)
+    every = list(rows(mechanism, at))
+    J, gamma = jacobian(every, n), stacked([row.gamma for row in every])
+    Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
+    for i, link in enumerate(mechanism.links):
+        for k in range(2):
+            weight = link.mass * mechanism.gravity[k]
+            Q[3 * i + k] = weight
+            potential -= weight * q[3 * i + k]
+    for load in loads(mechanism.forces):
+        for k, x in generalised(at, load).items():
+            Q[k] += x
+        held, gained = energies(at, load)
+        potential, power = potential + held, power + gained
+    mass = stacked([x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)])
+    phi = stacked([row.phi for row in every if row.phi is not None])
+    c = J @ v + stacked([row.phi_t for row in every])
+    return Equations(t, q, v, phi, c, mass, J, gamma, Q, potential, power)
+
+
+def jacobian(every: Sequence[Row], n: int) -> Symbol:
+    """J (m, n), sparse."""
+    J = ca.SX(len(every), n)
+    for i, row in enumerate(every):
+        for k, x in row.entries.items():
+            J[i, k] = x
+    return ca.sparsify(J)
 
 
 def stabilized(e: Equations, rate: float) -> Equations:
@@ -109,105 +143,6 @@ def solution(e: Equations) -> tuple[Symbol, Symbol]:
 
 def stacked(rows: list[Symbol]) -> Symbol:
     return ca.vertcat(ca.SX(0, 1), *rows)
-
-
-def rate(x: Symbol, q: Symbol, v: Symbol) -> Symbol:
-    """(dx/dq) v."""
-    return ca.jtimes(x, q, v)
-
-
-def rotated(x: Any, theta: Symbol) -> Symbol:
-    return ca.vertcat(ca.cos(theta) * x[0] - ca.sin(theta) * x[1], ca.sin(theta) * x[0] + ca.cos(theta) * x[1])
-
-
-def angle(q: Symbol, link: int) -> Symbol:
-    return ca.SX(0) if link == GROUND else q[3 * link + 2]
-
-
-def position(q: Symbol, point: Point) -> Symbol:
-    """(2,) [m]."""
-    if point.link == GROUND:
-        return ca.SX(ca.DM(point.local))
-    return q[3 * point.link : 3 * point.link + 2] + rotated(point.local, angle(q, point.link))
-
-
-def value(x: Coordinate, q: Symbol) -> Symbol:
-    """A scalar coordinate [rad, m]."""
-    match x:
-        case Angle():
-            return angle(q, x.b) - angle(q, x.a)
-        case Along():
-            axis = rotated((1.0, 0.0), angle(q, x.origin.link) + x.angle)
-            return ca.dot(axis, position(q, x.point) - position(q, x.origin))
-        case Distance():
-            return ca.sqrt(ca.sumsqr(position(q, x.b) - position(q, x.a)))
-    assert_never(x)
-
-
-def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
-    """Both residuals of a joint."""
-    match joint:
-        case Revolute():
-            gap = position(q, joint.b) - position(q, joint.a)
-            return gap[0], gap[1]
-        case Prismatic():
-            left = value(Along(joint.guide, joint.block, joint.angle + np.pi / 2), q)
-            return left - joint.offset, value(Angle(joint.guide.link, joint.block.link), q) - joint.turn
-    assert_never(joint)
-
-
-def freedom(joint: Joint) -> Coordinate:
-    """What a joint leaves free: the angle of a pin, the way along a slide."""
-    match joint:
-        case Revolute():
-            return Angle(joint.a.link, joint.b.link)
-        case Prismatic():
-            return Along(joint.guide, joint.block, joint.angle)
-    assert_never(joint)
-
-
-def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
-    """Velocity of a knife edge across its direction."""
-    across = rotated((0.0, 1.0), angle(q, edge.point.link) + edge.angle)
-    return ca.dot(across, rate(position(q, edge.point), q, v))
-
-
-def sprung(f: Force) -> list[tuple[Coordinate, Any, Any, Any]]:
-    """The coordinates x of springs and dampers, with k, c and rest: V = k (x - rest)^2 / 2, R = c x'^2 / 2."""
-    match f:
-        case SpringDamper():
-            return [(Distance(f.a, f.b), f.k, f.c, f.rest)]
-        case AxisSpringDamper():
-            return [(Along(f.origin, f.point, f.angle), f.k, f.c, f.rest)]
-        case RotationalSpringDamper():
-            return [(Angle(f.a, f.b), f.k, f.c, f.rest)]
-        case JointDamping():
-            return [(freedom(pair), 0.0, f.c, 0.0) for pair in f.pairs]
-        case Torque() | PointForce():
-            return []
-    assert_never(f)
-
-
-def potential(f: Force, q: Symbol) -> Symbol:
-    """Potential energy of one force [J]."""
-    match f:
-        case Torque():
-            return -f.value * value(Angle(f.reaction, f.link), q)
-        case PointForce() if f.frame == GROUND:
-            return -ca.dot(ca.vertcat(*f.value), position(q, f.point))
-    return sum((k * (value(x, q) - rest) ** 2 / 2 for x, k, _, rest in sprung(f)), ca.SX(0))
-
-
-def dissipation(f: Force, q: Symbol, v: Symbol) -> Symbol:
-    """Rayleigh's function of one force [W]."""
-    return sum((c * rate(value(x, q), q, v) ** 2 / 2 for x, _, c, _ in sprung(f)), ca.SX(0))
-
-
-def without_potential(f: Force, q: Symbol) -> Symbol:
-    """Generalised force (n,) of a force that turns with a link."""
-    if isinstance(f, PointForce) and f.frame != GROUND:
-        return ca.jacobian(position(q, f.point), q).T @ rotated(f.value, angle(q, f.frame))
-    return ca.SX(*q.shape)
 
 
 def prescribed(law: MotionLaw, t: Symbol) -> Symbol:
