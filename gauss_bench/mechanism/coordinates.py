@@ -62,7 +62,7 @@ class AlongState:
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
         wedge, n, (A, ra), (B, rb) = self.space.wedge, self.n, self.a, self.b
-        if self.axes is A:
+        if self.axes.body == A.body:
             return Entry(A, -n, wedge(n, self.gap) + wedge(n, ra)), Entry(B, n, wedge(rb, n))
         own = () if self.axes.rests else (Entry(self.axes, None, wedge(n, self.gap)),)
         return Entry(A, -n, wedge(n, ra)), Entry(B, n, wedge(rb, n)), *own
@@ -77,7 +77,7 @@ class AlongState:
         space, n, axes = self.space, self.n, self.axes
         terms = []
         for sign, (frame, r) in ((1.0, self.b), (-1.0, self.a)):
-            if frame is axes or (frame.rests and axes.rests):
+            if frame.body == axes.body:
                 continue
             relative = frame.omega if axes.rests else frame.omega - axes.omega
             terms.append(space.pull(relative, n, r) if sign > 0 else -space.pull(relative, n, r))

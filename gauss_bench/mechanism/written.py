@@ -6,9 +6,9 @@ takes a tenth of the time of arrays, and the same text serves arrays of states, 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,13 +51,22 @@ class Symbol:
         return self.program.negate(self)
 
 
+class Line(NamedTuple):
+    """One operation: the name of its result, its text, and the operands that stand in it."""
+
+    name: str
+    text: str
+    operands: tuple[Symbol, ...]
+
+
 class Program:
     """Lines in the order in which they are needed, each operation once; it is the arithmetic of its symbols."""
 
     def __init__(self) -> None:
-        self.lines: list[str] = []
+        self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}
+        self.opposites: dict[str, Symbol] = {}  # name of -x: x
 
     def symbol(self, x: Symbol | Number) -> Symbol:
         """A symbol, or a constant: written as a float, or by a name where a float has too few digits."""
@@ -78,7 +87,11 @@ class Program:
             return self.symbol(a.number + b.number)
         if a.zero or b.zero:
             return b if a.zero else a
-        return self._kept(f"{a.text} + {b.text}")
+        if (opposite := self.opposites.get(b.text)) is not None:
+            return self.subtract(a, opposite)
+        if (opposite := self.opposites.get(a.text)) is not None:
+            return self.subtract(b, opposite)
+        return self._kept(f"{a.text} + {b.text}", a, b)
 
     def subtract(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
         a, b = self.symbol(a), self.symbol(b)
@@ -86,7 +99,11 @@ class Program:
             return self.symbol(a.number - b.number)
         if b.zero:
             return a
-        return self.negate(b) if a.zero else self._kept(f"{a.text} - {b.text}")
+        if a.zero:
+            return self.negate(b)
+        if (opposite := self.opposites.get(b.text)) is not None:
+            return self.add(a, opposite)
+        return self._kept(f"{a.text} - {b.text}", a, b)
 
     def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
         a, b = self.symbol(a), self.symbol(b)
@@ -96,17 +113,23 @@ class Program:
             a, b = b, a
         if a.number is not None and abs(a.number) in (0, 1):
             return self.symbol(0.0) if a.zero else b if a.number > 0 else self.negate(b)
-        return self._kept(f"{a.text} * {b.text}")
+        return self._kept(f"{a.text} * {b.text}", a, b)
 
     def negate(self, a: Symbol) -> Symbol:
-        return self.symbol(-a.number) if a.number is not None else self._kept(f"-{a.text}")
+        if a.number is not None:
+            return self.symbol(-a.number)
+        if (opposite := self.opposites.get(a.text)) is not None:
+            return opposite
+        found = self._kept(f"-{a.text}", a)
+        self.opposites[found.text] = a
+        return found
 
     def inverse(self, a: Symbol | Number) -> Symbol:
         """1 / a; zero of zero: two points that coincide have a distance without a direction."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(1.0 / a.number if a.number else 0.0)
-        return self._kept(f"inverse({a.text})")
+        return self._kept(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
         if name not in FUNCTIONS:
@@ -114,14 +137,23 @@ class Program:
         return lambda a: self._of_one(name, self.symbol(a))
 
     def _of_one(self, name: str, a: Symbol) -> Symbol:
-        return self.symbol(getattr(np, name)(a.number)) if a.number is not None else self._kept(f"{name}({a.text})")
+        return self.symbol(getattr(np, name)(a.number)) if a.number is not None else self._kept(f"{name}({a.text})", a)
 
-    def _kept(self, text: str) -> Symbol:
+    def _kept(self, text: str, *operands: Symbol) -> Symbol:
         if text not in self.known:
-            name = f"x{len(self.lines)}"
-            self.lines.append(f"{name} = {text}")
-            self.known[text] = Symbol(self, name)
+            line = Line(f"x{len(self.lines)}", text, operands)
+            self.lines.append(line)
+            self.known[text] = Symbol(self, line.name)
         return self.known[text]
+
+    def needed(self, told: Iterable[Symbol]) -> list[Line]:
+        """The lines that some symbols are worked out by."""
+        names, lines = {x.text for x in told}, []
+        for line in reversed(self.lines):
+            if line.name in names:
+                names |= {x.text for x in line.operands}
+                lines.append(line)
+        return lines[::-1]
 
 
 class Written:
@@ -135,7 +167,8 @@ class Written:
         names = ", ".join(name for name, _ in inputs)
         heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
         groups = ", ".join(f"({''.join(f'{x.text}, ' for x in group)})" for group in told)
-        self.source = "\n    ".join([f"def function({names}):", *heads, *program.lines, f"return ({groups},)"])
+        lines = [f"{line.name} = {line.text}" for line in program.needed(x for group in told for x in group)]
+        self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({groups},)"])
         self.sizes = [len(group) for group in told]
         floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": _inverse}
         arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": _inverses}
