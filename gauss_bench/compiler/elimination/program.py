@@ -285,6 +285,7 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     work, algebra = best.work, best.work.algebra(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
+    phi, phi_dot, energy = work.exact()  # before products that elimination names otherwise
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
@@ -293,7 +294,6 @@ def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) ->
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
     directions, apart = algebra.directions
-    phi, phi_dot, energy = work.exact()
     shared = uses([*a, *(x for x, _ in guards), *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
