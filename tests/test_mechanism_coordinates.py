@@ -145,7 +145,7 @@ def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault:
 def test_a_coordinate_of_an_unknown_kind_is_refused() -> None:
     stranger = replace(load("four_bar", "torque"), forces=(Borrowed(),))  # type: ignore[arg-type]
     with pytest.raises(AssertionError):
-        Evaluator(stranger)
+        Evaluator(stranger).terms(0.0, stranger.q0, stranger.v0)
     with pytest.raises(AssertionError):
         native_forces(stranger, spanning_tree(stranger))
 

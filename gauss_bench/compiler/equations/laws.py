@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
@@ -14,7 +13,7 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
     """Value, rate and second rate of a law at t.
 
     Raises:
-        KernelError: a law of an unknown kind.
+        ValueError: a law of an unknown kind.
     """
     numbers = law.numbers
     match law.name:
@@ -26,7 +25,7 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
             return _table(graph, t, float(numbers["start"]), *knots)
         case "sine" | "cosine" | "poly345":
             return _rise(graph, t, law.name, *(float(numbers[key]) for key in ("start", "travel", "time")))
-    raise KernelError(f"no kernel for the motion law {law.name}")
+    raise ValueError(f"no kernel for the motion law {law.name}")
 
 
 def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:

@@ -193,7 +193,10 @@ class Links:
         return self.number(name) if place == 0 and name in self.parameters.all else self.graph.constant(float(value))
 
     def law(self, law: MotionLaw) -> Motion:
-        return law_of_time(law, self.graph, self.time)
+        try:
+            return law_of_time(law, self.graph, self.time)
+        except ValueError as error:
+            raise KernelError(str(error)) from None
 
     def local(self, point: Point) -> Vec:
         """The point in its link's frame, from the centre of mass."""
