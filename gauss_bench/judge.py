@@ -1,4 +1,4 @@
-"""Whether a finished run may be used: one judge for every verb, from what our own code found in the trajectory.
+"""The judge of finished runs, one for every verb: it decides from what our own code found in the trajectory.
 
 A run is valid where nothing is objected to: it has every sample that was asked for, begins where the scenario does, its loops stay
 closed, its energy balances, its accelerations are those of this linkage, its velocities and accelerations are the rates of what it
@@ -34,7 +34,7 @@ LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERA
 
 
 class Subject(StrEnum):
-    """What an objection is about, in the order in which they are looked for."""
+    """The subjects of objections, in the order in which they are looked for."""
 
     COMPLETENESS = "completeness"
     NUMBERS = "numbers"
@@ -61,13 +61,13 @@ class Objection:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the judge says of a run that has ended."""
+    """The verdict on a run that has ended."""
 
     objections: tuple[Objection, ...] = ()
 
     @property
     def valid(self) -> bool:
-        """Whether the run may be used."""
+        """True if the run may be used."""
         return not self.objections
 
     @property
@@ -78,7 +78,7 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What our own code found in a complete trajectory.
+    """The findings of our own code in a complete trajectory.
 
     Attributes:
         size: of the linkage [m].
@@ -121,7 +121,7 @@ class Evidence:
 
 
 def completeness(trajectory: object, times: Array, n: int) -> Judgement:
-    """Whether what an engine returned is a trajectory of n coordinates at exactly the times (k,) asked for, all of it finite."""
+    """Check that what an engine returned is a trajectory of n coordinates at exactly the times (k,) asked for, all of it finite."""
 
     def refused(subject: Subject, value: float, limit: float, sentence: str) -> Judgement:
         return Judgement((Objection(subject, value, limit, sentence),))
@@ -291,7 +291,7 @@ def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
 
 
 def remark(evidence: Evidence) -> str:
-    """What must be told of a run that nothing is objected to, or an empty text."""
+    """The remark that a run needs though nothing is objected to, or an empty text."""
     lost, told = evidence.disagreement, []
     if evidence.seen is not None:
         gap = float(np.abs(evidence.energy - evidence.seen).max(initial=0.0))

@@ -24,7 +24,7 @@ CHUNK = 2000  # states evaluated at once: bounds the memory of long runs
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How far each sample leaves the constraints.
+    """The distance of each sample from the constraints.
 
     Attributes:
         position: (k,) max |phi| [m, rad] of the rows that have a position level.
@@ -53,7 +53,7 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
 
 @dataclass(frozen=True, eq=False)
 class RateGaps:
-    """How far what is told of a motion departs from the integral of its own rates; largest of the links at each sample.
+    """The gaps between a motion and the integrals of its own rates; largest of the links at each sample.
 
     Attributes:
         place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
@@ -222,7 +222,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """What rounding may change of energies (k,) [J]."""
+    """The change that rounding may make in energies (k,) [J]."""
     return 8 * float(np.finfo(float).eps) * (1.0 + float(np.abs(energy).max(initial=0.0)))
 
 

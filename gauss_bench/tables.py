@@ -925,13 +925,13 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
 
 
 def files_of(name: str, folder: Path) -> tuple[Path, ...]:
-    """Where a table lies in the folder of a run of whatever format."""
+    """The place of a table in the folder of a run of whatever format."""
     places = [folder / part / f"{name}.{kind}" for part in ("", TIMES) for kind in ("csv", "parquet")]
     return tuple(path for path in places if path.exists())
 
 
 def _told(table: Table, row: Row) -> bool:
-    """Whether a clock has decided anything in a row."""
+    """Tell whether a clock has decided anything in a row."""
     return any(written(c, row[c.name]) != "" for c in table.columns if c.timed)
 
 
@@ -989,7 +989,7 @@ def write_schema(folder: Path) -> None:
 
 
 def read_environment(folder: Path) -> dict[str, Any]:
-    """Where and with what the run in a folder was made; nothing where it does not say.
+    """Read the provenance of the run in a folder; nothing where it has none.
 
     Raises:
         TableError: the file is damaged.
@@ -1105,7 +1105,7 @@ def read_file(
 
 
 def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int:
-    """What the column `format` says, or 1 where there is none."""
+    """The value of the column `format`, or 1 where there is none."""
     try:
         told = {int(float(line["format"])) for line in lines} if "format" in head else {1}
     except (TypeError, ValueError) as error:
@@ -1114,7 +1114,7 @@ def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int
 
 
 def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int) -> tuple[list[str], list[dict[str, Any]]]:
-    """What a file of an older format says, under the names of today; what it does not say is missing in every row."""
+    """Read a file of an older format under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
     fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]
     if name == "results" and form < 3:  # whose builds did not include the first step before format 3

@@ -1,4 +1,4 @@
-"""What a formulation is given and what it returns: plain arrays at one state, and nothing of where they come from."""
+"""Terms and solution of a formulation: plain arrays at one state, and nothing of where they come from."""
 
 from dataclasses import dataclass
 from typing import Any

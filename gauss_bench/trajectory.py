@@ -1,4 +1,4 @@
-"""What every engine returns and every metric reads: states over time, how the run ended, and what follows from them as curves."""
+"""The trajectory that every engine returns and every metric reads: states over time, how the run ended, and curves."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +11,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """How a case ended; everything but OK carries a sentence that says why. Only OK and INVALID have a complete trajectory."""
+    """The end of a case; everything but OK carries a sentence that says why. Only OK and INVALID have a complete trajectory."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, and the judge objects to what it found
@@ -31,7 +31,7 @@ LONGEST = 500  # characters of a library's text in a sentence
 
 
 def in_a_sentence(text: object) -> str:
-    """What a library says, on one line, printable and no longer than a reader wants."""
+    """Put a library's message on one line, printable and no longer than a reader wants."""
     said = "".join(c if c.isprintable() else " " for c in " ".join(str(text).split())).strip()
     return said if len(said) <= LONGEST else f"{said[:LONGEST]} ..."
 
@@ -108,7 +108,7 @@ class Reference:
 
 
 class Group(StrEnum):
-    """What a curve tells of, in the order in which tables and plots show them."""
+    """The subjects of curves, in the order in which tables and plots show them."""
 
     LINK = "link"  # turning of an observed link
     POINT = "point"  # place and motion of an observed point
@@ -158,7 +158,7 @@ class History:
 
 @dataclass(frozen=True)
 class Told:
-    """What is said of a run beside its curves.
+    """Sentences on a run beside its curves.
 
     Attributes:
         title, how: of the linkage and its scenario; of engine, integrator and step.

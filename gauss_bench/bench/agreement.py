@@ -44,7 +44,7 @@ LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of mos
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """What is declared inexact has a cause."""
+    """Refuse a declaration of inexactness without a cause."""
     offer = subject.offer
     wrong = [f"{x} is no name of settings or variant" for x in (*offer.soft, *offer.unfinished) if x not in _labels(subject)]
     wrong += [f"{x}: soft without a cause" for x, cause in offer.soft.items() if len(cause) < LEAST_WORDS]
@@ -60,7 +60,7 @@ def _labels(subject: Subject) -> list[str]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an engine's accelerations on a probe came to.
+    """The accelerations of an engine on a probe, compared with our own.
 
     Attributes:
         off, along: errors, of the accelerations and of N^T (M a - Q); NaN where there are none.
@@ -75,7 +75,7 @@ class Answer:
     given: Array | None = None
 
     def fault(self, soft: bool) -> str:
-        """What is wrong with it, or nothing."""
+        """The fault in a sentence, or nothing."""
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:
@@ -100,7 +100,7 @@ def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
 
 
 def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
-    """Whether an engine says that it does not take a linkage, its redundant rows, or, under a variant, that its solver gave up.
+    """Tell whether an engine refuses a linkage, its redundant rows, or, under a variant, says that its solver gave up.
 
     Variants are what searches try, and may fail with a sentence; settings are what users are offered.
     """
@@ -206,7 +206,7 @@ def forces(subject: Subject) -> Iterator[Check]:
 
 
 def effect(measured: Array, true: Array) -> str:
-    """What is wrong with a force's effect on the accelerations (n,)."""
+    """Name the fault in a force's effect on the accelerations (n,), if any."""
     factor = float(measured @ true / (true @ true))
     if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
@@ -272,7 +272,7 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
 
 
 def _compared(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
-    """How near positions, velocities and accelerations (3, k, n) come to the true ones, and what is wrong with that, or nothing."""
+    """Compare positions, velocities and accelerations (3, k, n) with the true ones: their distance, and the fault if any."""
     way = np.array([true[0] - true[0, 0], true[1], true[2]])
     scale = np.abs(way).max(axis=(1, 2))
     off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))

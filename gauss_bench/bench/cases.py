@@ -122,7 +122,7 @@ def cases(suite: Suite) -> list[Case]:
 
 
 def left_out(case: Case, rule: LeftOut) -> bool:
-    """Whether a rule takes a case out: every field that it fills has to match."""
+    """Tell whether a rule takes a case out: every field that it fills has to match."""
     pairs = (
         (rule.linkages, case.linkage),
         (rule.engines, case.engine),

@@ -43,7 +43,7 @@ K = TypeVar("K", bound=Hashable)
 
 
 class Key(NamedTuple):
-    """What is timed: a quantity of an engine and everything that is chosen for it."""
+    """A timed quantity of an engine, with everything that is chosen for it."""
 
     quantity: str
     engine: str
@@ -237,7 +237,7 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """What a ratio might as well be: those of the processes, or of RESAMPLES resamplings where one process alone ran both.
+    """Ratios that chance allows: those of the processes, or of RESAMPLES resamplings where one process alone ran both.
 
     Both (processes, rounds), or (rounds,) of one.
     """
@@ -252,7 +252,7 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 
 
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
-    """How many times longer one takes than the other, in the rounds that both have, and its spread; NaN where none has both."""
+    """Return how many times longer one takes than the other in the rounds that both have, and its spread; NaN without any."""
     one, other = common(samples, baseline)
     if not len(one):
         return math.nan, math.nan, math.nan
@@ -269,7 +269,7 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Where the median of a second race falls with a chance of CERTAIN, and at least all `values` (processes,), two or more.
+    """Bounds of the median of a second race, by a chance of CERTAIN; at least all `values` (processes,), two or more.
 
     Logarithms scatter about their median by s, two medians of n of them differ by s (pi / n)^(1/2), and n values tell s as well as
     Student's t has it.

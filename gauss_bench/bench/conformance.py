@@ -1,4 +1,4 @@
-"""What an engine of whoever must keep to, found out from outside: by runs in a worker, whose answers nobody believes.
+"""The contract of engines, checked from outside: by runs in a worker, whose answers nobody believes.
 
     conformance("my_engine")          an installed plug-in, or one of the built-in engines
     conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in yet

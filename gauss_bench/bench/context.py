@@ -1,4 +1,4 @@
-"""What all tasks of a run have in common: where references are kept, and what their answers depend on."""
+"""The context that all tasks of a run share: where references are kept, and what their answers depend on."""
 
 import hashlib
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a run measured otherwise than another one: accuracy by the gate's own limits, ratios of times by their spreads."""
+"""Differences between two runs: accuracy by the gate's own limits, ratios of times by their spreads."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -74,7 +74,7 @@ class Clocked:
 
 
 def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
-    """How many ratios, targets and claims both runs have, and those that lie apart: of ratios, whose spreads do not overlap.
+    """Count the ratios, targets and claims that both runs have, and list those that lie apart: ratios whose spreads do not overlap.
 
     Raises:
         TableError: a table is damaged, or of a later format than is known here.

@@ -42,7 +42,7 @@ def line_of(entry: dict[str, Any]) -> bytes:
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """What a line says, or None where it is not as it was written."""
+    """Read a line's entry; None where the line is not as it was written."""
     at = len(line) - len(SUM) - DIGITS - len(b'"}\n')
     content = line[: max(0, at)] + b"}"
     if at < 0 or line != content[:-1] + SUM + _sum(content) + b'"}\n':

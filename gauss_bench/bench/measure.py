@@ -128,7 +128,7 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
-    """What a model makes of states t (k,), q, v (k, n): (k, n)."""
+    """Ask a model for accelerations (k, n) at states t (k,), q, v (k, n)."""
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 

@@ -1,4 +1,4 @@
-"""Where links stand in a run that a report plays: beside the true motion, told apart by what the loops allow and what they do not.
+"""Poses of links in a run that a report plays: beside the true motion, told apart by what the loops allow and what they do not.
 
 A run's pose at a time is written as the sum
 
@@ -61,14 +61,14 @@ def wrapped(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Where every link truly stands at every frame."""
+    """The true pose of every link at every frame."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
     return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrapped(q)})]
 
 
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
-    """What every link's pose in a run adds to the true one, at every frame that the run reached."""
+    """The difference of every link's pose in a run from the true one, at every frame that the run reached."""
     times = frames(truth)
     mine, both = common_times(trajectory.t, times)
     true = truth.q[common_times(truth.t, times[both])[0]]

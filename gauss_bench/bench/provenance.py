@@ -1,4 +1,4 @@
-"""Where and with what a run was made."""
+"""Provenance of a run: time, commit, machine and versions."""
 
 import os
 import platform
@@ -43,7 +43,7 @@ def check_publishable(folder: Path) -> None:
 
 
 def environment() -> dict[str, Any]:
-    """Where and with what a run was made."""
+    """Describe the machine, the commit and the versions of a run."""
     from gauss_bench.compiler.elimination.program import SHORTER  # which loads the compiler
     from gauss_bench.compiler.machine.native_code import QUICK
 

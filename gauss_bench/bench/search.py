@@ -104,7 +104,7 @@ def _gap(tried: Mapping[int, Trial], wanted: Requirement) -> int | None:
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """Why a ladder ends with its last trial, or an empty text."""
+    """The reason why a ladder ends with its last trial, or an empty text."""
     last = trials[-1]
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
@@ -154,7 +154,7 @@ def close(times: Mapping[K, float]) -> list[K]:
 
 
 def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
-    """Who wins a race, and all who tie with the fastest.
+    """The winner of a race, and all who tie with the fastest.
 
     `samples`: seconds (processes, rounds), or (rounds,) of one process, of everyone raced, in the order that breaks ties.
     """
@@ -165,6 +165,6 @@ def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 
 def level(samples: Array, fastest: Array) -> bool:
-    """Whether one cannot be told from the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
+    """Tell whether one ties with the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

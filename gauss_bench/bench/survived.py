@@ -57,7 +57,7 @@ def survived(
 
 
 def watching(path: str) -> Watch:
-    """Where a race tells who is at work, which costs a fifth of a microsecond between its blocks; entries have an `engine`."""
+    """Report to the parent who is at work in a race, at a fifth of a microsecond between blocks; entries have an `engine`."""
     file = os.open(path, os.O_RDWR)
     try:
         memory = mmap.mmap(file, ROOM)

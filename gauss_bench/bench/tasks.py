@@ -23,7 +23,7 @@ Tables = dict[str, Rows]
 
 
 class Task(NamedTuple):
-    """What a worker is asked.
+    """A question to a worker.
 
     Attributes:
         key: names the task and nothing else.
@@ -51,7 +51,7 @@ class Task(NamedTuple):
 
     @property
     def stamp_if_lost(self) -> str:
-        """What its loss depends on: with more time it might be answered."""
+        """The stamp of a lost task, which includes its limit: with more time it might be answered."""
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:

@@ -44,7 +44,7 @@ class Way(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What ways of a linkage (name or path) are run over: from 0 to `until` [s]."""
+    """The runs of a search: a linkage (name or path) from 0 to `until` [s]."""
 
     linkage: str
     mechanism: Mechanism
@@ -76,7 +76,7 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Whether the truth is known at every beat of a run."""
+    """Tell whether the truth is known at every beat of a run."""
     times = until / beats * np.arange(beats + 1)
     near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())

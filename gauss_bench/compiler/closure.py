@@ -239,7 +239,7 @@ class Closure:
         return x[:, None] if x.ndim == 1 and len(self.inputs) == 1 else x
 
     def _starts(self, p: Array, start: Array | None, linkages: int) -> list[Start]:
-        """Where each linkage starts."""
+        """The start of each linkage."""
         if start is None:
             nominal = p.ndim == 1 and bool((p == self.values).all())
             if nominal:

@@ -51,7 +51,7 @@ BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
 
 @dataclass(frozen=True)
 class Options:
-    """How a mechanism becomes code; see compile_kernel."""
+    """Options by which a mechanism becomes code; see compile_kernel."""
 
     formulation: str
     stabilization: str
@@ -62,7 +62,7 @@ class Options:
 
 
 def form_for(links: int, chosen: bool = False, backend: str = "llvm") -> str:
-    """Whether a linkage of so many links becomes "straight line" code or a "looped" program, where nothing else is asked for.
+    """Choose "straight line" code or a "looped" program for a linkage of so many links, where nothing else is asked for.
 
     Loops have no `chosen` partition and need a compiler.
     """
@@ -194,7 +194,7 @@ class Kernel:
 
     @property
     def from_cache(self) -> bool:
-        """Whether all machine code so far was in the cache."""
+        """True if all machine code so far was in the cache."""
         return bool(self._programs.loaded()) and all(cached for _, cached in self._programs.loaded())
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
@@ -298,7 +298,7 @@ class Kernel:
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
-        """Whether the first program does n steps of one state by itself: no other is generated."""
+        """Tell whether the first program does n steps of one state by itself: no other is generated."""
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(t0, dt, n):
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)

@@ -1,4 +1,4 @@
-"""What generation found out, on disk: object code by `NAME.o`, choices of a search by `NAME.json`.
+"""The cache of generation on disk: object code by `NAME.o`, choices of a search by `NAME.json`.
 
 Machine code will be run, and so nothing is loaded that this user has not written. All is in one folder that belongs to the user and
 that nobody else may enter. A file holds the hash of its own content before it; whatever does not match is as if it were not there.
@@ -20,7 +20,7 @@ MAGIC = b"gauss-bench cache 2\n"
 
 
 def folder() -> Path:
-    """Where all this is kept."""
+    """The folder of the cache."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
     return home / "gauss-bench" / "kernels"
@@ -42,7 +42,7 @@ def trusted() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """What is kept under a name, or None."""
+    """Read an entry, or None."""
     path = trusted()
     if path is None:
         return None

@@ -333,7 +333,7 @@ class Placed:
         return self.frames[body]
 
     def turned(self, frame: Frame, s: Sequence[Real] | Array) -> Vec:
-        """What is fixed in a body, in world axes."""
+        """Turn a vector fixed in a body into world axes."""
         if frame.rests:
             return Vec(*s)
         if frame.body not in self.turns:
@@ -372,7 +372,7 @@ def gradient(coordinate: Coordinate, q: Array) -> Array:
 
 
 def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
-    """What the velocities add to the second rate (...) [rad/s^2 or m/s^2] at state(s) q, v (..., n)."""
+    """The part of the second rate that velocities alone give, (...) [rad/s^2 or m/s^2], at state(s) q, v (..., n)."""
     return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)
 
 

@@ -24,7 +24,7 @@ class Given(Placement, Protocol):
     """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
 
     def held(self, joint: str, place: int, value: Any, /) -> Real:
-        """What the coordinate at a place of a joint is held at."""
+        """The number that the coordinate at a place of a joint is held at."""
         ...
 
     def law(self, law: MotionLaw, /) -> Motion:

@@ -1,4 +1,4 @@
-"""What a steady force is multiplied by: a factor of the time, and one of the direction in which its point or link moves.
+"""Factors of a steady force: one of the time, and one of the direction in which its point or link moves.
 
     table    straight lines between rows (t, factor), the first and last value outside
     ramp     from 0 at `start` to 1 after `time`

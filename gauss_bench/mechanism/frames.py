@@ -48,7 +48,7 @@ class Direction(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """What numbers cannot do by operators."""
+    """The operations that numbers have no operators for."""
 
     def sqrt(self, x: Real, /) -> Real: ...
     def inverse(self, x: Real, /) -> Real: ...

@@ -256,7 +256,7 @@ Load = Law | PointForce  # whatever acts on a linkage comes to these: all that t
 
 
 class Names(Protocol):
-    """What a table of the file is read with: the things its names stand for, and its numbers in the type asked for."""
+    """The reader of a table of the file: the things its names stand for, and its numbers in the type asked for."""
 
     @property
     def world(self) -> Point:
@@ -418,7 +418,7 @@ FORCES: Mapping[str, Callable[[str, Mapping[str, Any], Names], Force | CoulombFr
 
 
 def factor_of(force: Force) -> Factor | None:
-    """What a force is multiplied by, or None where it is steady."""
+    """The factor of a force, or None where it is steady."""
     return force.factor if isinstance(force, (Torque, PointForce)) else None
 
 
@@ -434,7 +434,7 @@ def steady_part(force: Force) -> Torque | PointForce:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """What steady forces come to.
+    """The loads that steady forces come to.
 
     Raises:
         TypeError: naming a force of a kind that does not say what it comes to, or one that varies.
@@ -575,7 +575,7 @@ class Mechanism:
 
     @property
     def has_friction(self) -> bool:
-        """Whether dry friction acts in a joint; an engine without it must not run this mechanism."""
+        """True if dry friction acts in a joint; an engine without it must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property

@@ -28,7 +28,7 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """How a link hangs on its parent.
+    """A link with the joint by which it hangs on its parent.
 
     Attributes:
         link, parent: indices; parent may be GROUND.

@@ -80,7 +80,7 @@ def _made(section: Any) -> Section | None:
 
 
 def first(run: Run) -> Section:
-    """What this is, who wrote it, and what the run found."""
+    """The opening of the summary: its subject, its authors, and what the run found."""
     engines = sorted({row["engine"] for row in run.results})
     fine = sum(ok(row) for row in run.results)
     scope = (
@@ -94,7 +94,7 @@ def first(run: Run) -> Section:
 
 
 def all_findings(run: Run) -> Iterator[Finding]:
-    """What the sections found, in their order."""
+    """All findings of the sections, in their order."""
     for module in all_parts():
         if hasattr(module, "findings"):
             yield from module.findings(run)

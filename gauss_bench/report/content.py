@@ -1,4 +1,4 @@
-"""What a section is made of, the same for the forge and for the browser: sentences, lists, tables, pictures; and how numbers print.
+"""Parts of a section, the same for the forge and for the browser: sentences, lists, tables, pictures; and how numbers print.
 
 Number formats are fixed, so that two runs differ in a line only where a number does.
 """
@@ -86,7 +86,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a run found, sentence by sentence."""
+    """The findings of a run, sentence by sentence."""
 
     items: tuple[Finding, ...]
     kind: Literal["findings"] = "findings"
@@ -120,7 +120,7 @@ class Chart:
         return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
 
     def data(self) -> dict[str, Any]:
-        """What the page draws."""
+        """The data that the page draws."""
         return {"spec": self.spec, "lines": packed(self.rows), "shown": list(self.shown)}
 
 
@@ -244,7 +244,7 @@ def step_cell(row: Row) -> Cell:
 
 
 def status_cell(row: Row) -> Cell:
-    """How the case ended, and whether it may count."""
+    """A cell with the end of a case, and whether it may count."""
     if row["status"] == "skip":
         return Cell("skip", "skip", "warn")
     if row["status"] not in ("ok", "invalid"):

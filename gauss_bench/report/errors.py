@@ -1,4 +1,4 @@
-"""What a report can be refused for."""
+"""Reasons for which a report is refused."""
 
 
 class NoRun(ValueError):

@@ -51,7 +51,7 @@ def _context(run: Run, content: Sequence[Section]) -> dict[str, Any]:
 
 
 def facts(run: Run) -> list[str]:
-    """Where its numbers come from, in a few words."""
+    """The origin of its numbers, in a few words."""
     return [x for x in (_suite(run), str(run.environment.get("date", "")), _commit(run), str(run.environment.get("cpu", ""))) if x]
 
 

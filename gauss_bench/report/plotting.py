@@ -1,4 +1,4 @@
-"""How every figure is set: type, grid, legend, and SVG text that is the same each time."""
+"""The setting of every figure: type, grid, legend, and SVG text that is the same each time."""
 
 import io
 from collections.abc import Mapping, Sequence

@@ -25,7 +25,7 @@ OWN_STEPS = 0.02  # relative: a run whose number of steps differs more from dura
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What one run of the suite left behind: where, when and with what it was made, and its rows by table, typed and sorted."""
+    """A run of the suite: its place, time and machine, and its rows by table, typed and sorted."""
 
     environment: Mapping[str, Any] = field(default_factory=dict)
     tables: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Run:
 
 
 def known(x: Any) -> bool:
-    """Whether a value is a finite number."""
+    """Tell whether a value is a finite number."""
     return isinstance(x, (int, float)) and math.isfinite(x)
 
 
@@ -78,12 +78,12 @@ def grouped(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Ro
 
 
 def ok(row: Row) -> bool:
-    """Whether it ended with a trajectory, valid or not."""
+    """Tell whether it ended with a trajectory, valid or not."""
     return row["status"] in ("ok", "invalid")
 
 
 def ranked(row: Row) -> bool:
-    """Whether a row may count: it ended, may be used, and is no negative control."""
+    """Tell whether a row may count: it ended, may be used, and is no negative control."""
     return ok(row) and bool(row["valid"]) and not row["control"]
 
 
@@ -129,7 +129,7 @@ def below_reference(row: Row) -> bool:
 
 
 def plain(row: Row) -> bool:
-    """Whether the run is without stabilisation."""
+    """Tell whether the run is without stabilisation."""
     return row["stabilization"] in ("none", "")
 
 
@@ -146,7 +146,7 @@ def over_time(run: Run) -> str:
 
 
 def own_steps(row: Row) -> bool:
-    """Whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
+    """Tell whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
     step = number(row, "step")
     given = number(row, "t_end") / step if step > 0 else math.nan
     return not known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
@@ -199,7 +199,7 @@ def named(row: Row) -> str:
 
 
 def order(row: Row) -> tuple[Any, ...]:
-    """Where a row stands in its table: by the key; larger steps first, as an error falls with them."""
+    """The place of a row in its table: by the key; larger steps first, as an error falls with them."""
     words = tuple(str(row.get(k, "")) for k in KEYS if k not in ("step", "t_end"))
     numbers = (-float(row.get("step", 0.0)), float(row.get("t", row.get("round", 0.0))))
     return (*words, *(0.0 if math.isnan(x) else x for x in numbers))

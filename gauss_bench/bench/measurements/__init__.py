@@ -1,1 +1,1 @@
-"""What is measured, one idea a file: each turns lines of a suite into tasks, and a task into rows of tables."""
+"""Measurements, one idea a file: each turns lines of a suite into tasks, and a task into rows of tables."""

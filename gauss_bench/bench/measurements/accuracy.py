@@ -41,7 +41,7 @@ def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()
 
 
 def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
-    """What the table of references says of one, and the file it is kept in."""
+    """The row of a reference in its table, and the file that it is kept in."""
     mechanism = mechanism_of(linkage, scenario)
     truth = reference_of(linkage, scenario, t_end, store)
     coordinate = mechanism.measured.coordinate

@@ -1,4 +1,4 @@
-"""Whether the compiled formulations give the accelerations of the same formulations in numpy, with their rank decisions.
+"""Agreement of the compiled formulations with the same formulations in numpy, rank decisions included.
 
 At random states, and close to where a partition of the coordinates fails: dead centres, at which a link or slide reverses and
 cannot be an independent coordinate, and the change points of a parallelogram, at which all bars lie in one line and the rows lose
@@ -103,7 +103,7 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
 
 
 def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
-    """What a kernel is compared with, and what that is: two formulations in numpy that can take the linkage's rows."""
+    """The formulations in numpy that can take the linkage's rows, two of them, with which a kernel is compared."""
     if mechanism.redundant:
         return "gauss", "udwadia_kalaba"
     return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")

@@ -53,7 +53,7 @@ def _start(mechanism: Mechanism, part: Batch) -> Row:
 
 
 def batch_row(mechanism: Mechanism, part: Batch, answers: Sequence[Tables]) -> Row:
-    """What processes told, each by `batch`; a ratio is per step of one trajectory."""
+    """A row from the results of several processes, each by `batch`; a ratio is per step of one trajectory."""
     samples: dict[Key, dict[int, list[float]]] = {}
     failed: dict[Hashable, Missing] = {}
     for number, answer in enumerate(answers):

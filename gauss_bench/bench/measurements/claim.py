@@ -32,7 +32,7 @@ COLUMNS = {STEP: "", PROJECTED: "projected_", LANES: "batch_"}  # what is raced 
 
 
 def pairs(part: Claim) -> dict[str, tuple[Key, Key]]:
-    """What is raced: with few unknowns, with many."""
+    """The two that race: with few unknowns, with many."""
     few, many = part.compiled
     return {
         STEP: (Key(NATIVE, few), Key(NATIVE, many)),
@@ -84,7 +84,7 @@ def raced(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
 
 
 def race(linkage: str, scenario: str, part: Claim, number: int, engines: Sequence[str], path: str) -> Tables:
-    """How many times longer many unknowns take, each way."""
+    """Race both ways: how many times longer many unknowns take."""
     mechanism, entered = load(linkage, scenario or None), Race(watching(path))
     wanted = {key for pair in pairs(part).values() for key in pair}
     asked = Cost(linkages={}, engines=tuple(engines), integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
@@ -122,7 +122,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Whether fewer unknowns are faster, from the spread of the time with many over that with few."""
+    """Decide whether fewer unknowns are faster, from the spread of the time with many over that with few."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -1,4 +1,4 @@
-"""How long an engine's first model takes in a new process, with no generated code stored; once, and in a process of its own.
+"""The time of an engine's first model in a new process with no generated code stored; once, and in a process of its own.
 
 The races' "build" is the same where all that is generated is stored already. Both stand in the results.
 """

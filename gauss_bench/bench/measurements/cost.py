@@ -56,7 +56,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def raced(linkage: str, scenario: str, part: Cost, number: int) -> Tables:
-    """What `race` tells; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
+    """Run `race`; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
     tables, lost = survived(_race_of, (linkage, scenario, part, number), part.engines)
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
@@ -95,7 +95,7 @@ def race(linkage: str, scenario: str, part: Cost, number: int = 0, watch: Watch 
 
 
 def entries(mechanism: Mechanism, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """What is timed, and how its block is made."""
+    """The entries of a race, each with how its block is made."""
     for name in part.engines:
         engine, told = get(name), offer(name)
         for number, (settings, integrator, stabilization) in enumerate(variants(told, part.integrators, name in part.plain)):
@@ -129,7 +129,7 @@ def _building(engine: Engine, mechanism: Mechanism, choice: Choice) -> Block:
 
 
 def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
-    """What is generated or compiled when it is first needed is there after a step."""
+    """Take one step, so that everything generated or compiled at first need is there."""
     model = _model(engine, mechanism, choice)
     model.prepare(np.array([0.0, choice.step]))
     model.run()
@@ -155,7 +155,7 @@ def _batch(model: Callable[[], Any], mechanism: Mechanism) -> Block:
 
 
 def measured_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
-    """What the races found, by mechanism and scenario."""
+    """Gather the races' results by mechanism and scenario."""
     samples: dict[tuple[str, str], dict[Key, dict[int, list[float]]]] = {}
     failed: dict[tuple[str, str], dict[Hashable, Missing]] = {}
     for row in sorted(tables.get("samples", []), key=lambda r: r["round"]):

@@ -1,4 +1,4 @@
-"""How the cost of one right-hand side grows with the number of loops: N-four-bars of N windows, own kernels against engines.
+"""The cost of one right-hand side against the number of loops: N-four-bars of N windows, own kernels against engines.
 
 Everything is asked for the accelerations of the same state, half a second after the start, where they are known in closed form
 (reference/exact.py). Of an engine the ways are timed that its room names in `library_calls`: the bare call, without the translation
@@ -212,7 +212,7 @@ def over_races(races: Rows) -> Rows:
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """How time grows with size from `large` on, of everything that was timed at two such sizes or more.
+    """Exponents by which time grows with size from `large` on, of everything timed at two such sizes or more.
 
     An exponent is that of the medians over the processes; its spread follows from those of the single processes.
     """

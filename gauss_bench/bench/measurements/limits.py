@@ -1,4 +1,4 @@
-"""What this processor leaves to be gained: how long a step must take for one trajectory and for many, and the share reached.
+"""The limits of this processor: how long a step must take for one trajectory and for many, and the share reached.
 
     one trajectory: cycles of the longest chain through a step * length of a cycle
     many:           operations of a step / peak rate

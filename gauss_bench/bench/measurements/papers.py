@@ -1,4 +1,4 @@
-"""What the report says of the papers and of published values, as tasks."""
+"""The audit of the papers and of published values, as tasks."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -64,7 +64,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
 
 
 def named() -> Rows:
-    """What the machine and the libraries call themselves."""
+    """The names that the machine and the libraries give themselves."""
     where = environment()
     rows: Rows = [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]
     return rows + [{"key": name, "status": "ok", "statement": x} for name, x in sorted(where["versions"].items())]

@@ -24,7 +24,7 @@ Turn = tuple[Array, Array, Array]
 
 
 def version() -> str:
-    """Whether its loops are compiled."""
+    """Tell whether its loops are compiled."""
     return "compiled by numba" if find_spec("numba") else "without numba, in Python"
 
 

@@ -238,7 +238,7 @@ def _survivors(
     costs: Mapping[Any, float] = MappingProxyType({}),
     *numbers: float,
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """What a function tells of ways in a new process, and the engines that crash or hang in it."""
+    """Run a function of several ways in a new process: its results, and the engines that crash or hang in it."""
     asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in ways if way.engine not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, asked, *numbers)
     tables, more = survived(function, arguments, [x.name for x in searched(part) if x.name not in lost])
@@ -261,7 +261,7 @@ def near_ways(ways: Sequence[Way], measured: Measured) -> list[Way]:
 
 
 def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
-    """What a process of a race told, and the engines that were lost in it."""
+    """Rows of one process of a race, and the engines that were lost in it."""
     start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario, "process": number}
     rows = []
     for r in told:
@@ -351,7 +351,7 @@ def race(
 
 
 def measured_of(races: Rows) -> Measured:
-    """What the processes of a race told."""
+    """Gather what the processes of a race measured."""
     samples: dict[Way, dict[int, list[float]]] = {}
     failed: dict[Hashable, Missing] = {}
     for r in sorted((r for r in races if r.get("integrator") is not None), key=lambda r: r.get("round") or 0):

@@ -47,7 +47,7 @@ Formula = Callable[[Graph, list[int]], Sequence[int]]
 
 
 class InMemory:
-    """What both routines do with memory; with `library`, sines are left to the target's own functions."""
+    """Memory access of both routines; with `library`, sines are left to the target's own functions."""
 
     def __init__(self, program: LoopedProgram, library: bool):
         self.program, self.layout, self.library, self.graph = program, program.layout, library, Graph()

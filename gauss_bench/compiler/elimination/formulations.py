@@ -388,7 +388,7 @@ FORMULATIONS = ("auto", "gauss", "lagrange")
 
 
 def refuse(mechanism: Mechanism, formulation: str) -> None:
-    """What no program can be generated for.
+    """Refuse a linkage for which no program can be generated.
 
     Raises:
         KernelError: an unknown formulation, or dry friction.

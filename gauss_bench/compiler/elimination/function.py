@@ -107,7 +107,7 @@ class Function:
 
     @property
     def costs(self) -> Costs:
-        """What an evaluation costs; a product with one use is fused with the sum that uses it."""
+        """The cost of an evaluation; a product with one use is fused with the sum that uses it."""
         used = [0] * len(self.instructions)
         for operation, operands, _ in self.instructions:
             if operation != "INPUT":
@@ -147,7 +147,7 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
 
 
 def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
-    """How often each node is an operand or an output; `needed` are the nodes the outputs need, where they are known."""
+    """Count how often each node is an operand or an output; `needed` are the nodes the outputs need, where they are known."""
     count: dict[int, int] = {}
     for node in outputs:
         count[node.index] = count.get(node.index, 0) + 1
@@ -158,7 +158,7 @@ def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """What a function of these outputs alone would cost."""
+    """The cost of a function of these outputs alone."""
     needed = reachable(outputs)
     inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
     return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs

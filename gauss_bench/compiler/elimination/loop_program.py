@@ -60,7 +60,7 @@ class Solver(Protocol):
 
     @property
     def guards(self) -> list[Guard]:
-        """What is divided by, and how large its square must be for rates to be exact to eight digits and more."""
+        """The divisors, with how large the square of each must be for rates to be exact to eight digits and more."""
         ...
 
 

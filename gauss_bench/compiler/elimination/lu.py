@@ -92,7 +92,7 @@ class Factors:
         return x
 
     def _reduced(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
-        """What the row operations make of an entry of the right-hand side."""
+        """Apply the row operations to an entry of the right-hand side."""
         products: list[tuple[Node, Node | None]] = []
         for step in steps:
             if step.scale is not None:
@@ -138,7 +138,7 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class Squared:
-    """What was left of a matrix, S (rows, columns), and factors of S^T S."""
+    """The rest of a matrix, S (rows, columns), and factors of S^T S."""
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
@@ -190,7 +190,7 @@ Matrix = dict[tuple[int, int], Node]
 
 @dataclass(frozen=True)
 class Search:
-    """How choices are made that Markowitz's count leaves open.
+    """The rules by which choices are made that Markowitz's count leaves open.
 
     Attributes:
         noise: added to the count at random.
@@ -207,7 +207,7 @@ class Search:
 
     @property
     def by_chance(self) -> bool:
-        """Whether another seed can make another choice."""
+        """True if another seed can make another choice."""
         return self.noise > 0.0 or 0.0 < self.crossing < 1.0
 
 
@@ -250,7 +250,7 @@ class _Entry:
 
     @property
     def penalty(self) -> float:
-        """What a division by this entry adds to its count."""
+        """The addition to an entry's count for a division by it."""
         g = self.generic
         if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):
             return 1.0
@@ -263,7 +263,7 @@ class _Entry:
 
 
 class _Sizes(NamedTuple):
-    """How large the entries of a row are at the samples.
+    """Sizes of a row's entries at the samples.
 
     Attributes:
         largest: (samples,) the largest entry, columns scaled.
@@ -415,7 +415,7 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Whether the other rows are multiplied by the pivot, and nothing is divided by it."""
+        """Tell whether the other rows are multiplied by the pivot, and nothing is divided by it."""
         if not self.search.crossing or pivot.number is not None or not others:
             return False
         few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)

@@ -1,4 +1,4 @@
-"""What is known of a linkage before any algebra: rank, redundant rows, and which coordinates may be left independent.
+"""A linkage before any algebra: its rank, its redundant rows, and the coordinates that may be left independent.
 
 An independent coordinate must move, on every motion the constraints allow, at every position the linkage takes: where it stands
 still, the others do not follow from it. The null spaces of J at the samples tell.
@@ -85,7 +85,7 @@ class Drop:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What is known of a linkage before any algebra.
+    """The knowledge of a linkage before any algebra.
 
     Attributes:
         states: samples on the constraints at which J has its full rank.

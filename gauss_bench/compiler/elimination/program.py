@@ -58,7 +58,7 @@ class Best:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is searched for: least `Costs.single` or `Costs.batch`, in so many attempts."""
+    """The aim of a search: least `Costs.single` or `Costs.batch`, in so many attempts."""
 
     aim: str
     attempts: int
@@ -127,7 +127,7 @@ def cheapest(
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
-    """What the outcome of a search is kept under; None where the mechanism holds more than numbers."""
+    """The name under which a search's outcome is kept; None where the mechanism holds more than numbers."""
     try:
         return f"{content_digest(_sources(), mechanism, asked)}.json"
     except TypeError:
@@ -140,7 +140,7 @@ def _sources() -> str:
 
 
 def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """What an earlier search found, eliminated again; None where nothing is known, or where it does not serve."""
+    """Eliminate again by an earlier search's choices; None where none is kept, or where it does not serve."""
     kept = user_cache.load(name) if name else None
     if kept is None:
         return None
@@ -271,7 +271,7 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 
 def drops(mechanism: Mechanism) -> int:
-    """How many choices of redundant rows there are, of which at least one is usable at every position met."""
+    """Count the choices of redundant rows, of which at least one is usable at every position met."""
     return len(study(mechanism).drops)
 
 

@@ -54,7 +54,7 @@ class EliminatedRow:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What an elimination comes to.
+    """The result of an elimination.
 
     Attributes:
         x: solutions by right-hand side, then by column, zeros left out.
@@ -241,7 +241,7 @@ Home = tuple[str, int]  # an array, and the place in it
 
 @dataclass(frozen=True, eq=False)
 class RoundsFunction:
-    """What is to be computed.
+    """The functions to be computed.
 
     Attributes:
         inputs: of "t", "q", "v", "t_new", "q_new", "p", those that it takes, in this order.
@@ -260,7 +260,7 @@ class RoundsFunction:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a program must be able to do: numbers left open, Baumgarte's alpha and beta [1/s], and projection."""
+    """The abilities asked of a program: numbers left open, Baumgarte's alpha and beta [1/s], and projection."""
 
     formulation: str = "gauss"
     open_parameters: tuple[str, ...] = ()

@@ -234,7 +234,7 @@ class Links:
         return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:
-        """What the steady forces come to, their numbers being nodes."""
+        """The loads that the steady forces come to, their numbers being nodes."""
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:

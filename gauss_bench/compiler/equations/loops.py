@@ -69,7 +69,7 @@ class LoopVectors:
         return columns
 
     def bias(self, rates: Sequence[Node]) -> Vector:
-        """What A'' has beyond J x''."""
+        """The part of A'' beyond J x''."""
         terms = [w * -(rates[k] * rates[k]) for k, w in self.turning.items()]
         for k, parts in self.sliding.items():
             terms += [v.turned(rates[angle] * rates[k] * 2.0) for v, angle in parts if angle is not None]

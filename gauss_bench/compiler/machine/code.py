@@ -1,4 +1,4 @@
-"""What of a program is stepped under one stabilisation, for whatever machine."""
+"""The part of a program that is stepped under one stabilisation, for whatever machine."""
 
 from dataclasses import dataclass
 
@@ -30,12 +30,12 @@ class Code:
 
     @property
     def settles(self) -> bool:
-        """Whether rows are redundant and nothing takes away what they are off: then now and then a step does."""
+        """True if rows are redundant and nothing takes away what they are off: then now and then a step does."""
         return self.stabilization == "none" and bool(self.program.dropped)
 
 
 def read_code(program: Program, stabilization: str) -> Code:
-    """What is stepped of a program; its `stabilized` acceleration for Baumgarte."""
+    """Read the part of a program that is stepped; its `stabilized` acceleration for Baumgarte."""
     acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")

@@ -160,7 +160,7 @@ class Graph:
         return self.make("all", payload=holds)
 
     def both(self, masks: Sequence[int]) -> int:
-        """Where all masks hold; everywhere without any."""
+        """The mask that holds where all masks hold; everywhere without any."""
         every = self.all(True)
         for mask in dict.fromkeys(masks):
             if mask != self.all(True):
@@ -379,7 +379,7 @@ class Rewriter:
         return ends
 
     def _inside(self, x: int) -> bool:
-        """Whether a value disappears in the sum or product that uses it."""
+        """Tell whether a value disappears in the sum or product that uses it."""
         operation = self.old.operation[x]
         if operation in SUMS or operation == "mul":
             ends = self._ends(x)
@@ -390,7 +390,7 @@ class Rewriter:
         return operation == "neg" and self.old.operation[self.old.operands[x][0]] in (*SUMS, "mul") and self._passes(x)
 
     def _passes(self, x: int) -> bool:
-        """Whether a change of sign is only met on the way into sums."""
+        """Tell whether a change of sign is only met on the way into sums."""
         return all(e >= 0 and self.old.operation[e] in SUMS for e in self._ends(x))
 
     def _write(self, x: int) -> int:
@@ -670,7 +670,7 @@ def changing(g: Graph, loop: Loop) -> set[int]:
 
 
 class Emitter:
-    """What emitters share: a name in the text for every value, found where it is needed first.
+    """The common part of emitters: a name in the text for every value, found where it is needed first.
 
     Attributes:
         graph, names: of the function or lane that is being written. needed: values of the function.
@@ -708,11 +708,11 @@ class Emitter:
         self.names = {x: name for x, name in self.names.items() if x not in changed}
 
     def carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
-        """What a loop carries that is needed."""
+        """The values carried by a loop that are needed."""
         return {x: pair for x, pair in loop.carried.items() if x in self.needed}
 
     def rows(self, load: Load) -> dict[int, int]:
-        """What is loaded that is needed."""
+        """The loaded rows that are needed."""
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:
@@ -734,7 +734,7 @@ class Emitter:
 
     @contextmanager
     def within(self) -> Iterator[None]:
-        """What is written here is not known afterwards."""
+        """Forget the names of everything written within, once it ends."""
         before = dict(self.names)
         yield
         self.names = before

@@ -271,7 +271,7 @@ class Writer(Emitter):
                 _Lanes(self, s).write()
 
     def _from(self, array: str, start: int | None) -> str:
-        """Where an array begins, or a row of it."""
+        """The address where an array begins, or a row of it."""
         return self.base[array] if start is None else self.at(self.base[array], self.need(start))
 
     def _kind(self, x: int) -> str:
@@ -322,7 +322,7 @@ class Writer(Emitter):
         return self.tables.setdefault(text, f"@table{len(self.tables)}")
 
     def _scattered(self, s: Scatter) -> list[str]:
-        """Where each trajectory's numbers begin."""
+        """The addresses where each trajectory's numbers begin."""
         whole = [self.let(f"load i64, ptr {self.address(self.base[s.places], k, 'i64')}") for k in range(self.lanes)]
         return [self.address(self.base[s.array], place, "double") for place in whole]
 
@@ -401,7 +401,7 @@ class _Lanes:
 
     @property
     def vector(self) -> bool:
-        """Whether a value holds several lanes."""
+        """True if a value holds several lanes."""
         return self.at_once > 1
 
     def write(self) -> None:

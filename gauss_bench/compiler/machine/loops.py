@@ -233,7 +233,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Layout:
-    """What stands in memory and where, before the places to work in: arrays of coordinates by coordinate, links side by side.
+    """The layout of memory before the places to work in: arrays of coordinates by coordinate, links side by side.
 
     Arrays, by name: "q", "v" what functions are evaluated at; "out" what they return, with the number of guards that hold; "q_new"
     what a correction starts from; "q_begin", "v_begin" the state a step begins with; "q_sum", "v_sum" sums over its stages;
@@ -281,7 +281,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Where the values of one function stand.
+    """The places of one function's values.
 
     Attributes:
         place: value -> element, of inputs and of all that is stored.
@@ -301,7 +301,7 @@ class Memory:
         return [self.place[v] for v in group.results]
 
     def room(self, places: list[int]) -> bool:
-        """Whether nothing is lost behind the last of some neighbouring places."""
+        """Tell whether nothing is lost behind the last of some neighbouring places."""
         behind = places[0] + padded(len(places))
         return behind == places[-1] + 1 or (places[-1] in self.ends and behind <= padded(places[-1] + 1))
 

@@ -38,7 +38,7 @@ KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
 
 def available() -> bool:
-    """Whether llvmlite can be imported."""
+    """Tell whether llvmlite can be imported."""
     return find_spec("llvmlite") is not None
 
 
@@ -119,7 +119,7 @@ def _target_machine(level: int) -> Any:
 
 @cache
 def _linker() -> Any:
-    """What puts object code into memory: all of a module side by side, so that no reference is too far for the small code model."""
+    """The linker of object code: a module's code side by side, so that no reference is too far for the small code model."""
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
@@ -200,7 +200,7 @@ class Single:
 
 
 class Singles(threading.local):
-    """What each thread has for single states."""
+    """The memory of one thread for single states."""
 
     one: Single | None = None
 
@@ -210,7 +210,7 @@ CHUNK = 4096  # trajectories at a time on arrays: they share what a call of nump
 
 @dataclass(frozen=True)
 class Target:
-    """Where code is to run: backend "llvm" or "numpy", trajectories in one vector, whether object code is kept on disk."""
+    """The target of code: backend "llvm" or "numpy", trajectories in one vector, whether object code is kept on disk."""
 
     backend: str
     lanes: int

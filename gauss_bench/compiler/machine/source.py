@@ -42,7 +42,7 @@ C_HEADER = "#include <math.h>\n\n"
 
 @dataclass(frozen=True)
 class Language:
-    """How a language writes what a routine consists of: `{0}`, `{1}` ... are operands, `{p}` a payload."""
+    """The phrases of a language for the parts of a routine: `{0}`, `{1}` ... are operands, `{p}` a payload."""
 
     calls: Mapping[str, str]
     assign: str
@@ -211,7 +211,7 @@ class Source(Emitter):
         return name
 
     def _places(self, p: Places | tuple[float, ...]) -> str:
-        """What a lane reads or writes, by its number k."""
+        """The places that a lane reads or writes, by its number k."""
         if not isinstance(p, Places):
             return self._table("double", [x.hex() for x in p]) + "[k]"
         start = "" if p.start is None else f"{self.need(p.start)} + "

@@ -1,4 +1,4 @@
-"""What happens when a guard stops a trajectory: another partition, and last a rank decision at each step."""
+"""The driver of trajectories that a guard stops: another partition, and last a rank decision at each step."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", IMPLICIT)
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What is to be stepped.
+    """A batch to be stepped.
 
     Attributes:
         states: (k, 2n) q and v.
@@ -43,7 +43,7 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a batch.
+    """The outcome of a batch.
 
     Attributes:
         states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
@@ -59,7 +59,7 @@ class Outcome:
 
 
 class Stop(NamedTuple):
-    """Where one trajectory stopped early: its state (2n,), and the steps that count."""
+    """An early stop of one trajectory: its state (2n,), and the steps that count."""
 
     state: Array
     done: int
@@ -67,7 +67,7 @@ class Stop(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What became of one trajectory whose steps are its own choice.
+    """The outcome of one trajectory whose steps are its own choice.
 
     Attributes:
         samples: (k, 2n) at the times it came to; with projection, as they are to be seen.
@@ -118,7 +118,7 @@ class Programs(Protocol):
         ...
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """How far one of them is from failing at a state; below 1 it does."""
+        """The margin of one of them at a state before it fails; below 1 it does."""
         ...
 
     def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
@@ -126,7 +126,7 @@ class Programs(Protocol):
         ...
 
     def runner(self, k: int, integrator: str) -> Runner:
-        """Who steps by one program."""
+        """The runner of equal steps by one program."""
         ...
 
 
@@ -134,7 +134,7 @@ class Adaptable(Programs, Protocol):
     """Programs that also step as they choose."""
 
     def adaptive(self, k: int) -> "Adapts":
-        """Who steps by one program."""
+        """The runner of adaptive steps by one program."""
         ...
 
 
@@ -153,7 +153,7 @@ class ByRank(Protocol):
 
 @dataclass
 class Tally:
-    """What was needed beyond the first program in one rollout: changes of partition, steps by rank decision, lost trajectories."""
+    """Counts of one rollout beyond its first program: changes of partition, steps by rank decision, lost trajectories."""
 
     switches: int = 0
     fallbacks: int = 0
@@ -172,12 +172,12 @@ class Driver:
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
+        """Tell whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
     @property
     def drifting(self) -> bool:
-        """Whether redundant rows are dropped, others by each program, and nothing takes away what they are off."""
+        """True if redundant rows are dropped, others by each program, and nothing takes away what they are off."""
         return bool(self.programs.dropped) and not self.projected
 
     def handed(self, k: int, t: float, state: Array, p: Array) -> Array:
@@ -339,7 +339,7 @@ class Continuation:
                 self._lose()
 
     def _lose(self) -> None:
-        """What cannot go on is not a number from here, rather than a wrong one."""
+        """Write NaN from here on: a motion that cannot go on has no number rather than a wrong one."""
         self.driver.tally.lost += self.stored < self.batch.slots
         self.outcome.samples[self.row, self.stored :] = np.nan
         self.stored = self.batch.slots
@@ -401,5 +401,5 @@ def stopped(stop: Stop) -> Outcome:
 
 
 def before(step: int, every: int) -> int:
-    """How many multiples of `every`, from the first, lie strictly before a step."""
+    """Count the multiples of `every`, from the first, that lie strictly before a step."""
     return max(0, -(-step // every) - 1)

@@ -106,7 +106,7 @@ class Adaptive:
 
 
 class Evaluator:
-    """What a routine `accelerate` or `settle` tells of states."""
+    """The results of a routine `accelerate` or `settle` at states."""
 
     def __init__(self, loaded: Loaded, work: tuple[int, ...] = ()):
         self.loaded, self.work = loaded, work
@@ -128,7 +128,7 @@ class Evaluator:
         return out[:-1].copy() if out[-1] else None
 
     def last(self, t: float, q: Array, v: Array, parameters: Array) -> float:
-        """What stands behind the accelerations of one state."""
+        """The numbers that stand behind the accelerations of one state."""
         return float(self._one(t, q, v, parameters, len(q))[-1])
 
     def settled(self, t: float, state: Array, parameters: Array) -> Array | None:
@@ -212,7 +212,7 @@ class StraightLinePrograms:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """How far one program is from failing at a state; below 1 it does."""
+        """The margin of one program at a state before it fails; below 1 it does."""
         if self.target.backend != "llvm":
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
         if k not in self._margins:

@@ -150,7 +150,7 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
-    """What a step that is due does to its end; leaf -> its next value; and the count of when it is due.
+    """The settling that a due step does to its end: leaf -> its next value, and the count of when it is due.
 
     `following` is the number of the next step.
     """

@@ -89,7 +89,7 @@ def order_eight() -> Tableau:
 
 @dataclass(frozen=True)
 class Reach:
-    """How far the angles may move for a variant of the code to stay exact; a step that goes further is not counted.
+    """The reach of the angles within which a variant of the code is exact; a step that goes further is not counted.
 
     Attributes:
         step: norm of the angles' h v [rad]; infinite for the variant that computes every sine from nothing.
@@ -324,7 +324,7 @@ class Builder:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
     def margin(self, finite: int) -> int:
-        """How many times above its threshold the smallest pivot of all stages is; 0 where a mask does not hold."""
+        """The smallest pivot of all stages over its threshold; 0 where a mask does not hold."""
         g, least = self.g, self.g.const(FINITE)
         for mask in self.pivots:
             threshold, size = g.operands[mask]
@@ -373,7 +373,7 @@ class Builder:
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """What the next step begins with, by leaf."""
+        """The values that the next step begins with, by leaf."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}

@@ -223,7 +223,7 @@ Counts = NDArray[np.integer[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What lanes are to follow.
+    """The motions that lanes are to follow.
 
     Attributes:
         x: (lanes, U) guess at each lane's first sample.
@@ -250,7 +250,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """What became of the lanes: samples closed before the first that was not, x (lanes, U) and guards (lanes, G) at the last."""
+    """The outcome of the lanes: samples closed before the first that was not, x (lanes, U) and guards (lanes, G) at the last."""
 
     closed: Counts
     x: Floats

@@ -1,4 +1,4 @@
-"""How the lanes get their samples: one linkage cut into parts, or a linkage to each lane; and what happens to a lane that stops.
+"""The samples of the lanes: one linkage cut into parts, or a linkage to each lane; and what happens to a lane that stops.
 
 The samples of one linkage are cut into as many parts as there are lanes. Where the parts begin is found first, by one lane in
 strides of at most STRIDE; then all parts are followed side by side. Of many linkages each lane follows one, from a start that is
@@ -158,7 +158,7 @@ def _driver(mechanism: Mechanism, driver: Driver, joints: Sequence[Joint]) -> Dr
 
 
 class Status(IntEnum):
-    """How a sample was closed."""
+    """The way in which a sample was closed."""
 
     CLOSED = 0
     LIBRARY = 1  # by the library's closure
@@ -167,7 +167,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True)
 class Loss:
-    """Where and why a motion ended.
+    """The place and the cause of a motion's end.
 
     Attributes:
         linkage: row of the parameters; 0 for one linkage.
@@ -186,7 +186,7 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a linkage starts.
+    """The start of a linkage.
 
     Attributes:
         x: (U,) unknowns, NaN where there is no start; u: (K,) inputs.
@@ -289,7 +289,7 @@ class Tracker:
         return self._mend(motion, rows, status, starts, followed, count)
 
     def _joined(self, ends: Array, starts: Array) -> bool:
-        """Whether states (..., U) lie near those a sample before, and so in the same assembly."""
+        """Tell whether states (..., U) lie near those a sample before, and so in the same assembly."""
         gaps = (starts - ends) / self.program.lengths
         return bool((np.sqrt((gaps * gaps).sum(axis=-1)) < 2 * TURN).all())
 

@@ -225,7 +225,7 @@ def still(mechanism: Mechanism, states: Array, canvas: Canvas, length: float, ba
 
 
 def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """How many times slower than the motion the film runs, in the corner with most room; nothing where it keeps time."""
+    """The slowness of the film against the motion, in the corner with most room; nothing where it keeps time."""
     if slower < 1.05:
         return []
     text = f"slowed {slower:.2g} times"

@@ -1,4 +1,4 @@
-"""What acts on a linkage, drawn: springs, dampers, motors, prescribed motions and loads, as marks that move, turn and stretch.
+"""Drawings of what acts on a linkage: springs, dampers, motors, prescribed motions and loads, as marks that move and turn.
 
 A mark is drawn once, in pixels around its own origin, and carried there by `place`, turned by `turn` and stretched along its x axis
 by `stretch`: at one state for a drawing that stands, at all states of a film for one that moves.
@@ -90,7 +90,7 @@ def held_by(mechanism: Mechanism) -> list[Point]:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where things are in pixels at states (k, n): `at` turns world positions (..., 2) [m] into pixels."""
+    """Places in pixels at states (k, n): `at` turns world positions (..., 2) [m] into pixels."""
 
     states: Array
     at: Pixels

@@ -49,7 +49,7 @@ class Panel:
 
 
 def panels_of(history: History) -> list[Panel]:
-    """What of a history is drawn: magnitudes in the place of components where directions do not matter."""
+    """The panels of a history: magnitudes in the place of components where directions do not matter."""
     panels = [
         Panel("angle [rad]", _each(x for x in history.of(Group.LINK) if x.key == "theta")),
         Panel("position [m]", _places(history)),

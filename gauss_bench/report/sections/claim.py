@@ -71,7 +71,7 @@ def _verdict(row: Row, way: str) -> Cell:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Whether fewer unknowns are faster, compiled: one sentence for every linkage, number of free coordinates and way."""
+    """State whether fewer unknowns are faster, compiled: a sentence for every linkage, number of free coordinates and way."""
     by_formula, slower = as_printed(run)
     table = run.table("kernel_claim")
     rows = [row for row in table if known(row.get("ratio"))]

@@ -1,4 +1,4 @@
-"""Where, when and with what the run was made."""
+"""The time, the place and the machine of the run."""
 
 from gauss_bench.report.content import Cell, Section, Table, Text, columns, text_cell
 from gauss_bench.report.rows import Run

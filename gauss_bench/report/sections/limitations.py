@@ -43,7 +43,7 @@ def section(run: Run) -> Section:
 
 
 def left_out(run: Run) -> tuple[str, ...]:
-    """What the suite did not run, each with its reason."""
+    """List what the suite did not run, each with its reason."""
     told = []
     for rule in run.environment.get("left_out", []):
         words = [

@@ -43,7 +43,7 @@ def section(run: Run) -> Section:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """How many lines and causes of each paper came out how, and whether a verdict does not agree with its measurement."""
+    """Count how many lines and causes of each paper came out how; name each verdict that disagrees with its measurement."""
     parts = [
         f"{paper}: {count(len(group), 'line')}; {verdicts(group)}."
         for paper, group in grouped(rows, lambda row: str(row["paper"])).items()
@@ -125,7 +125,7 @@ def value_cell(x: float) -> Cell:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """How many lines hold, and the fault that no residual gives away."""
+    """State how many lines hold, and the fault that no residual gives away."""
     yield from statements(run)
     yield from unseen(run)
 
@@ -136,7 +136,7 @@ def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 def verdicts(rows: Iterable[Row]) -> str:
-    """How many lines came out how, and for how many causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    """Count the lines by how they came out, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
     parts = []
     for verdict, group in grouped(rows, lambda row: str(row["verdict"])).items():
         reasons = len(causes(group))
@@ -145,7 +145,7 @@ def verdicts(rows: Iterable[Row]) -> str:
 
 
 def statements(run: Run) -> Iterator[Finding]:
-    """How many printed lines hold, for how many causes the others do not, and which are wrong."""
+    """State how many printed lines hold, for how many causes the others do not, and which are wrong."""
     if not run.table("audit"):
         return
     papers = {row["paper"] for row in run.table("audit")}

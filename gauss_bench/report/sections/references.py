@@ -118,7 +118,7 @@ def _angle(x: float) -> Cell:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """How good published reference values are."""
+    """State how good published reference values are."""
     off = [
         row
         for row in run.table("published")

@@ -68,7 +68,7 @@ def figure(row: Row) -> str:
 
 
 def verdict(rows: Mapping[str, Row]) -> str:
-    """Whether it stops, and what it does instead."""
+    """State whether it stops, and what it does instead."""
     if rows["stops"]["verdict"] != "refuted":
         return f"The paper says that {rows['stops']['quantity']}: with the data of this run it does."
     return (
@@ -82,7 +82,7 @@ def verdict(rows: Mapping[str, Row]) -> str:
 
 
 def holding(rows: Mapping[str, Row]) -> list[str]:
-    """What does hold, and how far the printed data are from it."""
+    """State what does hold, and how far the printed data are from it."""
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
     rests = listed(f"{figure(row)} rad ({str(row['quantity']).removeprefix('comes to rest ')})" for row in at_rest)
     return [
@@ -146,7 +146,7 @@ CURVES = (
 
 
 def paper_figures(rows: Sequence[Row]) -> list[Chart]:
-    """What the paper draws and says of its example, out of the reference; nothing without rows."""
+    """Figures that the paper draws and gives of its example, out of the reference; nothing without rows."""
     charts = []
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": number(r, "t"), "y": number(r, column)} for r in rows]
@@ -157,7 +157,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """What becomes of the mechanism that is said to stop."""
+    """State what becomes of the mechanism that is said to stop."""
     rows = {str(row["key"]): row for row in run.table("reproduction")}
     if "stops" not in rows or rows["stops"]["verdict"] != "refuted":
         return
@@ -173,7 +173,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def assumed(rows: Mapping[str, Row]) -> str:
-    """What the example's numbers need that the paper does not give, from the reproduction's rows by key."""
+    """List the numbers that the example needs and the paper does not give, from the reproduction's rows by key."""
     left_out = (rows[key] for key in ("inertias", "gravity") if key in rows)
     taken = (f"the {row['quantity']} ({str(row['statement']).partition(';')[0]})" for row in left_out)
     return f"The paper does not give {listed(taken)}."

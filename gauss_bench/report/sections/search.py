@@ -94,7 +94,7 @@ def in_order(rows: Sequence[Row]) -> list[Row]:
 
 
 def scope(rows: Sequence[Row]) -> str:
-    """What was spent, and what is left out."""
+    """State what was spent, and what is left out."""
     return f"Each variant had {spent(rows)}; what was **not reached** was not within these, by these variants, with these adapters."
 
 
@@ -208,7 +208,7 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Who is faster than our own compiled formulations, others of our own included."""
+    """Name who is faster than our own compiled formulations, others of our own included."""
     ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
     faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
@@ -216,7 +216,7 @@ def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Where none of our own ways reaches it, and who does there."""
+    """List where none of our own ways reaches it, and who does there."""
     reached = {str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == OK}
     for place in sorted(
         {str(r["mechanism"]) for r in group if r.get("ours") and answer_of(run, r).kind is Kind.NOT_REACHED} - reached
@@ -226,7 +226,7 @@ def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Who is nearer than what was aimed at."""
+    """Name who is nearer than what was aimed at."""
     missed = [r for r in group if known(r.get("target")) and not r["met"]]
     near = [f"`{r['engine']}` on {_multiple(run, r)} of {times(number(r, 'target'))}" for r in missed]
     if near:
@@ -234,7 +234,7 @@ def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """What the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
+    """State what the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
     untried = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
     for message, rows in grouped(untried, lambda r: answer_of(run, r).words).items():
         engines = listed(dict.fromkeys(f"`{r['engine']}`" for r in rows))

@@ -158,7 +158,7 @@ def paper(run: Run) -> Card | None:
 
 
 def trust(run: Run) -> Card | None:
-    """Why trust this?"""
+    """The card "Why trust this?"."""
     rows = [r for r in run.table("certificates") if r["status"] == "ok" and known(r.get("digits"))]
     bars_of = [r for r in run.table("references") if known(r.get("error_bar_q"))]
     drawn = None

@@ -34,7 +34,7 @@ def papers_page(run: Run) -> Page | None:
 
 
 def kernel_page(run: Run) -> Page | None:
-    """How fast, exact and near the machine's limit the compiled formulations are; nothing where a run measured none."""
+    """The page on how fast, exact and near the machine's limit the compiled formulations are; nothing where a run measured none."""
     contents = parts(run, tuple(parts_of(kernel)))
     if not contents or not any(run.table(name) for name in kernel.MEASURED if name != "kernel_claim"):
         return None

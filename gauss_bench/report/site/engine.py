@@ -204,7 +204,7 @@ def broken(run: Run, name: str) -> list[str]:
 
 
 def atlas(rows: Sequence[Row]) -> Table:
-    """How far it goes along each axis."""
+    """The engine's reach along each axis of the atlas."""
 
     def value(row: Row, column: str) -> Cell:
         return Cell(f"{number(row, column):g} {row['unit']}".strip(), number(row, column)) if known(row.get(column)) else Cell("-")

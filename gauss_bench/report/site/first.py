@@ -58,7 +58,7 @@ def card(one: Card) -> Markup:
 
 
 def headlines(findings: list[Finding]) -> list[Finding]:
-    """What findings say in bold: where this suite's own is slower, short of its aim, or cannot."""
+    """The bold part of findings: where this suite's own is slower, short of its aim, or cannot."""
     lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
     return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
 

@@ -82,7 +82,7 @@ def rows_page(run: Run, name: str) -> Page | None:
 
 
 def told(run: Run, name: str, scenario: str) -> str:
-    """What it is, in a sentence."""
+    """Describe the linkage in a sentence."""
     try:
         mechanism, _, _ = posed_in(run, name)
     except LinkageError:
@@ -105,7 +105,7 @@ def drawing(run: Run, name: str) -> Markup | None:
 
 
 def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
-    """Who is cheapest within a tenth of a millimetre, in a sentence."""
+    """Name who is cheapest within a tenth of a millimetre, in a sentence."""
     if not settings:
         return Markup("")
     held = cheapest_stored(run, name, settings, 1e-4, math.inf).values()

@@ -33,7 +33,7 @@ from gauss_bench.terms import Array
 
 
 class Film:
-    """What `slide_parts` asks of a film: the states."""
+    """The states of a film, as `slide_parts` asks for them."""
 
     timing = ""
 
@@ -85,7 +85,7 @@ def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
-    """Where links are drawn (k, links, 3) [px, px, degrees] at states (k, n)."""
+    """The drawn places of links (k, links, 3) [px, px, degrees] at states (k, n)."""
     links = states.reshape(len(states), -1, 3)
     return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
 

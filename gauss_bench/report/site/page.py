@@ -1,4 +1,4 @@
-"""What every page shares: its shell, its way through the site, and how blocks of a section become HTML.
+"""The shell that every page shares, its way through the site, and how blocks of a section become HTML.
 
 Text of files reaches a page through `markupsafe` alone, and a script through `script_text`.
 """

@@ -174,7 +174,7 @@ def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
 
 
 def _told(x: Played) -> dict[str, Any]:
-    """What is said of it, in millimetres."""
+    """Describe a difference, in millimetres."""
     return {"name": x.label, "off": [_short(1e3 * y) for y in x.off], "open": [_short(1e3 * y) for y in x.open]}
 
 

@@ -168,7 +168,7 @@ def multiples(seconds: Mapping[Key, float], over: Iterable[Key] = ()) -> dict[Ke
 
 
 def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
-    """What the first screen needs of a linkage: settings, each engine's pick for each requirement, or why there is none."""
+    """The answers of the first screen for a linkage: settings, each engine's pick for each requirement, or why there is none."""
     own = [x for x in settings if x.mechanism == mechanism]
     listed: list[Setting] = []
     picks: dict[str, list[Any]] = {}

@@ -22,7 +22,7 @@ MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Which targets were missed, and what could not be measured."""
+    """List the targets that were missed, and what could not be measured."""
     yield from missed(run)
     yield from failed(run)
 
@@ -54,7 +54,7 @@ def _short(x: float) -> str:
 
 
 def failed(run: Run) -> Iterator[Finding]:
-    """What could not be measured, but for what is skipped with a reason."""
+    """List what could not be measured, but for what is skipped with a reason."""
     lost = [(name, r) for name in MEASURED for r in run.table(name) if r.get("status") not in ("ok", "skip", "", None)]
     if lost:
         said = "; ".join(

@@ -1,4 +1,4 @@
-"""How the time of a right-hand side grows with the number of loops."""
+"""The time of a right-hand side against the number of loops."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""How near the compiled steps come to what the processor allows."""
+"""The distance of the compiled steps from what the processor allows."""
 
 from collections.abc import Iterator, Sequence
 

@@ -30,7 +30,7 @@ RATIO, GOAL = ("ratio", "spread"), ("target", "met", "remark")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """How many times faster a step is than MuJoCo's, at its fastest setting."""
+    """State how many times faster a step is than MuJoCo's, at its fastest setting."""
     asked = [r for r in run.table("kernel_steps") if r.get("formulation") == "gauss"]
     rows = [r for r in asked if known(r.get("ratio"))]
     for stabilization, group in grouped(rows, lambda r: str(r["stabilization"])).items():

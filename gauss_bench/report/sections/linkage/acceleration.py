@@ -72,7 +72,7 @@ def section(run: Run, name: str) -> Section | None:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Who solves the same problem, who another, and what becomes of the control."""
+    """Name who solves the same problem, who another, and what becomes of the control."""
     yield from same_model(run)
     yield from other_model(run)
     yield from controls(run)
@@ -83,7 +83,7 @@ def _settings(row: Row) -> str:
 
 
 def same_model(run: Run) -> Iterator[Finding]:
-    """Who returns the reference's acceleration at the same state, and to what."""
+    """Name who returns the reference's acceleration at the same state, and to what."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     worst = {name: max(number(r, "acceleration_error_median") for r in group) for name, group in grouped(rows, _settings).items()}
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
@@ -98,7 +98,7 @@ def same_model(run: Run) -> Iterator[Finding]:
 
 
 def other_model(run: Run) -> Iterator[Finding]:
-    """Who computes another acceleration, and whether a smaller step helps."""
+    """Name who computes another acceleration, and whether a smaller step helps."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     for (name, settings), group in grouped(rows, lambda r: (r["engine"], r["settings"])).items():
         off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]

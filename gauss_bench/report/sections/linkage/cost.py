@@ -1,4 +1,4 @@
-"""What a step and an acceleration cost, as ratios to one engine of the same run."""
+"""The costs of a step and of an acceleration, as ratios to one engine of the same run."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What the linkage looks like."""
+"""The drawing of the linkage."""
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.report.content import Section, Text, count

@@ -1,4 +1,4 @@
-"""What a run loses with time: constraints and energy."""
+"""The losses of a run with time: constraints and energy."""
 
 from collections.abc import Iterator
 

@@ -150,7 +150,7 @@ def _where(row: Row) -> str:
 
 
 def _cheapest_own(reached: list[Row], cheapest: Row) -> str:
-    """Where `gauss` stands among rows that reach the same accuracy."""
+    """Place `gauss` among the rows that reach the same accuracy."""
     own = [row for row in reached if row["engine"] == OWN]
     if not own or cheapest["engine"] == OWN:
         return ""
