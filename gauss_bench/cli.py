@@ -153,7 +153,7 @@ def memory_limit() -> int:
 
 
 def is_argument(text: str) -> bool:
-    """Whether a text can be given on a command line, and so be the name of a file."""
+    """Tell whether a text can be given on a command line, and so be the name of a file."""
     try:
         return b"\0" not in os.fsencode(text)
     except UnicodeError:
@@ -161,7 +161,7 @@ def is_argument(text: str) -> bool:
 
 
 def is_bad_input(error: Exception) -> bool:
-    """Whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
+    """Tell whether the user can mend it: a faulty file, an unknown name, a folder that cannot be written."""
     from gauss_bench.bench.journal import Busy
     from gauss_bench.engines.extras import MissingExtra
     from gauss_bench.exchange.errors import ExchangeError

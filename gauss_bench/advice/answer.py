@@ -1,4 +1,4 @@
-"""What is recommended of an engine, and settings in words."""
+"""Recommendations for an engine, and settings in words."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ UNITS = reach.UNITS | {LOOPS: "m"}
 
 @dataclass(frozen=True)
 class Answer:
-    """What is recommended of an engine, or why nothing is.
+    """The recommendation for an engine, or the reason why there is none.
 
     Attributes:
         status: "ok", "not reached", "not tried" or "skip"; message: the answer of `gauss_bench.reach` in words.

@@ -1,4 +1,4 @@
-"""What is left of the seconds that a user has: those in which others had the processor do not count, as long as there is a wall.
+"""The seconds left to a user: those in which others had the processor do not count, as long as there is a wall.
 
 A search that counts by the clock on the wall alone loses answers on a busy machine: engines whose turn comes late are never tried.
 So the seconds count that a quiet machine would have taken: those that have passed, but for those in which the processes of the

@@ -1,4 +1,4 @@
-"""What holds a requirement, raced in the process of a worker: first choices of every engine first, as long as there is time."""
+"""The race of settings that hold a requirement, in a worker: first choices of every engine first, as long as there is time."""
 
 import time
 from collections.abc import Sequence

@@ -202,7 +202,7 @@ class Recommender:
         return Searched(truth, {name: x.trials for name, x in self.engines.items()})
 
     def _truth(self) -> Truth:
-        """What runs are judged by, found in the worker of the engine that is compiled for it anyway."""
+        """Find the truth that runs are judged by, in the worker of the engine that is compiled for it anyway."""
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own, left = self.engines.get(TRUE), lambda: self.budget.left(TRUTH)
         if own is None or own.refused is not None:
@@ -388,7 +388,7 @@ class Recommender:
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
     def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """What a function answers where the engine is, within what is left of the budget and a quarter of it more.
+        """Ask a function where the engine is, within the rest of the budget and a quarter of it more.
 
         Raises:
             WorkerFailure: it does not.

@@ -259,13 +259,13 @@ def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, 
 
 
 def _gaps(judge: Evaluator, fine: Trajectory) -> float:
-    """How far joints have opened [m, rad]."""
+    """The gaps of open joints [m, rad]."""
     opened: Drift = drift(judge, fine)
     return float(opened.position.max())
 
 
 def _between_bar(known: Reference, kind: str) -> float:
-    """How far polynomials between the samples may be off."""
+    """The error bar of polynomials between the samples."""
     half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
     if len(half.t) < 2:
         return math.inf

@@ -1,1 +1,1 @@
-"""What the verbs do and say: simulate, compare, kinematics, the options of the command line and the text it prints."""
+"""The verbs: simulate, compare, kinematics, the options of the command line and the text it prints."""

@@ -1,4 +1,4 @@
-"""What is wrong with an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
+"""The diagnosis of an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
 
 import time
 from dataclasses import asdict, dataclass, replace
@@ -33,7 +33,7 @@ KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] how well the truth is to
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis(OneRun):
-    """What is wrong with one engine on one linkage, with the fields of OneRun: what was asked for.
+    """The diagnosis of one engine on one linkage, with the fields of OneRun: what was asked for.
 
     Attributes:
         until: [s] how long.

@@ -1,4 +1,4 @@
-"""What this machine can do: versions, the processor, threads, caches, and each engine tried on a small linkage.
+"""A check of this machine: versions, the processor, threads, caches, and each engine tried on a small linkage.
 
     doctor() -> Checkup
 
@@ -119,7 +119,7 @@ def _linkages() -> Finding:
 
 
 def _cache() -> Finding:
-    """Where machine code is kept between runs."""
+    """The place of machine code between runs."""
     path = user_cache.trusted()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
@@ -136,7 +136,7 @@ def _compiler() -> Finding:
 
 
 def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
-    """What engines need that is built once for a user: there, not yet, or why it cannot be."""
+    """Libraries that are built once for a user: built, not yet, or the reason why they cannot be."""
     for offer in (x for x in there if x.name in FOREIGN and x.usable and hasattr(get(x.name), "build_once")):
         engine: Any = get(offer.name)
         name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
@@ -160,7 +160,7 @@ def _tried(offer: Offer) -> Finding:
 
 
 def _broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:
-    """What the suite cannot do without."""
+    """List the missing things that the suite cannot do without."""
     wrong = [x.name for x in engines if x.name in NEEDED and x.status != "ok"]
     return [*(x.name for x in findings if x.status == "broken"), *wrong]
 

@@ -1,4 +1,4 @@
-"""What a linkage is driven by when it is moved without forces: its file, a driver and what is held -> the driven mechanism."""
+"""A linkage that is moved without forces: its file, a driver and what is held -> the driven mechanism."""
 
 import copy
 from collections.abc import Iterator, Sequence
@@ -87,7 +87,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
 
 
 def _undriven(mechanism: Mechanism) -> str:
-    """Why a linkage without drivers has no kinematics, and what to do."""
+    """The reason why a linkage without drivers has no kinematics, and what to do."""
     if not mechanism.knife_edges:
         return "drives nothing; name a driven scenario, or give a driver"
     names = ", ".join(x.name for x in mechanism.knife_edges)
@@ -215,7 +215,7 @@ def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Where the coordinate that a driver table names stands at the start of a scenario [rad, m]; None where it names none there.
+    """The place [rad, m] of a driver table's coordinate at the start of a scenario; None where it names none there.
 
     That is where the scenario's own driver of it starts, and without one where the linkage is assembled.
     """

@@ -109,7 +109,7 @@ def written(linkage: str, scenario: str, engine: str, step: float, remarks: tupl
 def answered(
     worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
 ) -> dict[str, Any]:
-    """What a function of this room answers from a worker within `limit` seconds; `file` is named where it does not.
+    """Ask a function of this room in a worker, within `limit` seconds; `file` is named where it does not answer.
 
     Raises:
         ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
@@ -134,7 +134,7 @@ def written_there(linkage: str, scenario: str, engine: str, step: float, remarks
 
 
 def told_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What is made, or why it is not, as plain data for the way out of a worker."""
+    """Put a result, or the reason why there is none, into plain data for the way out of a worker."""
     try:
         return made()
     except ExchangeError as error:

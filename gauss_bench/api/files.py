@@ -1,4 +1,4 @@
-"""Which files a verb may write: looked at before anything is run."""
+"""The files that a verb may write: looked at before anything is run."""
 
 import os
 import re

@@ -163,7 +163,7 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
 
 
 def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
-    """Where the assembly changes along the motion: the first time [s] after it, the group, and its side before and after."""
+    """The changes of assembly along the motion: the first time [s] after each, the group, and its side before and after."""
     changes = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
     return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in changes]
 

@@ -1,4 +1,4 @@
-"""Which setting of which engine holds what a user requires of a linkage: what `gauss-bench recommend --json` prints."""
+"""The setting of each engine that holds a user's requirements on a linkage: what `gauss-bench recommend --json` prints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -155,7 +155,7 @@ def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any
 
 
 def required(**limits: float | None) -> dict[str, float]:
-    """What is required, by kind.
+    """The requirements, by kind.
 
     Raises:
         ChoiceError: nothing is, or an error that is no positive number.
@@ -176,7 +176,7 @@ def ordered() -> list[str]:
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """What is tried of an engine, in order."""
+    """The variants of an engine that are tried, in order."""
     if not engine.usable:
         return []
     if settings is not None:

@@ -1,4 +1,4 @@
-"""What the public functions return: frozen objects whose fields are the keys of `--json`."""
+"""The results of the public functions: frozen objects whose fields are the keys of `--json`."""
 
 import json
 import math
@@ -31,7 +31,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OneRun(Result):
-    """What is told of one run of one linkage in one engine.
+    """The result of one run of one linkage in one engine.
 
     Attributes:
         engine, mechanism, scenario, settings, integrator, stabilization: what was run.
@@ -105,7 +105,7 @@ class Simulation(OneRun):
         return {k: v for k, v in by_name.items() if k not in absent and (k not in ("drivers", "welds", "warnings") or v)}
 
     def told(self) -> Told:
-        """What plots and animations say of the run."""
+        """The sentences of plots and animations on the run."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else "; ".join(filter(None, (f"{self.status}: {self.message}", self.advice)))
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -176,7 +176,7 @@ class Tuning:
 
     @property
     def met(self) -> bool:
-        """Whether half of what was aimed at is enough, and the truth is known to a tenth of it."""
+        """True if half of the aim is reached, and the truth is known to a tenth of it."""
         known = self.known <= self.motion_wanted / 10
         return known and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 

@@ -1,4 +1,4 @@
-"""Whether the suite would notice a fault: what `gauss-bench selftest` prints."""
+"""The self-test, which shows whether the suite notices faults: what `gauss-bench selftest` prints."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict

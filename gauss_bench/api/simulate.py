@@ -131,7 +131,7 @@ def judged(
 
 
 def _second(finer: Run | None) -> Reference | None:
-    """What a repetition found, in the place of a truth."""
+    """The findings of a repetition, in the place of a truth."""
     return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
 
 

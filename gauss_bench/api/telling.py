@@ -1,4 +1,4 @@
-"""How far things are, told to people on stderr: at once, or only once it takes long."""
+"""Progress, told to people on stderr: at once, or only once it takes long."""
 
 import contextlib
 import sys
@@ -31,6 +31,6 @@ def tell_if_long(sentence: str) -> None:
 
 
 def no_longer() -> None:
-    """What was to be told if it took long has come to its end."""
+    """Withdraw a message that was to be told only if it took long."""
     while _later:
         _later.pop().cancel()

@@ -1,4 +1,4 @@
-"""What the command line says to people: the same objects that --json prints, as text."""
+"""Text for people on the command line: the same objects that --json prints."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ def format_catalogue(catalogue: dict[str, Any]) -> str:
 
 
 def format_checkup(checkup: dict[str, Any]) -> str:
-    """What `doctor` looked at, one thing a line, and its verdict last."""
+    """Format the findings of `doctor`, one thing a line, and its verdict last."""
     lines = []
     for title in ("findings", "engines"):
         for x in checkup[title]:
@@ -79,7 +79,7 @@ def format_conformance(engine: str, checks: "list[Check]") -> str:
 
 
 def description(first: Mechanism, others: list[Mechanism]) -> dict[str, Any]:
-    """What a file describes, each scenario assembled."""
+    """Describe a linkage file, each scenario assembled."""
     return {
         "name": first.name,
         "title": first.title,
@@ -163,7 +163,7 @@ def format_kinematics(result: dict[str, Any]) -> str:
 
 
 def _input(singular: Mapping[str, Any]) -> str:
-    """Where the linkage is driven to at a singular position."""
+    """Name the place to which the linkage is driven at a singular position."""
     if singular["crank_deg"] is None:
         return f"{singular['input']} = {singular['input_value']:.8g} m"
     return f"crank angle {singular['crank_deg']:.8f} deg"
@@ -187,7 +187,7 @@ def format_import(result: dict[str, Any]) -> str:
 
 
 def format_run(tables: Mapping[str, Sequence[Mapping[str, Any]]], folder: Path) -> str:
-    """How the cases of a run ended, and which of its targets were missed."""
+    """Format how the cases of a run ended, and which of its targets were missed."""
     lines = []
     if rows := tables.get("results"):
         counts = sorted(Counter(str(row["status"]) for row in rows).items())
@@ -208,7 +208,7 @@ def _names(table: str, row: Mapping[str, Any]) -> list[str]:
 
 
 def format_differences(differences: "Differences", there: Path) -> str:
-    """What a run measured otherwise than the one in the folder `there`."""
+    """Format the differences between a run and the one in the folder `there`."""
     apart = len(differences.beyond)
     lines = [f"apart: {v.case}: {v.metric} = {v.value}, there {v.baseline}" for v in differences.beyond[:SHOWN]]
     if apart > SHOWN:
@@ -223,7 +223,7 @@ def format_differences(differences: "Differences", there: Path) -> str:
 def format_changes(
     differences: "Differences", times: "tuple[int, tuple[Clocked, ...]]", where: tuple[dict[str, Any], dict[str, Any]]
 ) -> str:
-    """What a run found otherwise than another one, as Markdown for a comment: the verdict, what matters, what merely moved."""
+    """Format the differences between two runs as Markdown for a comment: the verdict, what matters, what merely moved."""
     compared, moved = times
     matters, rest = [x for x in moved if x.matters], [x for x in moved if not x.matters]
     apart = len(differences.beyond)
@@ -262,7 +262,7 @@ def _markdown(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) ->
 
 
 def format_check(verdicts: "list[Verdict]", again: str) -> str:
-    """What moved, and how to accept it: by the command `again` with a reason."""
+    """Format the figures that moved, and how to accept them: by the command `again` with a reason."""
     told = [v for v in verdicts if v.outcome != "ok"]
     failed = sum(v.outcome == "fail" for v in verdicts)
     better = len(told) - failed
@@ -276,7 +276,7 @@ def format_check(verdicts: "list[Verdict]", again: str) -> str:
 
 
 def format_certificate(row: dict[str, Any]) -> str:
-    """What one certificate vouches for, in words."""
+    """Format the facts that one certificate vouches for, in words."""
     name = f"{row['mechanism']} / {row['scenario']}"
     if row["status"] != "ok":
         return f"{name}: not certified. {row['message']}"
@@ -377,7 +377,7 @@ def format_diagnosis(x: "Diagnosis") -> str:
 
 
 def format_selftest(selftest: "SelfTest") -> str:
-    """What was planted and not seen, what was seen where nothing was, and how small a fault may be."""
+    """Format planted faults that were not seen, false alarms, and the smallest faults that are seen."""
     lines = [
         f"{'seen  ' if x.seen else 'MISSED'} {x.kind:12} {x.fault}{'' if x.seen else f' ({x.said})'}" for x in selftest.findings
     ]

@@ -1,1 +1,1 @@
-"""How far each engine goes: families of linkages that become harder along one axis, and where along it an engine breaks."""
+"""The reach of each engine: families of linkages that become harder along one axis, and where along it an engine breaks."""

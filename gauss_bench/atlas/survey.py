@@ -57,7 +57,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Reach:
-    """How far one way goes along one axis.
+    """The reach of one way along one axis.
 
     Attributes:
         way, axis: which.
@@ -177,7 +177,7 @@ def performed(request: Request, mechanism: Mechanism, limit: float, worker: Work
 
 
 def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
-    """How far one way goes along one axis, as far as that can be told in the seconds that are left."""
+    """The reach of one way along one axis, as far as it can be told in the seconds that are left."""
     runs: dict[int, RunVerdict] = {}
 
     def at(i: int) -> RunVerdict:
@@ -186,7 +186,7 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callab
         return runs[i]
 
     def count(worst: tuple[Verdict, ...]) -> int:
-        """How many values, from the easiest on, come out no worse."""
+        """Count the values, from the easiest on, that come out no worse."""
         last = len(family.values) - 1
         if at(0).verdict not in worst:
             return 0
@@ -277,7 +277,7 @@ def survey(
 
 
 def sentence(reached: Reach) -> str:
-    """How far one way goes, in words."""
+    """Describe the reach of one way, in words."""
     family = FAMILIES[reached.axis]
     unit = f" {family.unit}" if family.unit else ""
     if reached.passes_to is None:

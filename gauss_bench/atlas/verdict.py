@@ -1,4 +1,4 @@
-"""What pass, degraded and failed mean, in one place.
+"""The meanings of pass, degraded and failed, in one place.
 
     pass       the run ends, the suite's judge has no objection, and no link is ever off by more than PASSES of the linkage's size
                [m] or PASSES [rad], over the whole run
@@ -30,7 +30,7 @@ RULE = (
 
 
 class Verdict(StrEnum):
-    """How a run came out, from good to bad; OPEN where that is not known, CANNOT where the engine has no such model."""
+    """The outcome of a run, from good to bad; OPEN where it is not known, CANNOT where the engine has no such model."""
 
     PASS = "pass"
     DEGRADED = "degraded"

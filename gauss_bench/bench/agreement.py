@@ -44,7 +44,7 @@ LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of mos
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """Refuse a declaration of inexactness without a cause."""
+    """Declared inexactness has a cause."""
     offer = subject.offer
     wrong = [f"{x} is no name of settings or variant" for x in (*offer.soft, *offer.unfinished) if x not in _labels(subject)]
     wrong += [f"{x}: soft without a cause" for x, cause in offer.soft.items() if len(cause) < LEAST_WORDS]

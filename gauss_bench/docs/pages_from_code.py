@@ -16,7 +16,7 @@ BEGINS = "## A complete example"
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """What stands on a page: what was written, and after it what code says."""
+    """Add to a page's text the part that code says."""
     more = {"grammar.md": grammar, "commands.md": commands}.get(page.file.src_uri)
     return f"{markdown}\n{more()}" if more else markdown
 

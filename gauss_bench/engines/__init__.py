@@ -29,7 +29,7 @@ def _from(target: str) -> Callable[[], Engine]:
 
 
 def is_class(name: str) -> bool:
-    """Whether a name is MODULE:CLASS, an adapter that nobody has installed under a name of its own."""
+    """Tell whether a name is MODULE:CLASS, an adapter that nobody has installed under a name of its own."""
     module, colon, last = name.partition(":")
     return bool(colon) and last.isidentifier() and all(x.isidentifier() for x in module.split("."))
 

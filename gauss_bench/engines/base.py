@@ -15,7 +15,7 @@ from gauss_bench.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Choice:
-    """What the bench chooses for a run: names from the engine's own lists, the step [s], and how exact an adaptive run is to be.
+    """The choices of a run: names from the engine's own lists, the step [s], and how exact an adaptive run is to be.
 
     Attributes:
         tolerance: relative, of an integrator that chooses its own steps (absolute: a hundredth of it, in SI units); None for that
@@ -97,7 +97,7 @@ class Engine(Protocol):
         ...
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Why this mechanism cannot be modelled with this choice, or None. Needs no foreign library."""
+        """The reason why this mechanism cannot be modelled with this choice, or None. Needs no foreign library."""
         ...
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:

@@ -1,4 +1,4 @@
-"""Which extra of the package brings a library, and the sentence that says so where it is missing."""
+"""The extra of the package that brings a library, and the sentence that says so where it is missing."""
 
 from importlib.util import find_spec
 
@@ -21,7 +21,7 @@ class MissingExtra(ImportError):
 
 
 def not_installed(error: ImportError) -> str:
-    """What is missing, and how to install it where one of the extras has it."""
+    """Name the missing module, and how to install it where one of the extras has it."""
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]

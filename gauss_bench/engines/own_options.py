@@ -22,7 +22,7 @@ class OptionError(ValueError):
 
 @dataclass(frozen=True)
 class Known:
-    """What an engine knows by name.
+    """The names that an engine knows.
 
     Attributes:
         labels: name of settings or of a variant -> option -> value; the first are the engine's defaults.
@@ -91,7 +91,7 @@ class Known:
 
 
 def is_own(text: str) -> bool:
-    """Whether a text names options one by one."""
+    """Tell whether a text names options one by one."""
     return "=" in text
 
 

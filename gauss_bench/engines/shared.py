@@ -1,4 +1,4 @@
-"""What adapters to foreign engines share: what they refuse, and how what they build and return is held against the linkage."""
+"""The common part of adapters to foreign engines: refusals, and checks of what they build and return against the linkage."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -48,13 +48,13 @@ class LibraryCall:
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Why a library that is given steady forces alone cannot have the mechanism, or None."""
+    """The reason why a library that is given steady forces alone cannot have the mechanism, or None."""
     names = ", ".join(f.name for f in mechanism.varying)
     return f"force {names} varies with time or direction, which {library} is not given here" if names else None
 
 
 def refused(mechanism: Mechanism, library: str) -> str | None:
-    """Why no adapter takes the mechanism, or None.
+    """The reason why no adapter takes the mechanism, or None.
 
     Raises:
         TypeError: a force of a kind that does not say what it comes to.
@@ -78,7 +78,7 @@ def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Why a tree of joints that only pins may close cannot be the mechanism, or None."""
+    """The reason why a tree of joints that only pins may close cannot be the mechanism, or None."""
     if reason := refused(mechanism, library):
         return reason
     if mechanism.knife_edges:
@@ -125,7 +125,7 @@ def size(x: Array) -> float:
 
 
 def finite(*samples: Array) -> int:
-    """How many of the samples (k, n) come before the first that is no number, which a run has not reached or not survived."""
+    """Count the samples (k, n) before the first that is no number, which a run has not reached or not survived."""
     sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
     return len(sound) if sound.all() else int(sound.argmin())
 

@@ -68,7 +68,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Variants:
-    """What an engine's file says.
+    """The content of an engine's file of variants.
 
     Attributes:
         settings: label -> knob -> value.
@@ -214,5 +214,5 @@ def _points(
 
 
 def _several(value: Any, usual: Any) -> bool:
-    """Whether a value is a list of values: of a knob whose usual value is a list itself, only a list of lists is."""
+    """Tell whether a value is a list of values: of a knob whose usual value is a list itself, only a list of lists is."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -2,4 +2,4 @@
 
 
 class ExchangeError(ValueError):
-    """What cannot be written in a format, or read from a file."""
+    """A linkage that cannot be written in a format, or a file that cannot be read."""

@@ -1,4 +1,4 @@
-"""What every export shares: what is asked for, what comes back, what is told at the head of a file, and what no file holds."""
+"""The common part of exports: what is asked for, what comes back, what is told at the head of a file, what no file holds."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, .
 
 
 def left_out(mechanism: Mechanism) -> tuple[str, ...]:
-    """What of the linkage file no exported file holds."""
+    """List the parts of the linkage file that no exported file holds."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     scenarios = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
     still = [f.name for f in mechanism.frictions if f.mu == 0]

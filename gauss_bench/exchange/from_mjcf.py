@@ -61,7 +61,7 @@ class Reader:
         return Spatial(self.file, bodies, joints, gravity, closures, welds, spots, tuple(acting), tuple(self.dropped))
 
     def _whole(self) -> None:
-        """What concerns all of the document."""
+        """Read what concerns all of the document."""
         x = self.x
         if x["nflex"] or x["nplugin"]:
             raise self.refuse("<mujoco>", "flexible bodies and plug-ins are no parts of a linkage")
@@ -133,7 +133,7 @@ class Reader:
         return tuple(closures), tuple(welds)
 
     def _weld_holds(self, k: int, element: str) -> None:
-        """Whether a weld keeps the pose that its bodies have where all joints have their reference.
+        """Tell whether a weld keeps the pose that its bodies have where all joints have their reference.
 
         Raises:
             ExchangeError: it does not.
@@ -161,7 +161,7 @@ class Reader:
         return springs
 
     def _tendon(self, k: int) -> tuple[Spot, Spot] | dict[int, float]:
-        """What a tendon goes along: two sites, or joints with their coefficients.
+        """The path of a tendon: two sites, or joints with their coefficients.
 
         Raises:
             ExchangeError: another way.

@@ -190,7 +190,7 @@ class Robot:
         raise ExchangeError(f"{self.file}: --close {text}: {reason}")
 
     def _fixed(self, frame: str, link: str) -> bool:
-        """Whether one link is fixed to another."""
+        """Tell whether one link is fixed to another."""
         while frame in self.parents:
             joint = self.joints[self.parents[frame]]
             if joint.get("type") != "fixed":

@@ -1,4 +1,4 @@
-"""What every import shares: which kind a file is, and from its mechanism in space to the text of a linkage file that assembles."""
+"""The common part of imports: the kind of a file, and from its mechanism in space to the text of a linkage that assembles."""
 
 import re
 import tomllib

@@ -41,7 +41,7 @@ CONSTANT = """def {name}(t):
 
 
 def law_names(drivers: Sequence[Driver]) -> dict[int, str]:
-    """What a script calls the laws of drivers, by their ids."""
+    """The names of drivers' laws in a script, by their ids."""
     return {id(d.law): f"law_{k}" for k, d in enumerate(drivers, 1)}
 
 

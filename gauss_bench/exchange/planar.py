@@ -140,7 +140,7 @@ class Flattened:
         return moves
 
     def sign(self, joint: Joint) -> float:
-        """Whether a hinge turns about the plane's normal, or the other way."""
+        """The sign of a hinge: 1 where it turns about the plane's normal, -1 the other way."""
         return float(np.sign(joint.axis @ self.plane.normal))
 
     def _check_welds(self) -> None:
@@ -207,7 +207,7 @@ class Flattened:
         return float(total), com, inertia
 
     def _armature(self, joint: Joint) -> float:
-        """What a joint's own inertia adds to that of its link.
+        """The inertia of a joint itself, which adds to that of its link.
 
         Raises:
             ExchangeError: it is not the link's alone.
@@ -345,7 +345,7 @@ class Flattened:
         return {k: x for k, x in total.items() if x}
 
     def _turns_with(self, a: int, b: int) -> bool:
-        """Whether every hinge that turns group a turns b as well."""
+        """Tell whether every hinge that turns group a turns b as well."""
         return self._turn(WORLD, a).items() <= self._turn(WORLD, b).items()
 
     def _on_slide(self, joint: Joint, k: int, law: Straight) -> list[dict[str, Any]]:
@@ -453,7 +453,7 @@ class Flattened:
         return {"points": places, **bars, "mass": mass, "com": com.tolist(), "inertia": inertia}
 
     def _drawn(self, reference: str, local: Array) -> list[float]:
-        """Where a link's point is at the start."""
+        """The place of a link's point at the start."""
         g = next(g for g in self.index if reference.startswith(f"{self.names[g]}."))
         origin, angle = self.frame(g)
         place: list[float] = self.moves[g].place(origin + rotated(local, angle)).tolist()
@@ -541,7 +541,7 @@ def named(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:
-    """Whether a pin joins a link to the ground."""
+    """Tell whether a pin joins a link to the ground."""
     index = [x.name for x in mechanism.links].index(link)
     pins = (j for j in mechanism.joints if not isinstance(j, Prismatic))
     return any({j.a.link, j.b.link} == {GROUND, index} for j in pins)

@@ -1,4 +1,4 @@
-"""What all exported Python scripts share: their first lines, their constants, and how they are run alone."""
+"""The common part of exported Python scripts: their first lines, their constants, and how they are run alone."""
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.export import coordinates

@@ -29,7 +29,7 @@ print(run.to_json())
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Whether a program of that engine can be written with these steps; `code` is CasADi's knob."""
+    """Tell whether a program of that engine can be written with these steps; `code` is CasADi's knob."""
     if engine == "pinocchio":
         return stabilization != "projection"
     if engine == "casadi":

@@ -121,7 +121,7 @@ Acting = OnJoint | OnSum | Between | Push
 
 @dataclass(frozen=True, eq=False)
 class Spatial:
-    """What a file describes.
+    """The content of a file.
 
     Attributes:
         file: that it was read from, for messages.

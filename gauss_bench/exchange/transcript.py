@@ -35,14 +35,14 @@ class Script:
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
 
     def thing(self, source: str) -> "Thing":
-        """What the script calls `source`, such as an imported module."""
+        """A name of the script for `source`, such as an imported module."""
         return Thing(self, source)
 
     def comment(self, text: str) -> None:
         self.lines.append(python_comment([text]).rstrip("\n"))
 
     def called(self, source: str, text: str) -> "Thing":
-        """What a call returns, whose function is `source`."""
+        """The result of a call whose function is `source`."""
         name = source.rpartition(".")[2]
         if name not in self._statements:
             return Thing(self, text)

@@ -72,5 +72,5 @@ def _whole(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Ite
 
 
 def _slots(step: int, every: int, n: int) -> int:
-    """How many samples there are after so many steps."""
+    """Count the samples after so many steps."""
     return step // every + (step == n and n % every > 0)

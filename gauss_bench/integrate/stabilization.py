@@ -1,4 +1,4 @@
-"""What keeps a trajectory on its constraints: nothing, Baumgarte's terms, or projection after each step.
+"""Stabilisations that keep a trajectory on its constraints: none, Baumgarte's terms, or projection after each step.
 
 Baumgarte replaces phi'' = 0 by phi'' + 2 alpha phi' + beta^2 phi = 0, so that gamma loses 2 alpha phi' + beta^2 phi. With
 alpha = beta the error decays critically. Source: Baumgarte, Stabilization of constraints and integrals of motion in dynamical

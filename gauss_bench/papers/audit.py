@@ -51,7 +51,7 @@ class NumberTable(FileTable):
 
 
 class ExampleEntry(FileTable):
-    """Which number a form gives, and the function that computes it from the form."""
+    """The number that a form gives, and the function that computes it from the form."""
 
     number: str
     of: str

@@ -23,7 +23,7 @@ Form = Callable[..., Any]
 
 
 class Verdict(StrEnum):
-    """What is to be said of a printed statement."""
+    """The verdict on a printed statement."""
 
     OK = "ok"
     MISPRINT = "misprint"  # a slip of the pen or of the press: what is meant is clear
@@ -35,7 +35,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Cause:
-    """Why lines fail.
+    """Causes for which lines fail.
 
     Attributes:
         name: unique within its paper.

@@ -65,7 +65,7 @@ def reproduction() -> dict[str, Any]:
 
 
 def given(motion: CrankMotion) -> list[Quantity]:
-    """What the paper gives and everything below is about."""
+    """The data that the paper gives and everything below is about."""
     return [
         Quantity("given", "torque", "torque on the crank", motion.torque, "N m"),
         Quantity("given", "damper", "damper at the slider", motion.c, "N s/m"),
@@ -116,7 +116,7 @@ def statics(motion: CrankMotion) -> list[Quantity]:
 
 
 def settling(motion: CrankMotion) -> list[Quantity]:
-    """Which torques and dampers let it come to rest from the printed start."""
+    """Torques and dampers that let it come to rest from the printed start."""
 
     def twisted(torque: float) -> CrankMotion:
         return replace(motion, torque=torque)
@@ -163,7 +163,7 @@ def resting(motion: CrankMotion) -> Quantity:
 
 
 def formulas(motion: CrankMotion) -> list[Quantity]:
-    """What the wrong formulas would make of the example."""
+    """The example as the wrong formulas would have it."""
     quantities = []
     for key, formula in (("true", TRUE), ("eq16", EQ_16), ("eqs10_11", EQS_10_11)):
         other = replace(motion, formula=formula)
@@ -178,7 +178,7 @@ def formulas(motion: CrankMotion) -> list[Quantity]:
 
 
 def claims(motion: CrankMotion) -> list[Quantity]:
-    """What the paper says of its example, held against the computation."""
+    """Claims of the paper on its example, held against the computation."""
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     any_inertia = not any(settles(heavier(motion, i, k, motion.torque)) for i in INERTIAS for k in INERTIAS)
@@ -245,7 +245,7 @@ LEFT_OUT = {
 
 
 def left_out() -> list[Quantity]:
-    """What the paper does not say, and what is taken here."""
+    """Data that the paper does not give, and what is taken here."""
     return [Quantity("left out", key, words, statement=taken) for key, (words, taken) in LEFT_OUT.items()]
 
 

@@ -1,4 +1,4 @@
-"""Where the crank-slider can rest, whether it comes to rest from its start, and the bounds between coming to rest and running.
+"""Positions of rest of the crank-slider, whether it comes to rest from its start, and the bounds between rest and running.
 
     F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
 
@@ -70,7 +70,7 @@ def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
 
 
 def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
-    """Where the crank can rest under the motion's torque, in the order of the angle; empty where no angle balances it."""
+    """Angles at which the crank can rest under the motion's torque, in order; empty where no angle balances it."""
     theta = np.linspace(-np.pi, np.pi, GRID + 1)
     F = motion.static_torque(theta)
     places = []
@@ -81,7 +81,7 @@ def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
 
 
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
-    """Whether the crank, started at rest at theta = 0, comes to rest.
+    """Tell whether the crank, started at rest at theta = 0, comes to rest.
 
     Raises:
         ArithmeticError: not decided within LONGEST, which happens at an exact bound only.

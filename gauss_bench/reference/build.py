@@ -34,7 +34,7 @@ def sample_times(t_end: float) -> Array:
 
 
 def is_minimal(mechanism: Mechanism) -> bool:
-    """Whether one angle, of the crank or of the driven link, describes the motion."""
+    """Tell whether one angle, of the crank or of the driven link, describes the motion."""
     angle = mechanism.driver is not None if mechanism.drivers else mechanism.crank is not None
     return angle and mechanism.dof == 1 and not mechanism.knife_edges and not mechanism.varying
 

@@ -182,7 +182,7 @@ def _collocation(
 
 
 def _vouched(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
-    """How many samples have the digits asked for, their largest relative error bar, and why there are no more."""
+    """Count the samples that have the digits asked for; their largest relative error bar, and why there are no more."""
     worst = np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v")))
     lost = np.flatnonzero(~(worst <= 10.0**-digits))
     kept = int(lost[0]) if len(lost) else len(worst)
@@ -199,7 +199,7 @@ def _vouched(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion],
 
 
 def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
-    """What made the certificate, as plain data."""
+    """The provenance of the certificate, as plain data."""
     pipelines = []
     for motion in (first, second):
         entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}

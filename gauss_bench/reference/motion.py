@@ -1,4 +1,4 @@
-"""What one pipeline of a certificate returns: a motion in numbers of its own type, and where it had to stop."""
+"""The result of one pipeline of a certificate: a motion in numbers of its own type, and where it had to stop."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where the references of a run come from: a certificate where one holds, else built and kept by what they need."""
+"""The store of a run's references: a certificate where one holds, else built and kept by what they need."""
 
 import hashlib
 import os

@@ -23,7 +23,7 @@ BALANCE_LIMIT = 1e-10  # relative: rounding of accelerations, times the conditio
 
 @dataclass(frozen=True)
 class Verification:
-    """What verifying one certificate found.
+    """The findings of verifying one certificate.
 
     Attributes:
         mechanism, scenario: what it holds for.

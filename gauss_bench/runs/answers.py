@@ -1,4 +1,4 @@
-"""What a worker may answer: None, truth values, numbers, texts, lists, dictionaries by text, and arrays of numbers.
+"""The data that a worker may answer with: None, truth values, numbers, texts, lists, dictionaries by text, number arrays.
 
 On its way an answer is JSON, in which an array is its kind and its shape; the bytes of the arrays follow, in their order. A worker
 may have run code of others, so that reading an answer makes data or fails, and never runs anything: nothing is unpickled, and what

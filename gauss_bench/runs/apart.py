@@ -152,7 +152,7 @@ def plain_run(run: Run) -> dict[str, Any]:
 
 
 def outcome_of(answer: object) -> Outcome:
-    """What a worker's answer says, taken for numbers and sentences alone; an answer that is none is an error."""
+    """Read a worker's answer, for numbers and sentences alone; an answer that is none is an error."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             told = rest.get("answer")

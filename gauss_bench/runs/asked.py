@@ -1,4 +1,4 @@
-"""What a user asks of a run, against what a suite says: the one rule of how long and by which steps."""
+"""A user's wishes for a run, against what a suite says: the one rule of how long and by which steps."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ MOST_SAMPLES = 5e6  # half a GiB of a four-bar's states, in each of their copies
 
 
 def duration(own: float, suite: float | None = None, until: float | None = None) -> float:
-    """How long a linkage runs [s]: as long as asked, else as long as a suite says that lists it, else its scenario's own duration.
+    """The duration of a run [s]: as asked, else as a suite says that lists the linkage, else its scenario's own.
 
     Raises:
         ChoiceError: no positive time.

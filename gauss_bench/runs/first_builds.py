@@ -1,4 +1,4 @@
-"""What an engine needs that takes minutes to build, once for a user: built before it is searched, or when it is named.
+"""Libraries that take minutes to build, once for a user: built before an engine is searched, or when it is named.
 
 It is built in a worker, which ends what it has started when its parent dies. Whatever fails here is said again by the engine, whose
 runs are then skipped with the reason.

@@ -1,4 +1,4 @@
-"""What engines offer, asked where asking is safe: own ones in this process, everything else in a worker.
+"""The offers of engines, asked where asking is safe: own ones in this process, everything else in a worker.
 
 An engine that aborts, hangs, does not import or lacks a member is an offer with a reason, never an exception.
 """
@@ -32,7 +32,7 @@ class ChoiceError(ValueError):
 
 @dataclass(frozen=True)
 class Offer:
-    """What an engine says of itself.
+    """The description that an engine gives of itself.
 
     Attributes:
         name: of the engine.
@@ -68,7 +68,7 @@ class Offer:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be asked to run anything."""
+        """True if it can be asked to run anything."""
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
@@ -130,7 +130,7 @@ def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
 
 
 def isolated(name: str) -> bool:
-    """Whether an engine runs in a worker process: all but the suite's own formulations."""
+    """Tell whether an engine runs in a worker process: all but the suite's own formulations."""
     return name not in (*OWN, *COMPILED)
 
 
@@ -139,7 +139,7 @@ _asking = threading.Lock()
 
 
 def offer(name: str) -> Offer:
-    """What the engine of that name offers; asked once in a process.
+    """The offer of the engine of that name; asked once in a process.
 
     Raises:
         KeyError: there is no such engine.
@@ -148,7 +148,7 @@ def offer(name: str) -> Offer:
 
 
 def offers(wanted: list[str] | None = None) -> list[Offer]:
-    """What the engines of these names offer, or all.
+    """The offers of the engines of these names, or of all.
 
     Raises:
         KeyError: there is no such engine.
@@ -199,7 +199,7 @@ def _told(name: str, answer: object) -> Offer:
 
 
 def describe(name: str) -> Offer:
-    """What an engine offers, asked in this process."""
+    """Ask an engine for its offer, in this process."""
     try:
         engine: Any = get(name)
     except ImportError as error:
@@ -241,7 +241,7 @@ def _broken(name: str, error: Exception) -> Offer:
 
 
 def _version(asked: Callable[[], object]) -> str:
-    """What it says of its library.
+    """Ask an engine for the version of its library.
 
     Raises:
         ImportError: the library is not there.
@@ -261,7 +261,7 @@ def _variant(name: str, said: Any) -> Variant:
 
 
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
-    """What can be given one by one: the knobs that an engine declares, or the options that it names."""
+    """The options that can be given one by one: the knobs that an engine declares, or the options that it names."""
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(getattr(engine, "knobs", {})).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, getattr(engine, "options", ())), ())
 

@@ -49,7 +49,7 @@ class Sampling:
 
     @property
     def note(self) -> str:
-        """What must be said of the steps, or an empty text."""
+        """The remark on the steps, or an empty text."""
         if not self.shortened:
             return ""
         return f"{self.shortened} of {self.count} steps are shorter than {self.step:g} s, to meet times that whole steps miss"
@@ -108,7 +108,7 @@ def nothing(model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an engine made of a run, before anybody has looked at it.
+    """The outcome of a run in an engine, before anybody has looked at it.
 
     Attributes:
         status, message: OK, or what went wrong and a sentence.
@@ -127,7 +127,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """How one run ended.
+    """A run that has ended.
 
     Attributes:
         status, message: OK and a remark, or what went wrong and a sentence.
@@ -212,7 +212,7 @@ def _failing(status: object) -> Status:
 
 
 def _read(model: Model | None) -> object:
-    """What a model whose run was broken off has reached, if it can tell."""
+    """Read the samples that a model reached whose run was broken off, if it can tell."""
     try:
         return model and model.read()
     except RunFailure as failure:
@@ -222,7 +222,7 @@ def _read(model: Model | None) -> object:
 
 
 def received(outcome: Outcome, wanted: Sampling, n: int) -> Run:
-    """What is taken of an outcome: of a run that ended well every sample of n coordinates, of another those that it reached."""
+    """Take the samples of an outcome: of a run that ended well all of n coordinates, of another those that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:

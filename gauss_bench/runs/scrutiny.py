@@ -1,4 +1,4 @@
-"""What can be found out of a run without knowing the truth: by a repetition, by the fastest mode, by a second formulation.
+"""Checks of a run without knowing the truth: by a repetition, by the fastest mode, by a second formulation.
 
 A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine, and a
 tighter tolerance what an integrator spoils that chooses its own steps; the own
@@ -149,7 +149,7 @@ def at_half_the_step(request: Request, seconds: float, times: Array, longest: fl
 
 
 def decides(truth: Reference, mechanism: Mechanism) -> bool:
-    """Whether a reference is known so well that no second run is needed to tell whether a run may be used."""
+    """Tell whether a reference is known so well that no second run is needed to tell whether a run may be used."""
     return bool(truth.error_q.max(initial=0.0) <= VAGUE * OFF_MOTION * min(1.0, mechanism.size))
 
 

@@ -183,7 +183,7 @@ def kept(engine: str) -> Worker:
 
 
 class SpoiltAnswer(RuntimeError):
-    """What came through the pipe is not the answer to the task."""
+    """An answer came through the pipe that is not the answer to the task."""
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
@@ -226,7 +226,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 class _Clock:
-    """How much of its limit [s] a task has left: what its process waited for a processor is given back, where the system tells."""
+    """The rest of a task's limit [s]: what its process waited for a processor is given back, where the system tells."""
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)

@@ -1,4 +1,4 @@
-"""What is being drawn, kept beside the user's caches while it is not saved, so that neither browser nor server can lose it.
+"""The drawing that is not saved yet, kept beside the user's caches, so that neither browser nor server can lose it.
 
 A file belongs to one process and one document; what a dead process left is offered to whoever opens the same document next.
 """
@@ -43,7 +43,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Left:
-    """What a process left: the text, ids of what was locked, and the picture behind them."""
+    """The remains of a process: the text, ids of what was locked, and the picture behind them."""
 
     file: Path
     text: str
@@ -58,7 +58,7 @@ class Left:
 
 
 def folder() -> Path:
-    """Where drawings are kept that are not saved yet."""
+    """The folder of drawings that are not saved yet."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gauss-bench" / "studio"
 
@@ -93,7 +93,7 @@ class Autosave:
             pictured(self.file).unlink(missing_ok=True)
 
     def left(self) -> Left | None:
-        """What a process that is no more left of this document: the newest; whatever is spoilt is as if it were not there."""
+        """The newest remains of this document by a process that is no more; spoilt ones are as if they were not there."""
         saved = []
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
@@ -119,7 +119,7 @@ def kept(paths: Iterable[Path]) -> list[str]:
 
 
 def pictured(file: Path) -> Path:
-    """Where the picture lies that belongs to the text of a file."""
+    """The place of the picture that belongs to the text of a file."""
     return file.with_suffix(".picture")
 
 

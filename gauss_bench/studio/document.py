@@ -85,7 +85,7 @@ def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], depth: in
 
 
 def _rank(key: str) -> int:
-    """Where a table stands in a file that is written here."""
+    """The rank of a table in a file that is written here."""
     return ORDER.index(key) if key in ORDER else -1
 
 

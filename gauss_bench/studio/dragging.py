@@ -57,7 +57,7 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
 
 
 def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
-    """Where the linkage goes with the pointer; `ms` of the processor's own time."""
+    """Drag the linkage with the pointer; `ms` of the processor's own time."""
     target, began = np.array(place(message.get("at"))), time.thread_time()
     with np.errstate(all="ignore"):
         moved = dragging.drag.to(target, STEPS)

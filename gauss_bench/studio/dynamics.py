@@ -1,4 +1,4 @@
-"""What is asked of the suite from the drawing: letting it go, other engines beside, and which setting of which engine to take."""
+"""Questions of the drawing to the suite: letting it go, other engines beside, and which setting of which engine to take."""
 
 import math
 from importlib.util import find_spec

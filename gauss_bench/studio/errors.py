@@ -1,4 +1,4 @@
-"""What the studio refuses, in a sentence for whoever asked."""
+"""Refusals of the studio, in a sentence for whoever asked."""
 
 
 class Refused(ValueError):

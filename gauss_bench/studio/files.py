@@ -83,7 +83,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
 
 
 def changed(path: Path, known: str) -> bool:
-    """Whether a file says something else than what is known of it; one that is gone does not."""
+    """Tell whether a file says something else than what is known of it; one that is gone does not."""
     try:
         return path.read_text(encoding="utf-8") != known
     except FileNotFoundError:

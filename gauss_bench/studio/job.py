@@ -64,7 +64,7 @@ def release(request: Mapping[str, Any], say: Say) -> None:
 
 
 def compared(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
-    """How far a motion parts from another [m], over time, and the link that is furthest."""
+    """The distance of a motion from another [m], over time, and the link that is furthest."""
     times = t[t <= other_t[-1] + 1e-12]
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)
     gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]

@@ -20,7 +20,7 @@ GRACE = 2.0  # [s] for what is left of a piece of work that is stopped
 
 
 class Jobs:
-    """What is going on, by number."""
+    """The work that is going on, by number."""
 
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
         self.tell = tell

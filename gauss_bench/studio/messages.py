@@ -1,4 +1,4 @@
-"""What a message of the page says: values of one kind or another, checked before anything is made of them."""
+"""The content of a page's message: values of one kind or another, checked before anything is made of them."""
 
 import math
 import sys

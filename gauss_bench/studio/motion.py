@@ -132,7 +132,7 @@ def posed(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """What the first driver exerts, and what pins and slides carry, while the motion goes as its law says."""
+    """The effort of the first driver, and the loads of pins and slides, while the motion goes as its law says."""
     if not len(x.t):
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)

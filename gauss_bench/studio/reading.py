@@ -53,7 +53,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What could be read of a document.
+    """The readable part of a document.
 
     Attributes:
         document: as it was given.
@@ -79,7 +79,7 @@ class Reading:
 
     @cached_property
     def rank(self) -> int:
-        """How many rows of the joints are independent, the drawing being of no special kind."""
+        """The number of independent rows of the joints, the drawing being of no special kind."""
         if self.mechanism is None:
             return 0
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError):
@@ -119,7 +119,7 @@ def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
 
 
 def read(document: Document, starts: bool = True) -> Reading:
-    """What can be read of a document, whatever is wrong with it; whether its scenarios start is most of the work."""
+    """Read a document, whatever is wrong with it; whether its scenarios start is most of the work."""
     faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
     problems = [Problem("error", str(f), place(document, f.path)) for f in faults]
     rest = _still(copy.deepcopy(document))
@@ -154,7 +154,7 @@ def read(document: Document, starts: bool = True) -> Reading:
 
 
 def place(document: Document, path: str) -> tuple[str, ...]:
-    """What of the drawing the path of a fault is about."""
+    """The part of the drawing that the path of a fault is about."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -184,7 +184,7 @@ def _is_place(x: Any) -> bool:
 
 
 def _is_told_otherwise(document: Document, fault: Fault) -> bool:
-    """Whether a fault only says that a drawing is not finished, which is told in the words of a drawing."""
+    """Tell whether a fault only says that a drawing is not finished, which is told in the words of a drawing."""
     lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
     return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
 
@@ -197,7 +197,7 @@ def _lone(document: Document) -> list[Problem]:
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """What is wrong with a document that was not wrong before."""
+    """The faults of a document that it did not have before."""
     known = {(x.path, x.text) for x in document_faults(before)}
     lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
     return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
@@ -267,7 +267,7 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 
 def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Where the sketch has the links; those that it does not place stand at the origin, or hang from the one point known."""
+    """Places of the links by the sketch; those that it does not place stand at the origin, or hang from the one point known."""
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})
@@ -290,7 +290,7 @@ def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str,
 
 
 def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
-    """What does not assemble, with how far its ends are apart in the drawing."""
+    """The pairs that do not assemble, with how far their ends are apart in the drawing."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         with np.errstate(all="ignore"):
             loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open

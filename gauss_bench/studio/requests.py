@@ -1,4 +1,4 @@
-"""What the page may ask for: one function for every verb of the protocol, which README.md describes."""
+"""Requests of the page: one function for every verb of the protocol, which README.md describes."""
 
 import contextlib
 import threading
@@ -43,7 +43,7 @@ def in_folder(session: Session, message: Message) -> Reply:
 
 
 def left_of(session: Session) -> dict[str, str] | None:
-    """What a process that is no more had not saved of this document."""
+    """The unsaved changes of this document by a process that is no more."""
     left = session.autosave.left()
     return None if left is None else {"text": left.text}
 

@@ -1,4 +1,4 @@
-"""What the page draws: a reading of the document in plain data. The page computes nothing but where a rigid link's points are."""
+"""The scene that the page draws: a reading in plain data. The page computes nothing but where a rigid link's points are."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -147,7 +147,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def _middle(places: list[list[float]]) -> list[float]:
-    """Where a pin is: of one that stays open, in the middle of its ends."""
+    """The place of a pin: of one that stays open, in the middle of its ends."""
     return [float(x) for x in np.mean(places, axis=0)]
 
 
@@ -205,7 +205,7 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
 
 
 def drivers_possible(document: Document) -> list[dict[str, str]]:
-    """What a law can prescribe: links that turn on the ground, slides, cylinders among them."""
+    """The coordinates that a law can prescribe: links that turn on the ground, slides, cylinders among them."""
     kinds: dict[str, str] = {}
     for name, joint in items(written_out(document) if _cylinders_are_sound(document) else document, "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
@@ -231,7 +231,7 @@ def _cylinders_are_sound(document: Document) -> bool:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """Whether it assembles, and its counts at a position of no special kind near the drawing."""
+    """The state of assembly, with counts at a position of no special kind near the drawing."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}

@@ -1,4 +1,4 @@
-"""Who may talk to the studio: pages that it served itself, on this machine, with the token of its address."""
+"""Access to the studio: only pages that it served itself, on this machine, with the token of its address."""
 
 import hmac
 import secrets
@@ -17,7 +17,7 @@ ASKING = 64  # that are being answered; beyond them a request gets 503
 
 
 def headers(port: int) -> dict[str, str]:
-    """What every answer says: nothing from elsewhere runs, frames or is guessed."""
+    """The headers of every answer: nothing from elsewhere runs, frames or is guessed."""
     sockets = f"ws://127.0.0.1:{port} ws://localhost:{port}"
     policy = (
         f"default-src 'self'; connect-src 'self' {sockets}; img-src 'self' data: blob:; media-src 'self' blob:; object-src 'none'; "
@@ -36,7 +36,7 @@ def headers(port: int) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Guard:
-    """What a request must bring: the address of this server as Host, its own or no Origin, and the token."""
+    """The demands on a request: the address of this server as Host, its own or no Origin, and the token."""
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
@@ -46,7 +46,7 @@ class Guard:
         return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost"))
 
     def refusal(self, host: str | None, origin: str | None) -> str:
-        """Why a request is refused by where it comes from; "" where it is not."""
+        """The reason why a request is refused by where it comes from; "" where it is not."""
         if host not in self.hosts:
             return "the studio answers to its own address alone"
         if origin is not None and origin not in {f"http://{x}" for x in self.hosts}:
@@ -54,12 +54,12 @@ class Guard:
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Whether this is the token of the address."""
+        """Tell whether this is the token of the address."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
 class Rate:
-    """How many messages came lately."""
+    """The number of messages that came lately."""
 
     def __init__(self) -> None:
         self.times: deque[float] = deque()

@@ -100,7 +100,7 @@ class Connection(H11Protocol):
             oldest.transport.abort()
 
     def waits(self) -> bool:
-        """Whether nothing is owed to it: no request has come whole, or all of its answer has left."""
+        """Tell whether nothing is owed to it: no request has come whole, or all of its answer has left."""
         return (self.cycle is None or self.cycle.response_complete) and not self.transport.get_write_buffer_size()
 
 

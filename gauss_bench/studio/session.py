@@ -17,7 +17,7 @@ STEPS = 200  # texts that are remembered for undo
 
 
 class Session:
-    """What is open. All of it is plain state: the text is the truth, and the reading follows from it.
+    """The open document. All of it is plain state: the text is the truth, and the reading follows from it.
 
     Attributes:
         folder: where files may be opened and saved.
@@ -85,7 +85,7 @@ class Session:
 
     @property
     def reading(self) -> Reading:
-        """What can be read of the text."""
+        """The readable part of the text."""
         if self._read is None or self._read[0] != self.text:
             self._read = self.text, read(self.document)
         return self._read[1]
@@ -136,7 +136,7 @@ class Session:
             self.autosave.forget()
 
     def scene(self) -> dict[str, Any]:
-        """What the page draws."""
+        """The scene that the page draws."""
         drawn = scene(self.reading, self.locks)
         state = {
             "revision": self.revision,

@@ -1,4 +1,4 @@
-"""What a drawing can begin with: the built-in linkages, and the classics of templates/."""
+"""Beginnings of a drawing: the built-in linkages, and the classics of templates/."""
 
 import tomllib
 from functools import cache

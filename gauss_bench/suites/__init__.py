@@ -1,1 +1,1 @@
-"""What is run, as data: each suite is a file of linkages, engines, steps and targets, read and checked in one place."""
+"""Suites as data: each is a file of linkages, engines, steps and targets, read and checked in one place."""

@@ -99,7 +99,7 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 
 
 def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:
-    """What a suite says of the given linkages (name or path -> scenario), and nothing else.
+    """Restrict a suite to the given linkages (name or path -> scenario).
 
     A part for any linkage takes all of them, others those that they list.
     """

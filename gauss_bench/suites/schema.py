@@ -1,4 +1,4 @@
-"""What a suite file may say: one class a section, every field with its unit and its reason to be."""
+"""The content of a suite file: one class a section, every field with its unit and its reason to be."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -146,7 +146,7 @@ class RightHandSide(Section):
 
 
 class Bounds(Section):
-    """How near the steps of an engine come to the processor's limits, taken from the races."""
+    """The distance of an engine's steps from the processor's limits, taken from the races."""
 
     own: str
 

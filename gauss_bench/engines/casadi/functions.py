@@ -83,7 +83,7 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
 
 def unfit(mechanism: Mechanism) -> str | None:
-    """Why the equations have no closed solution, or None.
+    """The reason why the equations have no closed solution, or None.
 
     Raises:
         TypeError: a force of a kind that does not say what it comes to.

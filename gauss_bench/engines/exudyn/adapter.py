@@ -119,7 +119,7 @@ def rows(mechanism: Mechanism) -> int:
 
 
 class Log:
-    """What Exudyn prints: its warnings bypass Python's, so its output goes to a file that is searched afterwards."""
+    """The log of Exudyn's output: its warnings bypass Python's, so it goes to a file that is searched afterwards."""
 
     def __init__(self, exu: Any) -> None:
         self.exu = exu

@@ -52,7 +52,7 @@ COINCIDENT = 1e-12  # [m]
 
 
 def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
-    """Why a force has no exact counterpart among Exudyn's items, or None."""
+    """The reason why a force has no exact counterpart among Exudyn's items, or None."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
@@ -73,7 +73,7 @@ def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
 
 
 def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
-    """Whether a slide between the two links runs along the axis at `theta` [rad] in the origin's link."""
+    """Tell whether a slide between the two links runs along the axis at `theta` [rad] in the origin's link."""
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic) and set(ends(joint)) == {origin, other}:
             line = joint.angle if joint.guide.link == origin else joint.angle - joint.turn

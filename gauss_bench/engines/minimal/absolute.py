@@ -1,4 +1,4 @@
-"""What a stretch of the motion in one coordinate is in the linkage's absolute coordinates.
+"""A stretch of the motion in one coordinate, in the linkage's absolute coordinates.
 
 The equation knows directions of links; their angles are followed along the stretch, over as many turns as there are.
 """

@@ -102,7 +102,7 @@ class MinimalModel:
 
     @property
     def _start(self) -> int:
-        """Which of the states of the walk is the start of the motion, or next to it."""
+        """The number of the state of the walk that is the start of the motion, or next to it."""
         return int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
 
     def _key(self, k: int, row: int) -> Key:

@@ -335,7 +335,7 @@ class _Motion:
         return self.q[k] + turn
 
     def seen(self, way: Way) -> list[Node]:
-        """What `Equation.seen` says of one way."""
+        """The part of `Equation.seen` for one way."""
         body = self.bodies[way.link]
         if isinstance(way.joint, Prismatic):
             slid = state(way.coordinate, _Rates(self, self.one))
@@ -364,7 +364,7 @@ class _Motion:
         return zip((dyad.first, dyad.second), dyad.middle, strict=True)
 
     def told(self) -> list[list[Node]]:
-        """What `Equation.told` says of the links."""
+        """The part of `Equation.told` for the links."""
         rows: list[list[Node]] = [[], [], []]
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -376,7 +376,7 @@ class _Motion:
 
 
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vector]:
-    """What a link adds to m and h, and its mass times the derivative of its centre."""
+    """The share of a link in m and h, and its mass times the derivative of its centre."""
     if body.pin is None:
         z = body.point(np.zeros(2))
         return (

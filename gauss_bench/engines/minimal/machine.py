@@ -72,7 +72,7 @@ class Machine:
         return compiled(self.equation.seen)
 
     def seen(self, y: Array) -> list[Array]:
-        """What `Equation.seen` says at a state, its parts one by one."""
+        """Evaluate `Equation.seen` at a state, its parts one by one."""
         return np.split(self._view(y), self._cuts)
 
     @cached_property

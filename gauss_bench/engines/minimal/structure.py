@@ -1,4 +1,4 @@
-"""How a linkage closes, one dyad after the other, from one coordinate: numbers of the file and nothing that moves.
+"""The order in which a linkage closes from one coordinate, dyad after dyad: numbers of the file and nothing that moves.
 
 A dyad is two links and three joints: one joins them, the others hold them to links that are placed already. With pins R and slides
 P there are three kinds that linkages of pins and slides commonly have,
@@ -143,7 +143,7 @@ class Way:
         return np.array([x if isinstance(dyad, RPR) else 1.0 for dyad, x in zip(self.dyads, largest, strict=False)])
 
     def opening(self, q: Array) -> Array:
-        """How far every dyad is from its dead centre, with the sign of its branch, (..., dyads) at positions q (..., n).
+        """The distance of every dyad from its dead centre, signed by branch, (..., dyads) at positions q (..., n).
 
         The sine of the angle between the links (RRR), the cosine of the rod against the line (RRP), of RPR the way of the block
         from where it meets the pin [m].
@@ -152,7 +152,7 @@ class Way:
 
 
 def opening(dyad: Dyad, q: Array) -> Array:
-    """How far a dyad is from its dead centre (...) at positions q (..., n), as `Way.opening` tells it."""
+    """The distance of a dyad from its dead centre (...) at positions q (..., n), as `Way.opening` tells it."""
     match dyad:
         case RRR():
             a = _vector(q, dyad.first.own, dyad.middle[0])
@@ -300,5 +300,5 @@ def _turned(x: Array, angle: float) -> Array:
 
 
 def _beside(x: Array, angle: float) -> float:
-    """How far x lies to the left of a direction."""
+    """The distance of x to the left of a direction."""
     return float(np.cos(angle) * x[1] - np.sin(angle) * x[0])

@@ -174,7 +174,7 @@ class MujocoModel:
 
     @property
     def pushed(self) -> bool:
-        """Whether forces are set from Python at every stage."""
+        """True if forces are set from Python at every stage."""
         return bool(self.drives or self.cylinders or self.varying.varying)
 
     def _push(self, data: Any, t: float) -> None:

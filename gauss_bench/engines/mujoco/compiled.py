@@ -1,4 +1,4 @@
-"""What MuJoCo's own compiler makes of a document: defaults, classes, frames and masses of shapes worked out, as plain data."""
+"""A document as MuJoCo's own compiler reads it: defaults, classes, frames and masses of shapes worked out, as plain data."""
 
 from typing import Any
 

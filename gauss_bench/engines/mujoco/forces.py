@@ -1,4 +1,4 @@
-"""Which of a linkage's forces MuJoCo has, and in what form; nothing here needs MuJoCo.
+"""Forces of a linkage in MuJoCo's terms, with their forms; nothing here needs MuJoCo.
 
 Angles of links are sums of hinge coordinates, theta = e . y + const. Forces have one of these forms, exactly, or none:
 
@@ -74,15 +74,15 @@ class Turning:
     constants: Array
 
     def together(self, a: int, b: int) -> bool:
-        """Whether two links never turn relative to each other."""
+        """Tell whether two links never turn relative to each other."""
         return bool((self.rows[a] == self.rows[b]).all())
 
     def turns_with(self, a: int, b: int) -> bool:
-        """Whether every hinge that turns link a turns b as well."""
+        """Tell whether every hinge that turns link a turns b as well."""
         return bool((self.rows[a] <= self.rows[b]).all())
 
     def apart(self, a: int, b: int) -> bool:
-        """Whether no hinge turns both links."""
+        """Tell whether no hinge turns both links."""
         return not (self.rows[a] * self.rows[b]).any()
 
 

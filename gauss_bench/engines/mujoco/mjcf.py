@@ -96,7 +96,7 @@ def _points(node: Element, mechanism: Mechanism, link: int) -> None:
 
 
 def _option(built: MujocoModel) -> Element:
-    """What the adapter has set in the compiled model."""
+    """The options that the adapter has set in the compiled model."""
     mujoco, opt = built.mujoco, built.model.opt
     option = Element(
         "option",
@@ -115,7 +115,7 @@ def _option(built: MujocoModel) -> Element:
 
 
 def _body(node: Element, body: Any, mujoco: Any, decorate: Callable[[Element], None]) -> None:
-    """What a body of the specification holds, what a viewer wants to see of it, and the bodies that hang on it."""
+    """A body of the specification, with what a viewer wants to see of it, and the bodies that hang on it."""
     kinds = {mujoco.mjtJoint.mjJNT_HINGE: "hinge", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
     for joint in body.joints:
         more = {"stiffness": said(joint.stiffness[0]), "springref": said(joint.springref)} if joint.stiffness[0] else {}

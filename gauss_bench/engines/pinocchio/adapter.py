@@ -71,7 +71,7 @@ class Pinocchio:
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """What settings need that takes minutes to build, once for a user, and can be built; else an empty text."""
+        """Name what settings need that takes minutes to build, once for a user, and can be built; else an empty text."""
         wanted = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if wanted else ""
 

@@ -62,7 +62,7 @@ def compiler() -> str | None:
 
 
 def missing() -> str | None:
-    """Why the loop cannot be built on this machine, or None."""
+    """The reason why the loop cannot be built on this machine, or None."""
     root, reason = prefix(), None
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -74,7 +74,7 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """Why the loop that could be built cannot be loaded yet, or None."""
+    """The reason why the loop that could be built cannot be loaded yet, or None."""
     if (user_cache.folder() / _name()).is_file():
         return None
     return f"Pinocchio's compiled loop is not installed: it was not built yet, which takes about 2 minutes: {HOW}"

@@ -27,7 +27,7 @@ VANISHING, ENDLESS, FAILED = -1, -2, -3  # what `advance_adaptive` says in place
 
 
 def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """Why the compiled loop does not run what the adapter runs in Python, or None."""
+    """The reason why the compiled loop does not run what the adapter runs in Python, or None."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:

@@ -1,4 +1,4 @@
-"""What the lines of the audit compute: printed and corrected forms as functions, and the measures that compare them with a truth.
+"""Computations for the lines of the audit: printed and corrected forms as functions, and measures of them against a truth.
 
 A module for each chapter of the data files:
 - `least_squares`, `projector`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on their own

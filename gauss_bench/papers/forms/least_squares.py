@@ -134,7 +134,7 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
 
 
 def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
-    """Whether it gives solutions of J a = g only, and with h = a every solution a."""
+    """Tell whether it gives solutions of J a = g only, and with h = a every solution a."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         X = some_inverse(p.J, rng)

@@ -99,7 +99,7 @@ def no_difference(p: Pose) -> Array:
 
 
 def difference(p: Pose) -> Array:
-    """What column 1 is off by as printed: the true one minus it."""
+    """The error of column 1 as printed: the true one minus it."""
     return (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
 
 

@@ -119,7 +119,7 @@ def basic() -> tuple[str, str]:
 
 
 def basic_off(form: Callable[[], tuple[str, str]]) -> float:
-    """How far the coordinate that is said to be known moves in a turn, relative to the stroke."""
+    """The error of the coordinate that is said to be known, in a turn, relative to the stroke."""
     point, axis = form()
     values = [getattr(getattr(x, point), axis) for x in shapers()]
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))

@@ -138,7 +138,7 @@ def joint_forces(mechanism: Mechanism, q: Long, force: Long, redundant: int, eps
 
 
 def _least_squares(J: Array) -> Callable[[Array], Array]:
-    """What gives the least-squares solution (m,) of J^T y = b (n,)."""
+    """The map that gives the least-squares solution (m,) of J^T y = b (n,)."""
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 

@@ -81,7 +81,7 @@ class Closures:
         raise Unsolved("the prediction is too far off")
 
     def crosses(self, x: Array, y: Array) -> bool:
-        """Whether one of the pivots that are best at x changes its sign on the way to y, or all vanish.
+        """Tell whether one of the pivots that are best at x changes its sign on the way to y, or all vanish.
 
         Their product, the determinant, would not do: two loops that are singular at once leave its sign as it was.
         """

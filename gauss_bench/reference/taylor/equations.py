@@ -42,7 +42,7 @@ REDUNDANT = 1e-9  # of entries of order one: far above what double precision lea
 
 @dataclass(frozen=True)
 class Chart:
-    """Which coordinates are free, by the order of pivots of the others.
+    """The choice of free coordinates, by the order of pivots of the others.
 
     Attributes:
         scale: (n,) what a unit of each coordinate moves the loops by [m or 1]; pivots are judged in these units.
@@ -54,7 +54,7 @@ class Chart:
 
 
 class Rates(NamedTuple):
-    """What follows from a state: x' and x'' by coordinate, and u' by free coordinate."""
+    """The rates at a state: x' and x'' by coordinate, and u' by free coordinate."""
 
     velocity: dict[int, Value]
     acceleration: dict[int, Value]

@@ -1,4 +1,4 @@
-"""What loop coordinates must satisfy: closures of the loops, drivers and knife edges, and two derivatives of each.
+"""The rows of loop coordinates: closures of the loops, drivers and knife edges, and two derivatives of each.
 
     closure      P = 0                                     two rows, x and y
     angle        theta + turn - law(t) = 0
@@ -69,7 +69,7 @@ class LoopRows:
         return [{j: x for j, x in row.items() if not literal(x, 0)} for row in rows]
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
-        """What the rows with a position level leave open: closures, then drivers [m, rad; a length times its error]."""
+        """The residuals of rows with a position level: closures, then drivers [m, rad; a length times its error]."""
         residuals = [x for closure in self.closures for x in at.combined(closure, at)]
         for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
             if given.gap:
@@ -116,7 +116,7 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
 
 
 def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
-    """What a driver prescribes."""
+    """The value that a driver prescribes."""
     match driver:
         case AngleDriver():
             return Prescribed(driver.name, coordinates.angle[driver.link], coordinates.turn[driver.link], ())

@@ -42,7 +42,7 @@ class Held(NamedTuple):
 
 
 def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]:
-    """What the start of a scenario holds, besides its drivers."""
+    """The coordinates that the start of a scenario holds, besides its drivers."""
     coordinates, start = rows.coordinates, scenario.get("start", {})
     mechanism = coordinates.mechanism
     holds = []

@@ -266,7 +266,7 @@ class Drawing:
         self.made.insert(0, f"links.{name}")
 
     def framed(self, link: str) -> bool:
-        """Whether a link's frame runs along its first bar, and nothing but its points is given in it."""
+        """Tell whether a link's frame runs along its first bar, and nothing but its points is given in it."""
         given = self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -335,7 +335,7 @@ class Drawing:
 
     @staticmethod
     def _placed(points: dict[str, Array], known: list[str]) -> bool:
-        """Whether two of the known points lie apart."""
+        """Tell whether two of the known points lie apart."""
         return any(np.abs(points[k] - points[known[0]]).max() > SAME for k in known)
 
     def tidy(self) -> None:

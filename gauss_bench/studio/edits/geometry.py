@@ -166,7 +166,7 @@ def join(d: Drawing, message: Message) -> None:
 
 
 def replace_joint(d: Drawing, old: str, new: str) -> None:
-    """What acted in one joint acts in another."""
+    """Let everything that acted in one joint act in another."""
     for _, force in items(d.document, "forces"):
         if force.get("joint") == old:
             force["joint"] = new

@@ -59,7 +59,7 @@ def drive(d: Drawing, message: Message) -> None:
 
 
 def _stroke(reading: Reading) -> float:
-    """How far [m] a slide goes that is driven by no law yet."""
+    """The stroke [m] of a slide that is driven by no law yet."""
     return rounded(STROKE * reading.mechanism.size if reading.mechanism else STROKE)
 
 
@@ -78,7 +78,7 @@ def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
 
 def _lasts(driver: Mapping[str, Any]) -> float:
-    """How long [s] a law goes on; a constant speed for one turn, or one second."""
+    """The time [s] for which a law goes on; a constant speed for one turn, or one second."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         turns = isinstance(speed, (int, float)) and speed != 0 and "link" in driver
@@ -89,7 +89,7 @@ def _lasts(driver: Mapping[str, Any]) -> float:
 
 
 def coordinates(reading: Reading) -> dict[str, float]:
-    """Where every coordinate that a start or driver may hold stands: `link` [rad], `joint` [m]."""
+    """The place of every coordinate that a start or driver may hold: `link` [rad], `joint` [m]."""
     if reading.mechanism is None:
         return {}
     values = {f"links.{name}": pose[2] for name, pose in reading.poses(reading.q).items()}

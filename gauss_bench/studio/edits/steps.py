@@ -1,4 +1,4 @@
-"""How an edit becomes a step of the history: the tables change, the linkage is closed again, and the file follows."""
+"""Steps of the history made by edits: the tables change, the linkage is closed again, and the file follows."""
 
 import math
 import re

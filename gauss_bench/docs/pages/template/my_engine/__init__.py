@@ -11,7 +11,7 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 
 class Heun:
-    """What the suite asks before there is a model: names, choices, refusals."""
+    """An engine before there is a model: names, choices, refusals."""
 
     name = "heun"
     integrators = ("heun",)
@@ -25,7 +25,7 @@ class Heun:
         return "my_engine 0.1"
 
     def skip(self, mechanism, choice):
-        """Why this linkage cannot be run with these choices, or None. Refuse rather than be wrong."""
+        """The reason why this linkage cannot be run with these choices, or None. Refuse rather than be wrong."""
         if mechanism.has_friction or mechanism.redundant:
             return "neither dry friction nor redundant rows are modelled here"
         return None
