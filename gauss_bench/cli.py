@@ -533,13 +533,13 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
     """
     from gauss_bench.linkage.load import load
     from gauss_bench.runs.offers import offers
-    from gauss_bench.suites.read import joined, of_engines, read_suite, restricted, scenario_of
+    from gauss_bench.suites.read import joined, of_engines, read_suite, restrict, scenario_of
 
     suite = joined([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
     chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
     offers(options.engines or [])
-    suite = restricted(suite, chosen) if chosen else suite
+    suite = restrict(suite, chosen) if chosen else suite
     return of_engines(suite, options.engines) if options.engines else suite
 
 
@@ -637,7 +637,7 @@ def check(options: argparse.Namespace) -> int:
             return BAD_INPUT
         if len(chosen) < len(asked):
             tell(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
-    alter = partial(gate.scaled_inertia, options.plant_inertia) if options.plant_inertia else unaltered
+    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
     figures = gate.facts(rows, references)
     if baseline is None:
@@ -646,7 +646,7 @@ def check(options: argparse.Namespace) -> int:
         for reason in refused:
             tell(f"not accepted, because it failed: {reason}")
         return 1 if refused else 0
-    part = gate.restricted(baseline, set(rows["mechanism"]), {x.engine for x in asked})
+    part = gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked})
     verdicts = gate.compare(figures, part)
     failed = list(gate.failures(verdicts))
     if options.json:

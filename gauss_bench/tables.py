@@ -194,7 +194,7 @@ def _over_processes(name: str, meaning: str, unit: str = "", ties: bool = False)
     )
 
 
-def _claimed(begins: str, meaning: str) -> tuple[Column, ...]:
+def _claim(begins: str, meaning: str) -> tuple[Column, ...]:
     """A ratio from several processes, and whether its spread lies above 1, below, or neither."""
     return (*_over_processes(f"{begins}ratio", meaning), *by_clock(text(f"{begins}verdict", "holds, open or reversed")))
 
@@ -531,9 +531,9 @@ TABLES: dict[str, Table] = {
             ),
             *OUTCOME,
             number("processes", "that raced to an end"),
-            *_claimed("", "time with n + m / with n - m unknowns, of a step"),
-            *_claimed("projected_", "the same of steps that end on the constraints"),
-            *_claimed("batch_", "the same of many trajectories in lanes"),
+            *_claim("", "time with n + m / with n - m unknowns, of a step"),
+            *_claim("projected_", "the same of steps that end on the constraints"),
+            *_claim("batch_", "the same of many trajectories in lanes"),
         ),
         2,
     ),
@@ -1052,11 +1052,11 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
         )
     (_, rows), *others = parts
     for path, times in others:
-        rows = _joined(table, rows, times, path)
+        rows = _join(table, rows, times, path)
     return rows
 
 
-def _joined(
+def _join(
     table: Table, rows: tuple[dict[str, Any], ...], times: tuple[dict[str, Any], ...], path: Path
 ) -> tuple[dict[str, Any], ...]:
     """Rows with what a clock decided of them."""

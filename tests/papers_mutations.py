@@ -50,9 +50,9 @@ METHOD: dict[str, Wrong] = {
         "left out": lambda p, extra, a: me.root_function(p, a),
     },
     "constraints in accelerations": {
-        "other sign": lambda rate, q, v: -me.differentiated(rate, q, v),
-        "half": lambda rate, q, v: me.differentiated(rate, q, v) / 2,
-        "twice": lambda rate, q, v: 2 * me.differentiated(rate, q, v),
+        "other sign": lambda rate, q, v: -me.differentiate(rate, q, v),
+        "half": lambda rate, q, v: me.differentiate(rate, q, v) / 2,
+        "twice": lambda rate, q, v: 2 * me.differentiate(rate, q, v),
     },
     "general solution": {
         "plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h,
@@ -93,14 +93,14 @@ METHOD: dict[str, Wrong] = {
     },
     "inverse in the minimum": {"shortest": shortest, "reflexive": reflexive, "transpose": transposed},
     "sign before the last term": {
-        "plus": lambda p, w: me.expanded(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w,
-        "left out": lambda p, w: me.expanded(p, w) + N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w,
+        "plus": lambda p, w: me.expand(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w,
+        "left out": lambda p, w: me.expand(p, w) + N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w,
     },
     "the free vector w": {
         "outside the projector": lambda p, w: (
-            me.bracketed(p, w) + (np.eye(p.n) - N(p)) @ (np.eye(p.n) - pinv(me.matrix(p)) @ me.matrix(p)) @ w
+            me.bracket(p, w) + (np.eye(p.n) - N(p)) @ (np.eye(p.n) - pinv(me.matrix(p)) @ me.matrix(p)) @ w
         ),
-        "not projected": lambda p, w: me.bracketed(p, w) + N(p) @ w,
+        "not projected": lambda p, w: me.bracket(p, w) + N(p) @ w,
     },
 }
 

@@ -39,7 +39,7 @@ class _Draft:
         side = self.rng.uniform(-0.4, 0.4) * np.array([-way[1], way[0]])
         there = {"A": start, "B": end, "C": start + self.rng.uniform(0.3, 0.7) * way + side}
         mass, length = float(10 ** self.rng.uniform(-1.0, 1.0)), float(np.hypot(*way))
-        here = {p: _turned(x - start, -angle) for p, x in there.items()}
+        here = {p: _turn(x - start, -angle) for p, x in there.items()}
         com = self.rng.uniform(0.3, 0.7) * here["B"] + self.rng.uniform(0.0, 0.3) * (here["C"] - here["B"] / 2)
         inertia = mass * length**2 * self.rng.uniform(0.05, 0.2)
         points = {p: x.tolist() for p, x in here.items()}
@@ -126,7 +126,7 @@ class _Draft:
         return made
 
 
-def _turned(x: Array, angle: float) -> Array:
+def _turn(x: Array, angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
 

@@ -75,7 +75,7 @@ def rate(x: Symbol, q: Symbol, v: Symbol) -> Symbol:
     return ca.jtimes(x, q, v)
 
 
-def rotated(x: Any, theta: Symbol) -> Symbol:
+def rotate(x: Any, theta: Symbol) -> Symbol:
     return ca.vertcat(ca.cos(theta) * x[0] - ca.sin(theta) * x[1], ca.sin(theta) * x[0] + ca.cos(theta) * x[1])
 
 
@@ -87,7 +87,7 @@ def position(q: Symbol, point: Point) -> Symbol:
     """(2,) [m]."""
     if point.link == GROUND:
         return ca.SX(ca.DM(point.local))
-    return q[3 * point.link : 3 * point.link + 2] + rotated(point.local, angle(q, point.link))
+    return q[3 * point.link : 3 * point.link + 2] + rotate(point.local, angle(q, point.link))
 
 
 def value(x: Coordinate, q: Symbol) -> Symbol:
@@ -96,7 +96,7 @@ def value(x: Coordinate, q: Symbol) -> Symbol:
         case Angle():
             return angle(q, x.b) - angle(q, x.a)
         case Along():
-            axis = rotated((1.0, 0.0), angle(q, x.origin.link) + x.angle)
+            axis = rotate((1.0, 0.0), angle(q, x.origin.link) + x.angle)
             return ca.dot(axis, position(q, x.point) - position(q, x.origin))
         case Distance():
             return ca.sqrt(ca.sumsqr(position(q, x.b) - position(q, x.a)))
@@ -127,7 +127,7 @@ def freedom(joint: Joint) -> Coordinate:
 
 def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
     """Velocity of a knife edge across its direction."""
-    across = rotated((0.0, 1.0), angle(q, edge.point.link) + edge.angle)
+    across = rotate((0.0, 1.0), angle(q, edge.point.link) + edge.angle)
     return ca.dot(across, rate(position(q, edge.point), q, v))
 
 
@@ -165,7 +165,7 @@ def dissipation(f: Force, q: Symbol, v: Symbol) -> Symbol:
 def without_potential(f: Force, q: Symbol) -> Symbol:
     """Generalised force (n,) of a force that turns with a link."""
     if isinstance(f, PointForce) and f.frame != GROUND:
-        return ca.jacobian(position(q, f.point), q).T @ rotated(f.value, angle(q, f.frame))
+        return ca.jacobian(position(q, f.point), q).T @ rotate(f.value, angle(q, f.frame))
     return ca.SX(*q.shape)
 
 

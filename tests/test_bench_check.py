@@ -105,7 +105,7 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
 def test_a_known_case_that_an_engine_no_longer_has_fails(found: pd.DataFrame, baseline: Path) -> None:
     other = read_baseline(baseline).assign(engine="lost")
     both = pd.concat([read_baseline(baseline), other])
-    part = gate.restricted(both, {"four_bar"}, {"gauss", "lost"})
+    part = gate.restrict(both, {"four_bar"}, {"gauss", "lost"})
     assert {v.case.split()[2] for v in failures(compare(found, part))} == {"lost"}
 
 

@@ -23,7 +23,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.report.build import all_findings, build_report, read_run, sections
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
-from gauss_bench.suites.read import read_suite, restricted
+from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, files_of, read_table, write_table
 from gauss_bench.trajectory import Status
@@ -48,7 +48,7 @@ PROMISED = {
 
 def small() -> Suite:
     """The kernel suite on the four-bar alone, with less of everything."""
-    suite = restricted(SUITE, {"four_bar": "torque"})
+    suite = restrict(SUITE, {"four_bar": "torque"})
     engines = ("gauss", "gauss-native", "lagrange-native", "mujoco", "pinocchio")
     less: dict[str, dict[str, Any]] = {
         "cost": {"rounds": 2, "integrators": 1, "engines": engines},

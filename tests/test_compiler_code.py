@@ -130,7 +130,7 @@ def test_a_rotation_adds_one_rounding_of_one(reach: float, rng: np.random.Genera
     x, d = rng.uniform(-4, 4, 2000), np.append(rng.uniform(-reach, reach, 1998), [-reach, reach])
     g = Graph()
     pair = g.leaf("%x0"), g.leaf("%x1")
-    found = evaluated(g, list(trigonometry.rotated(g, pair, g.leaf("%x2"), reach)), np.sin(x), np.cos(x), d)
+    found = evaluated(g, list(trigonometry.rotate(g, pair, g.leaf("%x2"), reach)), np.sin(x), np.cos(x), d)
     with mpmath.workprec(200):
         exact = [mpmath.mpf(float(a)) + mpmath.mpf(float(b)) for a, b in zip(x, d, strict=True)]
         off = [abs(mpmath.mpf(float(s)) - mpmath.sin(a)) for (s, _), a in zip(found, exact, strict=True)]

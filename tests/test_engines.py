@@ -118,14 +118,14 @@ def test_what_is_missing_is_said_once_however_often_it_is_told_on() -> None:
 def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, store: str) -> None:
     from functools import partial
 
-    from gauss_bench.bench.gate import scaled_inertia
+    from gauss_bench.bench.gate import scale_inertia
 
     adapter = get(engine)
     settings = list(adapter.settings)[-1]
     case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
     sound, faulty = (
         row(worker, store, case),
-        worker.call(measure, (case, store, partial(scaled_inertia, 1.01)), 60.0)["row"],
+        worker.call(measure, (case, store, partial(scale_inertia, 1.01)), 60.0)["row"],
     )
     assert faulty["acceleration_error_median"] > 1e-4
     assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]

@@ -22,14 +22,14 @@ KNOWN = Known(
 
 
 def test_options_change_what_they_name_and_nothing_else() -> None:
-    usual = KNOWN.resolved("usual")
-    assert KNOWN.resolved("rounds=3") == usual | {"rounds": 3}
-    assert KNOWN.resolved("quick, pair=[3, 1], method=PGS , shut=false") == KNOWN.resolved("quick") | {
+    usual = KNOWN.resolve("usual")
+    assert KNOWN.resolve("rounds=3") == usual | {"rounds": 3}
+    assert KNOWN.resolve("quick, pair=[3, 1], method=PGS , shut=false") == KNOWN.resolve("quick") | {
         "pair": [3.0, 1.0],
         "method": "PGS",
         "shut": False,
     }
-    mu = KNOWN.resolved("mu=0")["mu"]
+    mu = KNOWN.resolve("mu=0")["mu"]
     assert (mu, type(mu)) == (0.0, float)
 
 
@@ -55,13 +55,13 @@ def test_options_change_what_they_name_and_nothing_else() -> None:
 )
 def test_what_an_engine_does_not_know_is_refused_with_what_it_knows(text: str, said: str) -> None:
     with pytest.raises(OptionError, match=said):
-        KNOWN.resolved(text)
+        KNOWN.resolve(text)
 
 
 @given(st.text(max_size=40))
 def test_whatever_is_written_is_options_or_refused(text: str) -> None:
     try:
-        found = KNOWN.resolved(text)
+        found = KNOWN.resolve(text)
     except (OptionError, KeyError):
         return
     assert found.keys() == KNOWN.labels["usual"].keys()

@@ -9,7 +9,7 @@ import pytest
 from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.build import read_run
-from gauss_bench.report.first_table import renewed
+from gauss_bench.report.first_table import renew
 from gauss_bench.report.rows import Run
 from gauss_bench.tables import read_table
 
@@ -100,7 +100,7 @@ def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
 
 
 def test_the_first_table_is_what_publishing_writes(page: str) -> None:
-    assert renewed(page, read_run(ROWS)) == page, f"renew it: python -m gauss_bench.report.first_table {ROWS} README.md"
+    assert renew(page, read_run(ROWS)) == page, f"renew it: python -m gauss_bench.report.first_table {ROWS} README.md"
 
 
 def test_own_engines_are_named_alike_by_the_report_and_by_the_engines() -> None:

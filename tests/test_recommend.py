@@ -180,12 +180,12 @@ def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it(off: f
     q[:, 3] += off
     found = replace(found, reference=replace(found.reference, q=q), bars=found.bars | {"position": 1e-6, "angle": 1e-7})
     if sound:
-        certified = truths._certified(SHORT, judge, found)
+        certified = truths._certify(SHORT, judge, found)
         assert certified.certified
         assert certified.bars["position"] == pytest.approx(off, rel=1e-3)
     else:
         with pytest.raises(NoTruth, match="the motion found and the certified one differ by 1"):
-            truths._certified(SHORT, judge, found)
+            truths._certify(SHORT, judge, found)
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     with Recommender(SHORT, {"loops": 1e-6}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet) as recommender:
         recommender.truth = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
         engine = recommender.engines["gauss"]
-        trial = recommender._evaluated(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
+        trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
     assert trial.errors["loops"] >= 0.999e-3
 
 
@@ -276,7 +276,7 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
         recommender.truth = truths._compared(SHORT, judge, moving(10), moving(20), 10, "gauss")
         engine = recommender.engines["gauss"]
         for steps in (1000, 400, 401):
-            trial = recommender._evaluated(engine, Way("gauss", "default", "rk4", "none", SHORT.until / steps), adaptive=False)
+            trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / steps), adaptive=False)
             assert trial.errors[SHARE] == pytest.approx(share, nan_ok=True)
     assert seen == [(1000, 250), (400, 400), (401, 1)]
 

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.numbers import PI
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre, gauss_tableau
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.extended import extended_motion
+from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.extended_linkage import start
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.refinement import Unsolved, chord, imbalance, saddle
@@ -43,7 +43,7 @@ def samples(until: str, spacing: str = "0.01") -> list[str]:
 
 
 def run(linkage: Any, scenario: str, until: str, step: float = STEP, spacing: str = "0.01") -> Motion:
-    return extended_motion(decimals(linkage, scenario), scenario, samples(until, spacing), step)
+    return extend_motion(decimals(linkage, scenario), scenario, samples(until, spacing), step)
 
 
 def distance(one: Any, other: Any) -> float:
@@ -282,7 +282,7 @@ def rocker() -> dict[str, Any]:
 
 
 def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
-    motion = extended_motion(rocker(), "push", samples("1"), STEP)
+    motion = extend_motion(rocker(), "push", samples("1"), STEP)
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
     assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
     assert motion.stopped
@@ -308,7 +308,7 @@ def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
     law = {"link": "left", "law": "sine", "start_deg": 100, "travel_deg": 20, "time": Decimal("0.037")}
     chosen |= {"driver": law, "start": {"angles_deg": {"right": 80}, "speeds": {"right": -1}}}
     document["scenarios"] = {"half": chosen}
-    one, other = (extended_motion(document, "half", samples("0.1"), h) for h in (STEP, STEP / 2))
+    one, other = (extend_motion(document, "half", samples("0.1"), h) for h in (STEP, STEP / 2))
     assert one.stopped == ""
     left = 2 + 3 * list(document["links"]).index("left")
     assert np.abs(one.q[4:, left] - LONG(PI) * 120 / 180).max() < 8 * EPS
@@ -327,7 +327,7 @@ def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyP
 
 def test_progress_is_told_at_every_sample() -> None:
     told: list[float] = []
-    extended_motion(decimals("four_bar", "torque"), "torque", ["0", "0.02", "0.03"], STEP, told.append)
+    extend_motion(decimals("four_bar", "torque"), "torque", ["0", "0.02", "0.03"], STEP, told.append)
     assert told == [0.0, 0.02, 0.03]
 
 
@@ -335,6 +335,6 @@ def test_a_document_of_doubles_means_its_shortest_decimals() -> None:
     document = rocker()
     text = deepcopy(document)
     text["ground"]["points"]["D"] = [0.4, 0]
-    one, other = (extended_motion(x, "push", samples("0.02"), STEP).q for x in (document, text))
+    one, other = (extend_motion(x, "push", samples("0.02"), STEP).q for x in (document, text))
     np.testing.assert_array_equal(one, other)
     assert load_document(text, "push").dof == 1

@@ -17,7 +17,7 @@ from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.elimination import choose_pivots, factorised, null_space, particular, solve_positive
+from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular, solve_positive
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import Instant
@@ -96,7 +96,7 @@ def test_elimination_solves_rectangular_systems_in_any_fixed_order(rng: np.rando
     assert len(order) == m
     assert smallest > 0.0
     assert left == 0.0
-    factors = factorised([{j: row[j] for j in np.flatnonzero(seen)} for row, seen in zip(A, pattern, strict=True)], order)
+    factors = factorise([{j: row[j] for j in np.flatnonzero(seen)} for row, seen in zip(A, pattern, strict=True)], order)
     x, N = particular(factors, list(b)), null_space(factors, n)
     assert off(A @ [x.get(j, 0.0) for j in range(n)], b) < 1e-12
     assert len(N) == n - m

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from gauss_bench.report.first_table import BEGIN, END, first_table, renewed
+from gauss_bench.report.first_table import BEGIN, END, first_table, renew
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections.claim import as_printed
 from gauss_bench.report.sections.search import over_the_cheaper
@@ -58,12 +58,12 @@ def test_a_run_that_searched_nothing_has_no_first_table() -> None:
 
 def test_readme_is_renewed_between_its_two_lines_alone() -> None:
     page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
-    new = renewed(page, RUN)
+    new = renew(page, RUN)
     assert new.startswith(f"before\n{BEGIN}\n| engine |")
     assert new.endswith(f"| 400 |\n| exudyn | {first_table(RUN).rows[-1][1].text} | - | - | 0 of 1 | - |\n{END}\nafter\n")  # type: ignore[union-attr]
-    assert renewed(new, RUN) == new
+    assert renew(new, RUN) == new
     with pytest.raises(ValueError, match="README has no lines"):
-        renewed("no table", RUN)
+        renew("no table", RUN)
 
 
 def test_what_is_said_to_be_over_the_cheaper_is_over_the_cheaper_though_rows_are_over_what_ties_with_it() -> None:

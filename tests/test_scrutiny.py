@@ -19,7 +19,7 @@ from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import JUDGED, Run, drawn_samples, sampling, sampling_at
+from gauss_bench.runs.one_run import JUDGED, Run, draw_samples, sampling, sampling_at
 from gauss_bench.runs.scrutiny import (
     as_truth,
     at_samples,
@@ -510,16 +510,16 @@ def test_what_samples_allow_of_work_is_at_most_two_limits(gained: float, bar: fl
 def test_accelerations_are_judged_where_the_samples_themselves_say() -> None:
     t = np.arange(500.0)
     x = Trajectory(t, *np.random.default_rng(1).normal(size=(3, 500, 3)), 499)
-    drawn = drawn_samples(x)
+    drawn = draw_samples(x)
     assert len(drawn) == JUDGED
     assert (np.diff(drawn) > 0).all()
-    assert np.array_equal(drawn, drawn_samples(replace(x)))
+    assert np.array_equal(drawn, draw_samples(replace(x)))
     for name in "qva":
         other = getattr(x, name).copy()
         other[7, 1] += 1e-9
-        assert not np.array_equal(drawn, drawn_samples(replace(x, **{name: other})))
+        assert not np.array_equal(drawn, draw_samples(replace(x, **{name: other})))
     few = Trajectory(t[:5], x.q[:5], x.v[:5], x.a[:5], 4)
-    assert drawn_samples(few).tolist() == [0, 1, 2, 3, 4]
+    assert draw_samples(few).tolist() == [0, 1, 2, 3, 4]
 
 
 def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() -> None:

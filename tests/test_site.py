@@ -24,7 +24,7 @@ from gauss_bench.report.site.first import headlines, packed
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import rich, script_text
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
-from gauss_bench.suites.read import read_suite, restricted
+from gauss_bench.suites.read import read_suite, restrict
 from tests.conftest import DOCUMENTATION
 
 REPORTS = Path(__file__).parents[1] / "reports"
@@ -248,7 +248,7 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
     text = (REPORTS.parent / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8").replace('"four_bar"', '"mine"', 1)
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    suite = restricted(read_suite("accuracy"), {str(path): "torque", "crank_slider": "torque"})
+    suite = restrict(read_suite("accuracy"), {str(path): "torque", "crank_slider": "torque"})
     kept = own_files(suite)
     assert kept == {"mine": text}, "the built-in ones are not kept a second time"
     path.unlink()

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.studio.autosave import Autosave, pictured
+from gauss_bench.studio.autosave import Autosave, picture_of
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
@@ -908,7 +908,7 @@ def test_what_was_lost_with_a_server_is_offered_in_place_with_its_picture(page: 
     lost = text.replace("Crank-rocker four-bar", "Never saved: four-bar")
     kept.write_text(json.dumps({"text": lost, "locks": [], "process": 1, "since": "of another"}), encoding="utf-8")
     url = "data:image/png;base64," + base64.b64encode(picture(folder / "lost.png").read_bytes()).decode()
-    pictured(kept).write_text(json.dumps({"url": url, "at": [0.0, 0.0], "width": 0.4, "height": 0.2}), encoding="utf-8")
+    picture_of(kept).write_text(json.dumps({"url": url, "at": [0.0, 0.0], "width": 0.4, "height": 0.2}), encoding="utf-8")
     page.page.reload()  # which files are there is told to a page that opens
     page.page.wait_for_selector("#canvas[data-revision]", timeout=60_000)
     page.button("Open").click()

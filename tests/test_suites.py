@@ -12,7 +12,7 @@ from gauss_bench.bench.search import COARSEST
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.suites.read import SECTIONS, SuiteError, names, of_engines, read_suite, restricted
+from gauss_bench.suites.read import SECTIONS, SuiteError, names, of_engines, read_suite, restrict
 from gauss_bench.suites.schema import FORMAT, LeftOut, OnLinkages
 from gauss_bench.tables import read_table
 
@@ -88,7 +88,7 @@ def test_what_is_left_out_matches_every_field_and_has_a_reason() -> None:
 
 
 def test_a_users_linkages_and_engines_cut_a_suite() -> None:
-    suite = of_engines(restricted(read_suite("full"), {"parallelogram": "torque"}), ["gauss"])
+    suite = of_engines(restrict(read_suite("full"), {"parallelogram": "torque"}), ["gauss"])
     assert {(c.linkage, c.engine) for c in cases(suite)} == {("parallelogram", "gauss")}
     assert {x for part in suite.cost for x in part.linkages} == {"parallelogram"}
     assert not suite.growth

@@ -7,7 +7,7 @@ from typing import Any
 from gauss_bench.bench.clock import Race
 from gauss_bench.bench.survived import watching
 from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.ways import Models, Run, Way, paced_run
+from gauss_bench.bench.ways import Models, Run, Way, pace_run
 from gauss_bench.linkage.load import load
 
 ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
@@ -15,7 +15,7 @@ LEAD = 0.03  # [s] of a run at equal steps that is timed
 SLOW = 0.3  # [s] a run that takes longer is timed once
 
 
-def raced_there(
+def race_there(
     linkage: str,
     scenario: str,
     until: float,
@@ -40,7 +40,7 @@ def raced_there(
         left = deadline - time.monotonic() - ROUNDS[0] * round_time
         if (race.blocks and left <= 0) or way.engine in slow:
             continue
-        race.add(way, paced_run, run, way, int(steps), LEAD, samples, models)
+        race.add(way, pace_run, run, way, int(steps), LEAD, samples, models)
         if not (race.blocks and race.blocks[-1].entry == way):
             continue
         begun = time.monotonic()

@@ -22,7 +22,7 @@ import numpy as np
 
 from gauss_bench.advice.answer import LOOPS, UNITS, Answer, setting_said
 from gauss_bench.advice.budget import LANES, Budget
-from gauss_bench.advice.racing import raced_there
+from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
@@ -262,7 +262,7 @@ class Recommender:
             if size not in seen:
                 if (seen or len(engine.trials) > 1) and self.budget.spent() >= until:
                     raise _Over
-                seen[size] = self._evaluated(engine, way._replace(size=size), adaptive)
+                seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
             return seen[size]
 
@@ -297,7 +297,7 @@ class Recommender:
         spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
-    def _evaluated(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
+    def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
@@ -360,7 +360,7 @@ class Recommender:
         names = list(dict.fromkeys(x.engine for x in chosen))
         try:
             tables, lost = survived(
-                raced_there, (*place_of, rows, deadline), names, *(max(1.0, x()) for x in (self.budget.left, self.budget.wall))
+                race_there, (*place_of, rows, deadline), names, *(max(1.0, x()) for x in (self.budget.left, self.budget.wall))
             )
         except WorkerFailure as error:
             self.told(f"race: {error}")

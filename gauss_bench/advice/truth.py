@@ -136,7 +136,7 @@ def truth(
         reasons = dict.fromkeys(x.reason for x in (compiled, plain) if x is not None and x.reason)
         raise NoTruth(f"the motion cannot be followed: {'; '.join(reasons) or f'not within {budget:.3g} s'}")
     best = known[0] if serves(chosen) else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
-    return _certified(run, Evaluator(run.mechanism), best)
+    return _certify(run, Evaluator(run.mechanism), best)
 
 
 class _Followed(threading.Thread):
@@ -194,8 +194,8 @@ class _Followed(threading.Thread):
         judge, steps = Evaluator(self._run.mechanism), COARSEST[self._engine]
         fine: Trajectory | None = None
         while steps <= MOST:
-            coarse = fine if fine is not None else self._taken(steps)
-            finer = None if coarse is None else self._taken(2 * steps)
+            coarse = fine if fine is not None else self._take(steps)
+            finer = None if coarse is None else self._take(2 * steps)
             if self.enough or self._left() <= 0:
                 break
             if coarse is not None and finer is not None and self._compared(judge, coarse, finer, steps):
@@ -215,7 +215,7 @@ class _Followed(threading.Thread):
         self.looked.set()
         return served
 
-    def _taken(self, steps: int) -> Trajectory | None:
+    def _take(self, steps: int) -> Trajectory | None:
         """The trajectory of so many steps; None where time ends before them, or they fail: `reason` says how."""
         left = self._left()
         if self.enough or left <= 0:
@@ -274,7 +274,7 @@ def _between_bar(known: Reference, kind: str) -> float:
     return float(missed[:, columns if kind == "angle" else ~columns].max(initial=0.0)) / SIXTH
 
 
-def _certified(run: Run, judge: Evaluator, truth: Truth) -> Truth:
+def _certify(run: Run, judge: Evaluator, truth: Truth) -> Truth:
     """The same truth with what a certificate says of it.
 
     Raises:

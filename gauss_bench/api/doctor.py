@@ -84,7 +84,7 @@ def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:
     tried = []
     for offer in there:
         told(f"trying {offer.name}")
-        tried.append(_tried(offer))
+        tried.append(_try_all(offer))
     engines = tuple(tried)
     return Checkup(_verdict(findings, engines), not _broken(findings, engines), findings, engines)
 
@@ -149,7 +149,7 @@ def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
             yield Finding(name, "built")
 
 
-def _tried(offer: Offer) -> Finding:
+def _try_all(offer: Offer) -> Finding:
     """An engine on the crank-slider for a hundredth of a second, judged as any other run."""
     if not offer.usable:
         missing = offer.status is Status.SKIP

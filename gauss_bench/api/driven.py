@@ -72,7 +72,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
     document, digest, path = document_of(linkage)
     held = _held(document, scenario, hold)
     if held:
-        return _held_motion(document, scenario, driver, held, str(path), digest, path.stem)
+        return _motion_held(document, scenario, driver, held, str(path), digest, path.stem)
     if driver is None:
         mechanism = load_document(document, scenario or next(_driven_scenarios(document), None), str(path), digest, path.stem)
         if not mechanism.drivers:
@@ -80,7 +80,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
         return mechanism
     named = scenario or next(_driven_scenarios(document), None)
     own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
-    table = _placed_driver(document, own, driver)
+    table = _place_driver(document, own, driver)
     moved = copy.deepcopy(document)
     moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
     return load_document(moved, "kinematics", str(path), digest)
@@ -97,7 +97,7 @@ def _undriven(mechanism: Mechanism) -> str:
     )
 
 
-def _placed_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
+def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
     """The table of a driver; of the crank where it names nothing, from where that stands where it names no start."""
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
@@ -132,7 +132,7 @@ def _held(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | 
     return held
 
 
-def _held_motion(
+def _motion_held(
     document: dict[str, Any],
     scenario: str | None,
     driver: str | None,
@@ -153,7 +153,7 @@ def _held_motion(
     chosen = document["scenarios"][own.scenario]
     moved = written_out(merge(document, chosen.get("override", {}) if driver is None else {}))
     tables = [*drivers_of(chosen)]
-    tables = tables if driver is None else [_placed_driver(document, own, driver)]
+    tables = tables if driver is None else [_place_driver(document, own, driver)]
     if not tables:
         raise LinkageError(source, [Fault(f"scenarios.{own.scenario}", "drives nothing; name a driven scenario, or give a driver")])
     start: dict[str, Any] = {"angles": {}, "slides": {}}

@@ -103,7 +103,7 @@ def written(linkage: str, scenario: str, engine: str, step: float, remarks: tupl
         ExchangeError, MissingExtra: as `export`.
     """
     with Worker() as worker:
-        return answered(worker, written_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
+        return answered(worker, write_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
 
 
 def answered(
@@ -128,12 +128,12 @@ def answered(
     raise ExchangeError(f"{file}: the process that should answer did not")
 
 
-def written_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
+def write_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
     """`exported` as plain data."""
-    return told_plainly(lambda: asdict(exported(load(linkage, scenario), engine, step, tuple(remarks))))
+    return tell_plainly(lambda: asdict(exported(load(linkage, scenario), engine, step, tuple(remarks))))
 
 
-def told_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def tell_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Put a result, or the reason why there is none, into plain data for the way out of a worker."""
     try:
         return made()
@@ -170,7 +170,7 @@ def import_model(
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
     """`imported` as plain data."""
-    return told_plainly(lambda: asdict(imported(Path(model), name, close)))
+    return tell_plainly(lambda: asdict(imported(Path(model), name, close)))
 
 
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:

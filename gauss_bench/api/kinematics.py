@@ -10,7 +10,7 @@ import pandas as pd
 
 from gauss_bench.api.driven import driven, free_at_start
 from gauss_bench.api.results import Kinematics
-from gauss_bench.api.simulate import link_states, observed_names, point_states
+from gauss_bench.api.simulate import link_states, observe_names, point_states
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
@@ -118,10 +118,10 @@ def kinematics(
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, inputs, mechanism.q0),
         iterations=motion.iterations,
-        singular=described_singular(mechanism),
+        singular=describe_singular(mechanism),
         link_types=_link_types(mechanism, graph),
         branch_changes=_changes(mechanism, inputs, states),
-        observed=observed_names(mechanism, chosen),
+        observed=observe_names(mechanism, chosen),
     )
 
 
@@ -220,7 +220,7 @@ def table(result: Kinematics) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def described_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
+def describe_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
     """Limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
     try:
         positions = singular_positions(mechanism)

@@ -30,14 +30,14 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
         for engine in dict.fromkeys(x[2] for x in wanted):
             some = [x for x in wanted if x[2] == engine]
             try:
-                texts = worker.call(written_there, ([list(x) for x in some],), LIMIT)
+                texts = worker.call(write_there, ([list(x) for x in some],), LIMIT)
             except WorkerFailure:
                 continue
             written |= {x: text for x, text in zip(some, texts, strict=True) if text}
     return written
 
 
-def written_there(wanted: list[list[Any]]) -> list[str]:
+def write_there(wanted: list[list[Any]]) -> list[str]:
     """The programs of one engine; empty where there is none."""
     return [_written(*x) for x in wanted]
 

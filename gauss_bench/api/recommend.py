@@ -9,7 +9,7 @@ from typing import Any
 from gauss_bench.advice.answer import Answer, setting_said
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.recommending import BEATS, Better, Recommender
-from gauss_bench.api.exchange import told_plainly
+from gauss_bench.api.exchange import tell_plainly
 from gauss_bench.api.results import Result
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run, space
@@ -151,7 +151,7 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
 def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
     """`snippet` as plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
-    return told_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
+    return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
 
 
 def required(**limits: float | None) -> dict[str, float]:
@@ -182,7 +182,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     if settings is not None:
         engine.require_settings(settings)
         own = Known(engine.settings | {k: dict(x.options) for k, x in engine.variants.items()}, [*engine.options], engine.options)
-        options = own.resolved(settings)
+        options = own.resolve(settings)
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)

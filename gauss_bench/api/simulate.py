@@ -196,7 +196,7 @@ def described(
         metrics=figures or {},
         valid=status is Status.OK and verdict is not None and verdict.valid,
         objections=objections,
-        observed=observed_names(mechanism),
+        observed=observe_names(mechanism),
         warnings=mechanism.warnings,
         welds=metrics.weld_forces(evaluator, chosen),
         trusted_until=until,
@@ -208,7 +208,7 @@ def described(
     )
 
 
-def observed_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
+def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
     """The points and links to look at: those named, else those the file observes."""
     whole = mechanism.whole
     chosen = whole.observed_points if points is None else points

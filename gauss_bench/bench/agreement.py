@@ -134,7 +134,7 @@ def _at_states(subject: Subject, choice: Choice) -> Check:
     if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
         linkages = [*((*x, AS_IT_IS) for x in LINKAGES), (*subject.moving[0], EVERYTHING)]
     answers = {_title(*x): ask(subject, choice, probe(*x)) for x in linkages}
-    return _summed(title, answers, soft)
+    return _sum(title, answers, soft)
 
 
 def _title(linkage: str, scenario: str, change: str) -> str:
@@ -142,7 +142,7 @@ def _title(linkage: str, scenario: str, change: str) -> str:
     return f"{name} {scenario}" if change == AS_IT_IS else f"{name} {scenario}, {change}"
 
 
-def _summed(title: str, answers: dict[str, Answer], soft: bool) -> Check:
+def _sum(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     """One check of what an engine answered, by the name of what it was asked on."""
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
@@ -178,7 +178,7 @@ def changed_numbers(subject: Subject) -> Iterator[Check]:
         if not answers:
             yield Check(title, None, f"not asked: {BUDGET:g} s of the processor are spent")
             continue
-        check = _summed(title, answers, soft)
+        check = _sum(title, answers, soft)
         left = f"; {len(names) - len(answers)} further changes were not asked: {BUDGET:g} s of the processor are spent"
         yield replace(check, message=check.message + (left if len(answers) < len(names) else ""))
 
@@ -187,7 +187,7 @@ def forces(subject: Subject) -> Iterator[Check]:
     """Every kind of force acts as defined: together, and where that is not so, each alone."""
     document, _, _ = document_of(KINDS)
     soft = subject.usual.settings in subject.offer.soft
-    together = _summed("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
+    together = _sum("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
     yield together
     if together.passed:
         return
@@ -199,7 +199,7 @@ def forces(subject: Subject) -> Iterator[Check]:
         title = f"a {document['forces'][name]['type']} acts as defined ({name})"
         on = probe(KINDS, "loaded", AS_IT_IS, (name,))
         answer = ask(subject, subject.usual, on)
-        check = _summed(title, {"kinds": answer}, soft)
+        check = _sum(title, {"kinds": answer}, soft)
         if check.passed is False and answer.given is not None and unloaded.given is not None:
             check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (on.a - bare.a).ravel()))
         yield check
@@ -224,10 +224,10 @@ def motions(subject: Subject) -> Iterator[Check]:
         yield _followed(subject, usual, linkage, scenario)
     for name in offer.stabilizations:
         if name != usual.stabilization:
-            yield _stabilized(subject, name)
+            yield _stabilize(subject, name)
 
 
-def _stabilized(subject: Subject, name: str) -> Check:
+def _stabilize(subject: Subject, name: str) -> Check:
     """A run under a stabilisation and the first integrator that goes with it."""
     for integrator in subject.offer.integrators:
         check = _followed(subject, replace(subject.usual, stabilization=name, integrator=integrator), *subject.moving[0])

@@ -213,7 +213,7 @@ def known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     return [case for case in cases if has(case)]
 
 
-def restricted(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
+def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
     """The part of a baseline that a partial run can be held against."""
     inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
     return baseline[inside].reset_index(drop=True)
@@ -223,7 +223,7 @@ def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:
     return (v for v in verdicts if v.outcome == "fail")
 
 
-def scaled_inertia(factor: float, mechanism: Mechanism) -> Mechanism:
+def scale_inertia(factor: float, mechanism: Mechanism) -> Mechanism:
     """A planted fault: the inertia of the crank, or of every link where there is none, times a factor."""
     heavy = [mechanism.crank in (None, k) for k in range(len(mechanism.links))]
     links = [replace(x, inertia=x.inertia * factor) if y else x for x, y in zip(mechanism.links, heavy, strict=True)]

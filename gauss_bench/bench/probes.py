@@ -78,7 +78,7 @@ def _share(errors: Array, sizes: Array) -> float:
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
     """A linkage with a change of `changes` made, at its states; under these of its forces alone, where they are given."""
     document, digest, path = document_of(linkage)
-    changed = _changed(document, changes(linkage, scenario)[change])
+    changed = _change(document, changes(linkage, scenario)[change])
     if forces is not None:
         changed["scenarios"][scenario]["forces"] = list(forces)
     mechanism = load_document(changed, scenario, f"{path} ({change})", f"{digest} {change} {forces}", path.stem)
@@ -151,7 +151,7 @@ def _told(path: Path) -> str:
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
 
 
-def _changed(document: dict[str, Any], factors: Mapping[Path, float]) -> dict[str, Any]:
+def _change(document: dict[str, Any], factors: Mapping[Path, float]) -> dict[str, Any]:
     """A copy of a document, numbers at some paths times their factors."""
     changed = copy.deepcopy(document)
     for path, factor in factors.items():

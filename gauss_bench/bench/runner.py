@@ -23,7 +23,7 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import Tables, finish, gathered
+from gauss_bench.bench.tasks import Tables, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
@@ -67,10 +67,10 @@ def run(
     context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
         tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
-        tables = gathered(finish(tasks, jobs, "accuracy", journal).values())
+        tables = gather(finish(tasks, jobs, "accuracy", journal).values())
         for stage, label in (("timed", "times"), ("timed_again", "times again")) if costs else ():
             tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
-            for table, rows in gathered(finish(tasks, 1, label, journal).values()).items():
+            for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     completed(suite, tables)
     _write(tables, suite, folder, name)
@@ -92,7 +92,7 @@ def measure_all(
     `alter` plants a fault in what the engines are given.
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
-    tables = gathered(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
+    tables = gather(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
     rows = accuracy.with_orders(sorted(tables.get("results", []), key=accuracy.in_order))
     return frame("results", rows), frame("references", tables.get("references", []))
 

@@ -113,7 +113,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
         return "every requirement is met"
     if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
         return ""
-    if all(_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
+    if all(_stall([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
     if all(convergence(trials, [w])[1] > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
@@ -124,7 +124,7 @@ def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 
-def _stalled(errors: Sequence[float]) -> bool:
+def _stall(errors: Sequence[float]) -> bool:
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 

@@ -103,7 +103,7 @@ def told(count: int, label: str) -> Iterator[int]:
             print(f"{label}: {k + 1} of {count} done", file=sys.stderr, flush=True)
 
 
-def gathered(answers: Iterable[Tables]) -> Tables:
+def gather(answers: Iterable[Tables]) -> Tables:
     """All rows by table, in the order of the answers."""
     tables: Tables = {}
     for answer in answers:

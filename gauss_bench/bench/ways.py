@@ -167,7 +167,7 @@ def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, model
         RunFailure: the engine cannot run the mechanism.
     """
     model, share = built(run, way, models), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
-    return _repeated(run, way, model, np.array([0.0, share * run.until]), share)
+    return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
@@ -175,7 +175,7 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
 
-def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
+def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
     """As `whole_run`, of a way of which nobody has found out how long it takes.
 
     Steps of its own choice end at so many samples, as where they were judged.
@@ -185,15 +185,15 @@ def paced_run(run: Run, way: Way, steps: int, lead: float, samples: int, models:
     """
     model = built(run, way, models)
     if is_adaptive(way):
-        return _repeated(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
+        return _repeat(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
     first = min(steps, FIRST)
     starting(run, way, model, np.array([0.0, first / steps * run.until]))()
     seconds = max(processor_time(model.run), 1e-9) * steps / first
     share = share_of(seconds, lead, steps)
-    return _repeated(run, way, model, np.array([0.0, share * run.until]), share)
+    return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
 
 
-def _repeated(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
+def _repeat(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
     """Runs over the times, of which each is so much of a whole one, as often as BLOCK seconds take."""
     block = Block(way, starting(run, way, model, times), model.run, share)
     block.ready()

@@ -18,7 +18,7 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.native_code import Target, in_plain_c
 from gauss_bench.compiler.turns.follow import Follower, follow
-from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deformed_starts
+from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deform_starts
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Mechanism, Point
@@ -199,12 +199,12 @@ class Closure:
         linkages = many[0] if many else 1
         divided = max(1, ceil(self._tracker.strides(levels[..., : len(self.inputs)])))
         if divided > 1:
-            levels = _divided(levels, divided)
+            levels = _divide(levels, divided)
         starts = self._starts(p, start, linkages)
         one = [Motion(levels if levels.ndim == 2 else levels[i], p if p.ndim == 1 else p[i], x) for i, x in enumerate(starts)]
         rows = self._memory((linkages, len(one[0].levels), self._program.width), many, out if divided == 1 else None)
         status = np.zeros(rows.shape[:2], dtype=np.int8)
-        losses = [replace(x, sample=-(-x.sample // divided)) for x in self._tracked(one, rows, status, threads)]
+        losses = [replace(x, sample=-(-x.sample // divided)) for x in self._track(one, rows, status, threads)]
         rows, status = rows[:, ::divided], status[:, ::divided]
         return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
 
@@ -244,7 +244,7 @@ class Closure:
             nominal = p.ndim == 1 and bool((p == self.values).all())
             if nominal:
                 return [self._start] * linkages
-            starts = deformed_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
+            starts = deform_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
             return starts * linkages if len(starts) == 1 else starts
         at = np.broadcast_to(np.asarray(start, dtype=float), (linkages, self.mechanism.n))
         numbers = np.broadcast_to(p, (linkages, len(self.values)))
@@ -256,7 +256,7 @@ class Closure:
         except Lost as error:
             return replace(self._start, x=np.full_like(self._start.x, np.nan), fault=str(error))
 
-    def _tracked(self, motions: list[Motion], rows: Array, status: Statuses, threads: int) -> list[Loss]:
+    def _track(self, motions: list[Motion], rows: Array, status: Statuses, threads: int) -> list[Loss]:
         """Follow all motions: cut into parts while there are fewer than lanes, else side by side."""
         if len(motions) >= self.lanes:
             return self._tracker.track_many(motions, rows, status, threads)
@@ -270,7 +270,7 @@ class Closure:
         return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, tuple(losses), rows)
 
 
-def _divided(levels: Array, parts: int) -> Array:
+def _divide(levels: Array, parts: int) -> Array:
     """(..., k, 3 K) with `parts` steps from each sample to the next; rates hold at the old samples only."""
     ends = levels[..., :-1, None, :], levels[..., 1:, None, :]
     steps = ends[0] + (np.arange(parts) / parts)[:, None] * (ends[1] - ends[0])

@@ -261,10 +261,10 @@ class Kernel:
         given = self._numbers(parameters, len(states), _middle(t0, parts))
         batch = Batch(states, given, float(t0), float(dt), int(n), max(1, every or n))
         if len(parts) <= 1:
-            outcome = self._counted(self._driver.advance(batch, integrator, threads))
+            outcome = self._count(self._driver.advance(batch, integrator, threads))
         else:
             by_time = partial(self._numbers, parameters, len(states))
-            outcome = self._counted(advance_over(self._driver, batch, by_time, self._kinks, integrator, threads))
+            outcome = self._count(advance_over(self._driver, batch, by_time, self._kinks, integrator, threads))
         samples = outcome.samples[:, -1] if every is None else outcome.samples
         samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
@@ -294,7 +294,7 @@ class Kernel:
         numbers, at = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         samples, taken, tried = integrate_over(self._driver, self._programs, state, numbers, at, (rtol, atol), self._kinks)
-        self._tallied()
+        self._tally()
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
@@ -313,14 +313,14 @@ class Kernel:
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if isinstance(end, Stop):
             batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._counted(self._driver.resume(batch, stopped(end), integrator)).samples[0, -1])
+            return np.asarray(self._count(self._driver.resume(batch, stopped(end), integrator)).samples[0, -1])
         return end
 
-    def _counted(self, outcome: Outcome) -> Outcome:
-        self._tallied()
+    def _count(self, outcome: Outcome) -> Outcome:
+        self._tally()
         return outcome
 
-    def _tallied(self) -> None:
+    def _tally(self) -> None:
         tally = self._driver.tally
         self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
 

@@ -67,7 +67,7 @@ class CompiledModel:
         from gauss_bench.compiler.errors import KernelError
         from gauss_bench.compiler.kernel import compile_kernel
 
-        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolved(choice.settings)
+        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolve(choice.settings)
         damping = (float(self.options["baumgarte_alpha_beta_per_s"]),) * 2
         form = "straight line" if choice.integrator in (ADAPTIVE, IMPLICIT) else None  # loops have neither
         try:
@@ -109,21 +109,21 @@ class CompiledModel:
         for count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
-                self.q[row + 1], self.v[row + 1] = self._rolled(q, v, t, h, count, None)
+                self.q[row + 1], self.v[row + 1] = self._roll(q, v, t, h, count, None)
             elif self.native:
                 whole = slice(row + 1, row + 1 + intervals)
-                self.q[whole], self.v[whole] = self._rolled(q, v, t, h, count * intervals, count)
+                self.q[whole], self.v[whole] = self._roll(q, v, t, h, count * intervals, count)
             else:
                 for k in range(intervals):
                     for i in range(count):
-                        q, v = self._rolled(q, v, t + (k * count + i) * h, h, 1, None)
+                        q, v = self._roll(q, v, t + (k * count + i) * h, h, 1, None)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
             row += intervals
         self.steps = self.planned
         differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
-    def _rolled(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
+    def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
         """Samples (n / every, n_q) of n steps, or the state (n_q,) they end with."""
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks

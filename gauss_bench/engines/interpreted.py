@@ -60,7 +60,7 @@ class InterpretedModel:
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
-        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolved(choice.settings)
+        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolve(choice.settings)
         self.rate = float(self.options["baumgarte_alpha_beta_per_s"])
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
@@ -73,19 +73,19 @@ class InterpretedModel:
         self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._moved(t, q, v, self.evaluator.terms(t, q, v))
+        return self._move(t, q, v, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
         """The acceleration the integrator sees."""
         self.evaluations += 1
         terms = self.evaluator.terms(t, q, v)
-        return self._moved(t, q, v, baumgarte(terms, self.rate, self.rate) if self.choice.stabilization == "baumgarte" else terms)
+        return self._move(t, q, v, baumgarte(terms, self.rate, self.rate) if self.choice.stabilization == "baumgarte" else terms)
 
-    def _moved(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
+    def _move(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
         solution = self._solve(t, terms)
-        return self._resisted(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
+        return self._resist(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
-    def _resisted(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
+    def _resist(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
         """The fixed point a = solve(Q + W N(lambda(a))), from the solution without friction; W (n, p)."""
         if not np.isfinite(solution.a).all():
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")

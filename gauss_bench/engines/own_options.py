@@ -34,7 +34,7 @@ class Known:
     options: Sequence[str]
     words: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
-    def resolved(self, text: str) -> dict[str, Any]:
+    def resolve(self, text: str) -> dict[str, Any]:
         """All options of settings, a variant, or of what a user writes.
 
         Raises:
@@ -121,7 +121,7 @@ def _is_number(x: Any, kind: Any = (int, float)) -> bool:
 
 
 def _written(value: Any) -> str:
-    """A value as `resolved` reads it."""
+    """A value as `resolve` reads it."""
     if isinstance(value, (list, tuple)):
         return f"[{','.join(map(_written, value))}]"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

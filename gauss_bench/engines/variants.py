@@ -97,9 +97,7 @@ class Variants:
         if name in self.space:
             return self.space[name].options
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
-        return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolved(
-            name
-        )
+        return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolve(name)
 
 
 def read_variants(room: Path) -> Variants:

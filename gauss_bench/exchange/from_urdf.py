@@ -104,7 +104,7 @@ class Robot:
         bodies: list[Body] = []
         joints: list[Joint] = []
         acting: list[Acting] = []
-        dropped = self._dropped()
+        dropped = self._drop()
         self.anchors: dict[str, Array] = {}
         for k, name in enumerate(self.order):
             place, turn, parent = np.zeros(3), np.eye(3), WORLD
@@ -124,7 +124,7 @@ class Robot:
             self.file, tuple(bodies), tuple(joints), np.array(GRAVITY), closures, (), spots, tuple(acting), tuple(dropped)
         )
 
-    def _dropped(self) -> list[str]:
+    def _drop(self) -> list[str]:
         counted = {tag: sum(1 for _ in self.root.iter(tag)) for tag in IGNORED}
         ignored = [f"{n} <{tag}>" for tag, n in counted.items() if n]
         limits = [

@@ -66,7 +66,7 @@ class Move:
     speed: Array
 
     def place(self, x: Array) -> Array:
-        return rotated(x, self.angle) + self.shift
+        return rotate(x, self.angle) + self.shift
 
     def velocity(self, x: Array) -> Array:
         """Of the point that was at x (2,), where it is now."""
@@ -74,7 +74,7 @@ class Move:
         return self.speed + self.omega * np.array([-at[1], at[0]])
 
 
-def rotated(x: Array, angle: float) -> Array:
+def rotate(x: Array, angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
 
@@ -130,12 +130,12 @@ class Flattened:
                 joint = self.spatial.joints[at]
                 by, anchor = joint.start - joint.ref, self.plane.flat(joint.anchor)
                 if joint.kind == "slide":
-                    along = rotated(self.plane.flat(joint.axis), move.angle)
+                    along = rotate(self.plane.flat(joint.axis), move.angle)
                     move = Move(move.angle, move.shift + by * along, move.omega, move.speed + joint.speed * along)
                 else:
                     turn, rate, there = self.sign(joint) * by, self.sign(joint) * joint.speed, move.place(anchor)
                     angle, speed = move.angle + turn, move.speed - rate * np.array([-there[1], there[0]])
-                    move = Move(angle, there - rotated(anchor, angle), move.omega + rate, speed)
+                    move = Move(angle, there - rotate(anchor, angle), move.omega + rate, speed)
             moves.append(move)
         return moves
 
@@ -166,7 +166,7 @@ class Flattened:
     def local(self, g: int, place: Array) -> Array:
         """(2,) of a place (3,) in a group's frame."""
         origin, angle = self.frame(g)
-        return rotated(self.plane.flat(place) - origin, -angle)
+        return rotate(self.plane.flat(place) - origin, -angle)
 
     def angle(self, g: int) -> float:
         """Of a group's link at the start [rad], unwrapped along the tree."""
@@ -231,7 +231,7 @@ class Flattened:
                 self.told += [f"joint {j.name}, which a weld holds" for j in own]
                 self.held |= {*self.joints_of[k]}
                 continue
-            if len(own) > 1 and [j.kind for j in own] == ["slide", "slide", "hinge"] and self._crossed(own[0], own[1]):
+            if len(own) > 1 and [j.kind for j in own] == ["slide", "slide", "hinge"] and self._cross(own[0], own[1]):
                 continue  # free in the plane
             if len(own) > 1:
                 kinds = " and ".join(j.kind for j in own)
@@ -253,7 +253,7 @@ class Flattened:
             tables[key] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
         return tables
 
-    def _crossed(self, a: Joint, b: Joint) -> bool:
+    def _cross(self, a: Joint, b: Joint) -> bool:
         return bool(np.linalg.norm(np.cross(a.axis, b.axis)) > FLAT)
 
     def _slide(self, joint: Joint, ends: list[str]) -> dict[str, Any]:
@@ -456,7 +456,7 @@ class Flattened:
         """The place of a link's point at the start."""
         g = next(g for g in self.index if reference.startswith(f"{self.names[g]}."))
         origin, angle = self.frame(g)
-        place: list[float] = self.moves[g].place(origin + rotated(local, angle)).tolist()
+        place: list[float] = self.moves[g].place(origin + rotate(local, angle)).tolist()
         return place
 
     def _start(self, document: dict[str, Any]) -> tuple[dict[str, Any], str | None, int]:
@@ -486,7 +486,7 @@ class Flattened:
         v = []
         for g, link in zip(self.index, mechanism.links, strict=True):
             origin, angle = self.frame(g)
-            v += [*self.moves[g].velocity(origin + rotated(link.com, angle)), self.moves[g].omega]
+            v += [*self.moves[g].velocity(origin + rotate(link.com, angle)), self.moves[g].omega]
         return np.array(v)
 
 

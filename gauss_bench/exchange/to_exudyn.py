@@ -106,7 +106,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         ImportError: Exudyn is not installed.
     """
     from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
-    from gauss_bench.engines.exudyn.items import System, spanned
+    from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
         """The adapter's system, with a remark on each part."""
@@ -125,7 +125,7 @@ def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
             law = names[id(driver.law)]
-            a, b = ([x.link == GROUND, *map(float, x.local)] for x in spanned(driver))
+            a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {angle}, {law})")
             return Written("equation"), Written("jacobian")

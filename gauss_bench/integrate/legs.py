@@ -36,7 +36,7 @@ class Leg:
 def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
     """n steps of h from t0 on, with a sample after each `every` of them and after the last."""
     at = 0
-    for step, inside in _met(t0, h, n, kinks):
+    for step, inside in _meet(t0, h, n, kinks):
         yield from _whole(t0, h, at, step, every, n)
         at = step
         if inside:
@@ -48,7 +48,7 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
     yield from _whole(t0, h, at, n, every, n)
 
 
-def _met(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
+def _meet(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
     """The kinks that the steps meet: the step that one begins, or the one that it is in, with all that are in it."""
     met: dict[int, list[float]] = {}
     for kink in kinks:

@@ -381,7 +381,7 @@ def angle(x: Array, link: int) -> Array:
     return np.zeros(x.shape[:-1]) if link == GROUND else x[..., 3 * link + 2]
 
 
-def rotated(x: Array, theta: Array) -> Array:
+def rotate(x: Array, theta: Array) -> Array:
     """A vector (2,) turned by angle(s) [rad] (...): (..., 2)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.stack((c * x[0] - s * x[1], s * x[0] + c * x[1]), axis=-1)
@@ -389,7 +389,7 @@ def rotated(x: Array, theta: Array) -> Array:
 
 def arm(q: Array, point: Point) -> Array:
     """Arm from the centre of mass to the point in world axes (..., 2); zero for the ground, which carries no coordinates."""
-    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotated(point.local, angle(q, point.link))
+    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotate(point.local, angle(q, point.link))
 
 
 def position(q: Array, point: Point) -> Array:

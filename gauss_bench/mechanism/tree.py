@@ -91,9 +91,9 @@ class Tree:
             q[i] = (z + arm - r, theta_i)
             v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
             a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
-        return self._stacked(q, y), self._stacked(v, y), self._stacked(a, y)
+        return self._stack(q, y), self._stack(v, y), self._stack(a, y)
 
-    def _stacked(self, states: dict[int, Any], like: Array) -> Array:
+    def _stack(self, states: dict[int, Any], like: Array) -> Array:
         out = np.empty((*like.shape[:-1], 3 * self.links))
         for i in range(self.links):
             z, theta = states[i]

@@ -107,16 +107,14 @@ def bound(make: Callable[[float], CrankMotion], settled: float, running: float, 
     Raises:
         ValueError: it does not come to rest with the first, or does with the second.
     """
-    low, high = bisected(make, settled, running, RTOL, width)
+    low, high = bisect(make, settled, running, RTOL, width)
     near = MARGIN * (high - low)
-    fine = bisected(make, low - near, high + near, FINER * RTOL, width)
+    fine = bisect(make, low - near, high + near, FINER * RTOL, width)
     value = (fine[0] + fine[1]) / 2
     return Bound(value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2))
 
 
-def bisected(
-    make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float
-) -> tuple[float, float]:
+def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
     """Both ends of the bracket, narrowed to `width` of the larger of them.
 
     Raises:

@@ -70,7 +70,7 @@ def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
 def minimal_reference(mechanism: Mechanism, times: Array) -> Reference:
     """DOP853 against Gauss-Legendre collocation, both in the crank angle."""
     runs = [minimal_motion(mechanism, times, integrate) for integrate in (_adaptive, _collocation)]
-    return _paired(times, runs, "crank angle; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+    return _pair(times, runs, "crank angle; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
 def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
@@ -81,10 +81,10 @@ def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
     for integrate in (_adaptive, _collocation):
         q, v, a = absolute_motion(mechanism, grid, integrate)
         runs.append((q[kept], v[kept], a[kept]))
-    return _paired(times, runs, "absolute coordinates; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+    return _pair(times, runs, "absolute coordinates; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
-def _paired(times: Array, runs: list[tuple[Array, Array, Array]], method: str) -> Reference:
+def _pair(times: Array, runs: list[tuple[Array, Array, Array]], method: str) -> Reference:
     first, (q, v, a) = runs
     bar_q, bar_v, bar_a = (
         np.maximum.accumulate(np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)))

@@ -19,7 +19,7 @@ from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import Certificate
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.extended import extended_motion
+from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.sensitivity import floors
 from gauss_bench.reference.taylor.forces import KNOWN
@@ -86,7 +86,7 @@ def certify(
     truth = first if exact is None else exact
     second, step = _collocation(document, mechanism, first, truth, said)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
-    kept, worst, reason = _vouched(truth, bars, (first, second), digits) if exact is None else (len(times), 0.0, "")
+    kept, worst, reason = _vouch(truth, bars, (first, second), digits) if exact is None else (len(times), 0.0, "")
     if kept < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: nothing can be vouched for: {reason}")
     stored = {level: split(getattr(truth, level)).high[:kept] for level in LEVELS}
@@ -168,7 +168,7 @@ def _collocation(
         def progress(t: float, h: float = step) -> None:
             said(f"collocation at {h:.2g} s", t)
 
-        other = extended_motion(document, mechanism.scenario, truth.times, step, progress)
+        other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
         bars = disagreement(truth, other)
         worst = max(float(relative(truth, level, bars[level]).max()) for level in ("q", "v"))
         longer = best is None or len(other.times) > len(best[0].times)
@@ -181,7 +181,7 @@ def _collocation(
     return best
 
 
-def _vouched(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
+def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
     """Count the samples that have the digits asked for; their largest relative error bar, and why there are no more."""
     worst = np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v")))
     lost = np.flatnonzero(~(worst <= 10.0**-digits))

@@ -44,7 +44,7 @@ PATIENCE = 6
 NEAR = 1e-3  # relative singular value worth a word where the nodes are not found
 
 
-def extended_motion(
+def extend_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
 ) -> Motion:
     """The motion at the sample times, up to where it has to stop.
@@ -62,7 +62,7 @@ def extended_motion(
     linkage, q0, v0 = start(document, scenario)
     samples = {LONG(x) for x in times}
     grid = sorted(samples | {x for x in _breaks(document["scenarios"][scenario]) if 0 < x < max(samples)})
-    move = driven_states if linkage.freedom == 0 else collocated_states
+    move = driven_states if linkage.freedom == 0 else collocate_states
     states: list[tuple[Array, ...]] = []
     stopped = ""
     try:
@@ -75,7 +75,7 @@ def extended_motion(
         if not states:
             raise
         stopped = str(error)
-    return _sampled(linkage, times, states, stopped, step)
+    return _sample(linkage, times, states, stopped, step)
 
 
 def _breaks(scenario: dict[str, Any]) -> list[Any]:
@@ -116,7 +116,7 @@ class Stepped:
     tail: float = 0.0
 
 
-def collocated_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
+def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
     """Positions and velocities at the times of a linkage that moves freely, at least in part."""
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.loads(times[0], q, v)
@@ -190,7 +190,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) ->
     raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
 
 
-def _sampled(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
+def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
     q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
     rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
     rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t

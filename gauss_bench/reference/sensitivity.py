@@ -36,7 +36,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
     levels = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
     for _ in range(DRAWS):
         try:
-            moved = taylor_motion(perturbed(document, mechanism, rng), mechanism.scenario, base.times, double=True)
+            moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (LinkageError, ArithmeticError):
             continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
         k = min(len(base.times), len(moved.times))
@@ -46,7 +46,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
     return levels
 
 
-def perturbed(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
+def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
     """A copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1."""
     moved = copy.deepcopy(document)
     scenario = moved["scenarios"][mechanism.scenario]

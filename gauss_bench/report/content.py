@@ -307,7 +307,7 @@ def remark(row: Row) -> Cell:
     return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
 
 
-def titled_table(
+def table_with_title(
     title: str, head: tuple[str, ...], first: int, rows: Sequence[Row], line: Line, last_text: int = 1, folded: bool = False
 ) -> Table:
     """A table of lines, numbers from column `first` on, the last `last_text` columns text again."""
@@ -322,9 +322,9 @@ def part(
     """A section of a table; where only some rows are `shown`, another one, folded, has all of them."""
     if not rows:
         return None
-    blocks: list[Block] = [Text(words), titled_table(title, head, first, rows if shown is None else shown, line)]
+    blocks: list[Block] = [Text(words), table_with_title(title, head, first, rows if shown is None else shown, line)]
     if shown is not None and len(shown) < len(rows):
-        blocks.append(titled_table(f"{title}: all of it", head, first, rows, line, folded=True))
+        blocks.append(table_with_title(f"{title}: all of it", head, first, rows, line, folded=True))
     return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
 
 

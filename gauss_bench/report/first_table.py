@@ -97,7 +97,7 @@ def markdown(table: Table) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def renewed(page: str, run: Run) -> str:
+def renew(page: str, run: Run) -> str:
     """Return README's text with the table of a run between the two lines."""
     before, found, rest = page.partition(BEGIN)
     _, ended, after = rest.partition(END)
@@ -112,4 +112,4 @@ if __name__ == "__main__":
     from gauss_bench.report.build import read_run
 
     rows, path = map(Path, sys.argv[1:])
-    write_text(path, renewed(path.read_text(encoding="utf-8"), read_run(rows)))
+    write_text(path, renew(path.read_text(encoding="utf-8"), read_run(rows)))

@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.linkage.errors import Fault, LinkageError
 from gauss_bench.linkage.load import built_in, document_of
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.report.drawings.pose import POSE_DEG, posed_document
+from gauss_bench.report.drawings.pose import POSE_DEG, pose_document
 from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
 from gauss_bench.untrusted import parse_toml
@@ -34,10 +34,10 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
     return document_of(name)
 
 
-def posed_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
+def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
     """As `pose.posed`, of a linkage of a run.
 
     Raises:
         LinkageError: as `document_in`, or where it does not load.
     """
-    return posed_document(*document_in(run, name), crank_deg)
+    return pose_document(*document_in(run, name), crank_deg)

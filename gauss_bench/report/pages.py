@@ -14,11 +14,11 @@ MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 def plain(text: str) -> str:
     """Text that Markdown leaves alone except for `code` and **strong**."""
-    parts = [part if MARKED.fullmatch(part) else _quoted(part) for part in MARKED.split(" ".join(text.split()))]
+    parts = [part if MARKED.fullmatch(part) else _quote(part) for part in MARKED.split(" ".join(text.split()))]
     return "".join(parts)
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")
     text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)
     return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)

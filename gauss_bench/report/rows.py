@@ -114,14 +114,14 @@ def end_error(row: Row) -> float:
     return number(row, end_column(row))
 
 
-def measured_bar(row: Row, column: str) -> float:
+def measure_bar(row: Row, column: str) -> float:
     """The reference's bar of a measured coordinate's error, or its worst of any position over the run; 0 where neither is known."""
     bars = number(row, column.replace("error", "error_bar")), number(row, "position_error_bar")
     return next((x for x in bars if known(x)), 0.0)
 
 
 def end_bar(row: Row) -> float:
-    return measured_bar(row, end_column(row))
+    return measure_bar(row, end_column(row))
 
 
 def below_reference(row: Row) -> bool:
@@ -175,7 +175,7 @@ def label(row: Row, *columns: str) -> str:
 def accelerations(rows: Sequence[Row]) -> list[Row]:
     """One row per mechanism, engine and settings that has an acceleration error: it is the same for all their cases."""
     measured = [row for row in rows if known(row.get("acceleration_error_median"))]
-    return [_merged(group) for group in grouped(measured, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
+    return [_merge(group) for group in grouped(measured, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
 
 
 def costs(rows: Sequence[Row]) -> list[Row]:
@@ -184,10 +184,10 @@ def costs(rows: Sequence[Row]) -> list[Row]:
     stepped = [r for r in rows if known(r.get("step_time")) or known(r.get("native_step_time"))]
     have = {tuple(r[k] for k in keys[:3]) for r in stepped}
     timed = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
-    return [_merged(group) for group in grouped(timed, lambda r: tuple(r[k] for k in keys)).values()]
+    return [_merge(group) for group in grouped(timed, lambda r: tuple(r[k] for k in keys)).values()]
 
 
-def _merged(group: Sequence[Row]) -> Row:
+def _merge(group: Sequence[Row]) -> Row:
     """The first row, with every number it lacks taken from the next that has it."""
     return {k: next((r[k] for r in group if known(r.get(k))), x) if not known(x) else x for k, x in group[0].items()}
 

@@ -55,7 +55,7 @@ def unpacked(content: bytes) -> Any:
     if length > LONGEST or len(text) < length:
         raise NoAnswer(f"it says that it holds {length} bytes of text")
 
-    def restored(table: dict[str, Any]) -> Any:
+    def restore(table: dict[str, Any]) -> Any:
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
@@ -68,7 +68,7 @@ def unpacked(content: bytes) -> Any:
         return array
 
     try:
-        return json.loads(text.decode(), object_hook=restored)
+        return json.loads(text.decode(), object_hook=restore)
     except (ValueError, RecursionError) as error:
         raise NoAnswer(str(error)) from error
 

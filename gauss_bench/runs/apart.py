@@ -81,7 +81,7 @@ def run_apart(
     """
     try:
         answer = worker.call(
-            performed_again if again else performed_there, (request, mechanism), limit, request.largest(mechanism.n), longest
+            perform_again if again else performed_there, (request, mechanism), limit, request.largest(mechanism.n), longest
         )
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
@@ -93,7 +93,7 @@ def performed_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 
 
-def performed_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
+def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """As `performed_there`, with the model of the last such request where the two differ in step, tolerance and samples alone."""
     return plain_run(_run_again(request, request.alter(mechanism)))
 

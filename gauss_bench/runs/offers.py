@@ -115,7 +115,7 @@ class Offer:
         if text not in labels and not is_own(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            return Known(labels, [*self.options], self.options).resolved(text)
+            return Known(labels, [*self.options], self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
@@ -172,12 +172,12 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _asked(worker: Worker, name: str) -> Offer:
     try:
-        return _told(name, worker.call(_described, (name,), LIMIT))
+        return _told(name, worker.call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
 
 
-def _described(name: str) -> dict[str, Any]:
+def _describe(name: str) -> dict[str, Any]:
     """`describe` as plain data, for the way out of a worker."""
     return asdict(describe(name))
 

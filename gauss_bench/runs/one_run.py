@@ -64,7 +64,7 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
     each = max(1, round(spacing / step))
     grid = np.arange(whole // each + 1) * (each * step)
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _on(x, step)]
-    return _sampled(step, grid, [*reached, whole * step, t_end])
+    return _sample(step, grid, [*reached, whole * step, t_end])
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
@@ -73,19 +73,19 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
     rests = [k * step for x in at if not _on(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
     each = max(1, round(spacing / step))
     grid = np.arange(int(np.floor(last / step * (1 + 1e-12))) // each + 1) * (each * step)
-    return _sampled(step, grid, [*rests, *at])
+    return _sample(step, grid, [*rests, *at])
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
     """Samples at these times and no other; the first is the start, and each is met, by shorter steps where whole ones miss it."""
-    return _sampled(step, np.asarray(times, dtype=float), [])
+    return _sample(step, np.asarray(times, dtype=float), [])
 
 
 def _on(t: float, step: float) -> bool:
     return abs(t - round(t / step) * step) <= max(1e-9 * step, 1e-15 * t)
 
 
-def _sampled(step: float, grid: Array, more: Sequence[float]) -> Sampling:
+def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     """The grid and the further times that it does not have yet."""
     near = 1e-9 * min(step, 1.0)
     times = [*grid]
@@ -172,10 +172,10 @@ def performed(
     A motion that runs away is told by what is judged, not by numpy on stderr.
     """
     with np.errstate(all="ignore"):
-        return _performed(engine, mechanism, choice, wanted, ask, shortest)
+        return _perform(engine, mechanism, choice, wanted, ask, shortest)
 
 
-def _performed(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float) -> Outcome:
+def _perform(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float) -> Outcome:
     built = seconds = float("nan")
     answer: object = None
     running: Model | None = None
@@ -239,7 +239,7 @@ def received(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 
 
-def drawn_samples(trajectory: Trajectory) -> NDArray[np.intp]:
+def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
     """Return JUDGED places of samples, drawn by a lot that they make themselves: no engine can be right there alone."""
     told = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
     lot = np.random.default_rng(int.from_bytes(told.digest()[:8], "big"))
@@ -251,7 +251,7 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
 
     None where that cannot be told, such as friction on redundant rows.
     """
-    chosen = drawn_samples(trajectory)
+    chosen = draw_samples(trajectory)
     part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
     try:
         model = get("gauss").build(mechanism, Choice("default", "rk4"))

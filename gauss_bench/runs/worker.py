@@ -314,7 +314,7 @@ def _adopt() -> None:
         ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
 
-def _bounded() -> None:
+def _limit() -> None:
     """No more memory than MEMORY or the machine has: an array that does not fit is an error here, not the end of somebody else."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
@@ -325,7 +325,7 @@ def _bounded() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
 
 
-def _answered(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
+def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
     """The answer in bytes; one that is no plain data is a failure of the task."""
     try:
         return packed(("ok", function(*arguments)))
@@ -343,7 +343,7 @@ def main() -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
-    _bounded()
+    _limit()
     _adopt()
     home = os.getcwd()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
@@ -357,7 +357,7 @@ def main() -> None:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)  # it ends the process even inside a library
         signal.setitimer(signal.ITIMER_REAL, BACKSTOP * limit + GRACE)
         os.chdir(home)  # a library may have gone elsewhere, and paths in tasks are relative
-        answer = _answered(function, arguments)
+        answer = _answer(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)
         answers.flush()

@@ -54,7 +54,7 @@ class Left:
         """Let it go."""
         with suppress(OSError):
             self.file.unlink(missing_ok=True)
-            pictured(self.file).unlink(missing_ok=True)
+            picture_of(self.file).unlink(missing_ok=True)
 
 
 def folder() -> Path:
@@ -81,16 +81,16 @@ class Autosave:
         """Keep a picture, in a file of its own: it is large, and changes seldom."""
         with suppress(OSError):
             if picture is None:
-                pictured(self.file).unlink(missing_ok=True)
+                picture_of(self.file).unlink(missing_ok=True)
                 return
             self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_text(pictured(self.file), json.dumps(asdict(picture)))
+            write_text(picture_of(self.file), json.dumps(asdict(picture)))
 
     def forget(self) -> None:
         """Keep nothing of this document any more."""
         with suppress(OSError):
             self.file.unlink(missing_ok=True)
-            pictured(self.file).unlink(missing_ok=True)
+            picture_of(self.file).unlink(missing_ok=True)
 
     def left(self) -> Left | None:
         """The newest remains of this document by a process that is no more; spoilt ones are as if they were not there."""
@@ -105,7 +105,7 @@ class Autosave:
                     text, locks, process = said["text"], said["locks"], int(said["process"])
                     sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
-                        saved.append((status.st_mtime, Left(path, text, tuple(locks), _picture(pictured(path)))))
+                        saved.append((status.st_mtime, Left(path, text, tuple(locks), _picture(picture_of(path)))))
         return max(saved, key=lambda x: x[0])[1] if saved else None
 
 
@@ -118,7 +118,7 @@ def kept(paths: Iterable[Path]) -> list[str]:
     return []
 
 
-def pictured(file: Path) -> Path:
+def picture_of(file: Path) -> Path:
     """The place of the picture that belongs to the text of a file."""
     return file.with_suffix(".picture")
 

@@ -94,7 +94,7 @@ def inputs(reading: Reading) -> list[str]:
     return [mechanism.links[b if a == GROUND else a].name for a, b in pins if GROUND in (a, b)][:1]
 
 
-def found_branches(reading: Reading) -> list[Array]:
+def find_branches(reading: Reading) -> list[Array]:
     """Other assemblies with the inputs where they are; the one that is drawn first.
 
     Raises:

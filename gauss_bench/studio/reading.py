@@ -123,7 +123,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
     problems = [Problem("error", str(f), place(document, f.path)) for f in faults]
     rest = _still(copy.deepcopy(document))
-    mechanism, more = _built(rest)
+    mechanism, more = _build(rest)
     problems += [Problem("error", str(f), place(document, f.path)) for f in more if f not in faults]
     if mechanism is None:
         problems += [Problem("hint", "nothing is drawn yet: a bar between two places is a beginning")] if not problems else []
@@ -216,7 +216,7 @@ def _still(document: Document) -> Document:
     return document
 
 
-def _built(document: Document) -> tuple[Mechanism | None, list[Fault]]:
+def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """The mechanism of what is left of a document once all that is at fault is left out of it, and what only building showed."""
     more: list[Fault] = []
     for _ in range(ROUNDS):

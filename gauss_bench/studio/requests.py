@@ -98,7 +98,7 @@ def save(session: Session, message: Message) -> Reply:
         raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
     content = written(session.text, session.document | {"name": path.stem})
     files.save(path, content, bool(message.get("replace")), session.path, session.saved)
-    session.saved_as(path, content)
+    session.save_as(path, content)
     return {"path": path.name} | shown(session)
 
 
@@ -178,7 +178,7 @@ def drag_end(session: Session, message: Message) -> Reply:
 
 
 def branches(session: Session, message: Message) -> Reply:
-    session.branches = session.reading, dragging.found_branches(session.reading)
+    session.branches = session.reading, dragging.find_branches(session.reading)
     names = ["as drawn", *(f"branch {k}" for k in range(1, len(session.branches[1])))]
     named = zip(names, session.branches[1], strict=True)
     return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in named]}
@@ -187,7 +187,7 @@ def branches(session: Session, message: Message) -> Reply:
 def branch(session: Session, message: Message) -> Reply:
     index = message.get("index")
     if session.branches is None or session.branches[0] is not session.reading:
-        session.branches = session.reading, dragging.found_branches(session.reading)
+        session.branches = session.reading, dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
         raise Refused("there is no such branch", field="index")
     steps.posed(session, session.branches[1][index])

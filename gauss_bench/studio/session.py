@@ -64,15 +64,15 @@ class Session:
         self._begin(text, text if path or text == EMPTY else "")
         self.path = path
         self.autosave = Autosave(self._named())
-        self._changed()
+        self._change()
 
-    def saved_as(self, path: Path, text: str) -> None:
+    def save_as(self, path: Path, text: str) -> None:
         """The text stands on disk now."""
         self.autosave.forget()
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._named())
         self.autosave.lay(self.picture)
-        self._changed()
+        self._change()
 
     @property
     def unsaved(self) -> bool:
@@ -102,7 +102,7 @@ class Session:
         self.done = [*self.done, (self.text, self.locks)][-STEPS:]
         self.undone = []
         self.text, self.locks = text, locks
-        self._changed()
+        self._change()
 
     def join(self) -> None:
         """Make one step of the last two of the history."""
@@ -113,21 +113,21 @@ class Session:
         if self.done:
             self.undone.append((self.text, self.locks))
             self.text, self.locks = self.done.pop()
-            self._changed()
+            self._change()
 
     def redo(self) -> None:
         if self.undone:
             self.done.append((self.text, self.locks))
             self.text, self.locks = self.undone.pop()
-            self._changed()
+            self._change()
 
     def lay(self, picture: Picture | None) -> None:
         """Another picture behind the grid, or none; no step of the history."""
         self.picture = picture
         self.autosave.lay(picture)
-        self._changed()
+        self._change()
 
-    def _changed(self) -> None:
+    def _change(self) -> None:
         self.revision += 1
         self.drag = None
         if self.unsaved or self.picture:

@@ -56,13 +56,13 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """The suite with linkages that are files beside it, told by their paths from there."""
 
-    def located(part: Any) -> Any:
+    def locate(part: Any) -> Any:
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
         return part.model_copy(update={"linkages": {str(paths.get(x, x)): s for x, s in part.linkages.items()}})
 
-    return suite.model_copy(update={name: tuple(located(x) for x in getattr(suite, name)) for name in SECTIONS})
+    return suite.model_copy(update={name: tuple(locate(x) for x in getattr(suite, name)) for name in SECTIONS})
 
 
 def joined(suites: Sequence[Suite]) -> Suite:
@@ -98,7 +98,7 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     return suite.model_copy(update={name: kept(getattr(suite, name)) for name in ("accuracy", "cost", "search")})
 
 
-def restricted(suite: Suite, linkages: Mapping[str, str]) -> Suite:
+def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Restrict a suite to the given linkages (name or path -> scenario).
 
     A part for any linkage takes all of them, others those that they list.

@@ -42,7 +42,7 @@ def raced(linkage: str, scenario: str, part: Batch) -> Tables:
     for _ in range(part.processes):
         answer, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
         for failure in lost.values():
-            return {"kernel_batch": [_aimed(_start(mechanism, part) | failure.told, mechanism, part)]}
+            return {"kernel_batch": [_aim(_start(mechanism, part) | failure.told, mechanism, part)]}
         answers.append(answer)
     return {"kernel_batch": [batch_row(mechanism, part, answers)]}
 
@@ -64,10 +64,10 @@ def batch_row(mechanism: Mechanism, part: Batch, answers: Sequence[Tables]) -> R
                 failed[Key(*told["key"])] = Missing(Status(told["status"]), told["message"])
     measured, (lanes,) = Measured(over_processes(samples), failed), answers[-1]["lanes"]
     found = row(_start(mechanism, part), lambda: measured.compared(*_keys(part)) | lanes)
-    return _aimed(found, mechanism, part)
+    return _aim(found, mechanism, part)
 
 
-def _aimed(found: Row, mechanism: Mechanism, part: Batch) -> Row:
+def _aim(found: Row, mechanism: Mechanism, part: Batch) -> Row:
     return at_least(found, "ratio", part.targets.get(mechanism.name))
 
 
@@ -86,7 +86,7 @@ def batch(linkage: str, scenario: str, part: Batch, engines: Sequence[str] = (),
     """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
-    q, v = shuffled(states.q, states.v)
+    q, v = shuffle(states.q, states.v)
     models: dict[str, Any] = {}
 
     def entry(engine: str, settings: str, steps: int) -> Callable[[], Block]:
@@ -110,7 +110,7 @@ def batch(linkage: str, scenario: str, part: Batch, engines: Sequence[str] = (),
     return {"times": times, "lanes": [lanes]}
 
 
-def shuffled(q: Array, v: Array) -> tuple[Array, Array]:
+def shuffle(q: Array, v: Array) -> tuple[Array, Array]:
     """The states in a random order, the same each time: neighbours in angle would make lanes more alike than a user's are."""
     order = np.random.default_rng(1).permutation(len(q))
     return q[order], v[order]

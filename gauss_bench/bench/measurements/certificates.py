@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gathered
+from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.linkage.generate import SINGLE
 from gauss_bench.linkage.load import built_in, built_in_folder, document_of, load
@@ -150,7 +150,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
         certificate = read_certificate(path)
         owner = linkage or _owner(certificate, path)
         check_holds(certificate, load(owner, certificate.scenario), path)
-        tasks.append(_task((certificate.name, certificate.scenario), _verified, (str(path), owner)))
+        tasks.append(_task((certificate.name, certificate.scenario), _verify, (str(path), owner)))
     return _rows(tasks, jobs)
 
 
@@ -160,7 +160,7 @@ def _owner(certificate: Certificate, path: Path) -> str:
     return str(beside) if beside.is_file() else certificate.name
 
 
-def _verified(path: str, linkage: str) -> Tables:
+def _verify(path: str, linkage: str) -> Tables:
     certificate = read_certificate(Path(path))
     verification = verify(certificate, load(linkage, certificate.scenario))
     names = {"mechanism": certificate.name, "scenario": certificate.scenario}
@@ -202,4 +202,4 @@ def certificate_table() -> Tables:
 
 def _rows(tasks: list[Task], jobs: int) -> Rows:
     """One row a task, in order; a worker that was lost is a row with its reason."""
-    return gathered(finish(tasks, jobs, "certificates").values()).get(TABLE, [])
+    return gather(finish(tasks, jobs, "certificates").values()).get(TABLE, [])

@@ -154,7 +154,7 @@ def _batch(model: Callable[[], Any], mechanism: Mechanism) -> Block:
     return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
 
-def measured_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
+def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """Gather the races' results by mechanism and scenario."""
     samples: dict[tuple[str, str], dict[Key, dict[int, list[float]]]] = {}
     failed: dict[tuple[str, str], dict[Hashable, Missing]] = {}
@@ -179,7 +179,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the cost columns of the results, and tell once what no process could time."""
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
-    with_costs(tables.get("results", []), measured_by_linkage(tables))
+    with_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
 def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:

@@ -155,7 +155,7 @@ def entered(wanted: Right, size: int, number: int, engines: Sequence[str], watch
     return rows, blocks
 
 
-def _compiled(form: str, formulation: str) -> Callable[[Right], Contender]:
+def _compile(form: str, formulation: str) -> Callable[[Right], Contender]:
     def build(wanted: Right) -> Contender:
         kernel = compile_kernel(wanted.mechanism, formulation, cache=False, form=form)
         blocks = _own(kernel, wanted)
@@ -183,9 +183,9 @@ def _library(asked: Asked, quantity: str = "called from Python") -> Callable[[Ri
 
 
 CONTENDERS: dict[str, Callable[[Right], Contender]] = {
-    "loops, gauss": _compiled("looped", "gauss"),
-    "loops, lagrange": _compiled("looped", "lagrange"),
-    "straight line, gauss": _compiled("straight line", "gauss"),
+    "loops, gauss": _compile("looped", "gauss"),
+    "loops, lagrange": _compile("looped", "lagrange"),
+    "straight line, gauss": _compile("straight line", "gauss"),
     **{f"pinocchio, {way}": _library(asked) for way, asked in pinocchio.CALLS.items()},
     **{f"mujoco, {way}": _library(asked) for way, asked in mujoco.CALLS.items()},
     **{f"exudyn, {way}": _library(asked, "one implicit step") for way, asked in exudyn.CALLS.items()},
@@ -197,7 +197,7 @@ def over_races(races: Rows) -> Rows:
     ended = [r for r in races if r["status"] == Status.OK]
     timed_engines = {(r["engine"], r["size"]) for r in ended}
     told = []
-    for rows in _grouped(ended, "engine", "quantity", "size").values():
+    for rows in _group(ended, "engine", "quantity", "size").values():
         found = spread("seconds", np.array([[r["seconds"]] for r in rows]))
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
@@ -206,7 +206,7 @@ def over_races(races: Rows) -> Rows:
             times |= {end: rows[0][f"seconds_{end}"] for end in ("low", "high")}
         told.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
     lost = [r for r in races if r["status"] != Status.OK and (r["engine"], r["size"]) not in timed_engines]
-    for rows in _grouped(lost, "engine", "size").values():
+    for rows in _group(lost, "engine", "size").values():
         told.append({k: x for k, x in rows[0].items() if k != "process"} | {"processes": 0})
     return told
 
@@ -218,11 +218,11 @@ def exponents(races: Rows, large: int) -> Rows:
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     told = []
-    for (engine, quantity), rows in _grouped(ended, "engine", "quantity").items():
-        by_size = {size: [r["seconds"] for r in some] for (size,), some in _grouped(rows, "size").items()}
+    for (engine, quantity), rows in _group(ended, "engine", "quantity").items():
+        by_size = {size: [r["seconds"] for r in some] for (size,), some in _group(rows, "size").items()}
         if len(by_size) > 1:
             found = exponent(list(by_size), [statistics.median(x) for x in by_size.values()])
-            by_process = _grouped(rows, "process").values()
+            by_process = _group(rows, "process").values()
             single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in by_process if len(x) == len(by_size)]
             low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
             names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
@@ -230,7 +230,7 @@ def exponents(races: Rows, large: int) -> Rows:
     return told
 
 
-def _grouped(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
+def _group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
     groups: dict[tuple[Any, ...], Rows] = {}
     for r in rows:
         groups.setdefault(tuple(r[x] for x in columns), []).append(r)

@@ -11,7 +11,7 @@ Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 
 from gauss_bench.bench.clock import Key, Measured, Row, padded, row, spread
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.measurements.cost import BATCH, NATIVE, measured_by_linkage
+from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, named, processor_rows
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.elimination.program import known_program
@@ -54,7 +54,7 @@ def counted(linkage: str, scenario: str) -> Tables:
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in times, bounds and shares, and the processor itself, whose latency and rate are those of all races together."""
-    races = measured_by_linkage(tables)
+    races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
         for number, start in enumerate(rows):

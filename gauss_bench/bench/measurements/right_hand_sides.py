@@ -10,7 +10,7 @@ parts of different stages are computed once: that is part of what compiling a lo
 import numpy as np
 
 from gauss_bench.bench.clock import Key, Measured, Row, at_least, compared, row
-from gauss_bench.bench.measurements.cost import ACCELERATION, BARE, EMPTY, NATIVE, measured_by_linkage
+from gauss_bench.bench.measurements.cost import ACCELERATION, BARE, EMPTY, NATIVE, gather_by_linkage
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.suites.schema import RightHandSide, Suite
@@ -24,7 +24,7 @@ LEAST = 1e-9  # [s] a right-hand side takes at least: keeps noise from making th
 def complete(suite: Suite, tables: Tables) -> None:
     """Add the rows of every linkage on which both raced."""
     for part in suite.right_hand_side:
-        for place, measured in measured_by_linkage(tables).items():
+        for place, measured in gather_by_linkage(tables).items():
             if any(isinstance(k, Key) and k.engine == part.rival for k in (*measured.samples, *measured.failed)):
                 tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, part, measured))
 

@@ -221,7 +221,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Times in one more process, of what may still win by those of the first."""
     run, ladders = over(linkage, scenario, part), Ladders(rows)
-    measured = measured_of(first)
+    measured = gather_measured(first)
     near = [way for ways in passing_ways(ladders, part).values() for some in by_loop(ways) for way in near_ways(some, measured)]
     costs = {way: time_of(x) for way, x in measured.samples.items()}
     told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, lost_in(first), costs, part.lead, part.rounds)
@@ -280,7 +280,7 @@ def raced(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: R
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), measured_of(races), lost_in(races)
+    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), gather_measured(races), lost_in(races)
     passing = passing_ways(ladders, part)
     start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
     winners: Rows = []
@@ -350,7 +350,7 @@ def race(
     return {"ways": told + [{"way": list(way), "status": str(x.status), "message": str(x)} for way, x in failed]}
 
 
-def measured_of(races: Rows) -> Measured:
+def gather_measured(races: Rows) -> Measured:
     """Gather what the processes of a race measured."""
     samples: dict[Way, dict[int, list[float]]] = {}
     failed: dict[Hashable, Missing] = {}

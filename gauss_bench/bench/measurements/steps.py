@@ -5,7 +5,7 @@ kernel's time.
 """
 
 from gauss_bench.bench.clock import Key, Measured, Row, at_least, row
-from gauss_bench.bench.measurements.cost import NATIVE, measured_by_linkage
+from gauss_bench.bench.measurements.cost import NATIVE, gather_by_linkage
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.suites.schema import Steps, Suite
 
@@ -14,7 +14,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add the rows of every linkage on which the own engines raced with the rival."""
     steps = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for part in suite.steps:
-        for place, measured in measured_by_linkage(tables).items():
+        for place, measured in gather_by_linkage(tables).items():
             if any(isinstance(k, Key) and k.engine == part.rival for k in (*measured.samples, *measured.failed)):
                 tables.setdefault("kernel_steps", []).extend(step_rows(place, part, steps.get(place), measured))
 

@@ -90,14 +90,14 @@ def turn(linkage: str, scenario: str, part: Turns, methods: Sequence[str] = METH
     start: Row = {"mechanism": mechanism.name, "scenario": scenario, "samples": samples}
     watch(Key("turn", NATIVE))
 
-    def rated(method: str) -> Row:
+    def rate_steps(method: str) -> Row:
         return rates(measured.of(Key("turn", method)))
 
-    own = row(start | {"method": NATIVE}, lambda: rated(NATIVE) | errors(mechanism, closures[0].turn(samples)))
+    own = row(start | {"method": NATIVE}, lambda: rate_steps(NATIVE) | errors(mechanism, closures[0].turn(samples)))
     own = aimed(own, part)
-    rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rated(LINK_UNITS))
+    rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rate_steps(LINK_UNITS))
     watch(Key("turn", RIVAL))
-    other = row(start | {"method": RIVAL}, lambda: rated(RIVAL) | named(pylinkage.errors(mechanism, turns[0]())))
+    other = row(start | {"method": RIVAL}, lambda: rate_steps(RIVAL) | named(pylinkage.errors(mechanism, turns[0]())))
     if other["status"] == Status.OK:
         other["message"] = pylinkage.version()
     return {"kernel_kinematics": [own, rest, other]}

@@ -65,7 +65,7 @@ class InMemory:
         pairs = list(zip(results, stores, strict=True))
         return Over(lanes, g, results, dict(zip(leaves, loads, strict=True)), dict(zip(more, given, strict=True)), pairs)
 
-    def summed(self, name: str, first: int, count: int, leaf: str, square: bool) -> list[Statement]:
+    def sum_up(self, name: str, first: int, count: int, leaf: str, square: bool) -> list[Statement]:
         """The sum of neighbouring elements, or of their squares, as a leaf."""
         g, at = Graph(), self.layout.starts[name] + first
         x, spare = g.leaf("%x"), self.program.size - 1
@@ -116,10 +116,10 @@ class MemoryBody(InMemory, Body):
         t, h = g.leaf("%t"), g.leaf("%h")
         end = g.add(t, h)
         steps, held = {"rk4": self._rk4, "semi_implicit_euler": self._euler, "dop853_fixed": self._dop853}[integrator](t, h)
-        settled, kept = self._settled(end) if program.position and program.velocity else ([], [])
+        settled, kept = self._settle(end) if program.position and program.velocity else ([], [])
         if not program.source.projected:
             self.settling, settled, kept = settled, [], []
-        finite = self.summed("v", 0, 3 * self.layout.stride, "%speeds", square=False)
+        finite = self.sum_up("v", 0, 3 * self.layout.stride, "%speeds", square=False)
         self.statements: list[Statement] = [*steps, *settled, *finite]
         self.regular, self.regular_out = g.both([held, *kept[:2]]), g.all(True)
         self.within = g.both([g.make("le", g.abs(g.leaf("%speeds")), g.const(FINITE)), *kept[2:]])
@@ -212,7 +212,7 @@ class MemoryBody(InMemory, Body):
         finish = self.each(lanes, [*begin, *self._whole("out")], self._whole("q", "v"), formula, h)
         return [self.copied(lanes, begin, self._whole("q", "v")), self.at_time(t, "t"), *work, finish], holds
 
-    def _settled(self, t: int) -> tuple[list[Statement], list[int]]:
+    def _settle(self, t: int) -> tuple[list[Statement], list[int]]:
         """Positions and velocities onto the constraints; masks of the guards, and of short last corrections."""
         g, lanes, j, held = self.graph, 3 * self.layout.stride, self.graph.count("%c"), self.graph.make("mask", payload="%placed")
         assert self.program.position is not None
@@ -227,7 +227,7 @@ class MemoryBody(InMemory, Body):
         def add(name: str) -> Over:
             return self.each(lanes, self._whole(name, "out"), self._whole(name), lambda g, x: [g.add(*x)])
 
-        body = [*moved, add("q_new"), *self.summed("out", *angles, "%moved", square=True)]
+        body = [*moved, add("q_new"), *self.sum_up("out", *angles, "%moved", square=True)]
         begin = [self.copied(lanes, self._whole("q"), self._whole("q_new")), self.at_time(t, "t", "t_new")]
         end = [self.copied(lanes, self._whole("q_new"), self._whole("q")), *turned, add("v")]
         return [*begin, Loop(carried, body, again), *end], [g.both([held, at_q]), at_v, short]

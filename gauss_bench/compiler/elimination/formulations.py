@@ -40,7 +40,7 @@ from gauss_bench.compiler.equations.constraints import Row, combined, rate_of, r
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factored, product_of, sum_of
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out, product_of, sum_of
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
@@ -164,7 +164,7 @@ class Gauss:
         self.N = [self._column(J, k, terms.graph.constant(1.0)) for k in self.independent]
         waited = max((p for p in self.factors.guarded if p.node.number is None), key=lambda p: p.node.ready, default=None)
         if search.undivided and waited and len(self.N) == 1:
-            self.N = [self._column(J, self.independent[0], factored(waited.node)[1])]
+            self.N = [self._column(J, self.independent[0], factor_out(waited.node)[1])]
         self.search = search
         self.reduced = _metric(terms.graph, self.N, terms.mass, search)
 
@@ -229,11 +229,11 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[
     A: Matrix = {}
     for k in unknowns:
         for l in range(k + 1):
-            A[k, l] = A[l, k] = graph.total(_weighted(graph, weights, motions[k], motions[l]), pairs=12)
+            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, motions[k], motions[l]), pairs=12)
     return lu(graph, A, unknowns, unknowns, Search(search.seed))
 
 
-def _weighted(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: Right) -> list[Node]:
+def _weigh(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: Right) -> list[Node]:
     """Summands of left^T W right; where a link's x and y together are something known, as on a ground pin, that serves."""
     products = []
     for x in range(0, len(weights), 3):
@@ -253,7 +253,7 @@ def _known_product(graph: ExpressionGraph, left: Right, right: Right, x: int) ->
     if not (x in left and x in right and y in left and y in right):
         return None
     first = product_of(left[x].generic, right[x].generic)
-    return graph.recognised(sum_of(first, product_of(left[y].generic, right[y].generic)), first)
+    return graph.recognise(sum_of(first, product_of(left[y].generic, right[y].generic)), first)
 
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
@@ -375,7 +375,7 @@ def _guards(factors: Factors) -> list[tuple[Node, float]]:
     guards: dict[int, tuple[Node, float]] = {}
     for p in factors.guarded:
         if p.node.number is None:
-            factor, base = factored(p.node)
+            factor, base = factor_out(p.node)
             threshold = max(p.threshold / abs(factor), guards.get(base.index, (base, 0.0))[1])
             guards[base.index] = (base, threshold)
     return list(guards.values())

@@ -101,8 +101,8 @@ class Dyads:
             loop, unknowns = _best(left)
             pivot = _pivot(loop, left.pop(loop), unknowns)
             self.pivots.append(pivot)
-            self.eliminated.append({m: _taken(left[m], pivot) for m in left if set(unknowns) & left[m].keys()})
-            left |= {m: _reduced(left[m], pivot, pair) for m, pair in self.eliminated[-1].items()}
+            self.eliminated.append({m: _take(left[m], pivot) for m in left if set(unknowns) & left[m].keys()})
+            left |= {m: _reduce(left[m], pivot, pair) for m, pair in self.eliminated[-1].items()}
 
     def solve(self, b: dict[int, Vector]) -> dict[int, Node]:
         b = dict(b)
@@ -133,14 +133,14 @@ class Dyads:
         return guards
 
 
-def _taken(columns: Columns, pivot: DyadPivot) -> tuple[Vector, Vector]:
+def _take(columns: Columns, pivot: DyadPivot) -> tuple[Vector, Vector]:
     """The columns of another loop in a pivot's unknowns."""
     zero = pivot.D.graph.constant(0.0)
     first, second = (columns.get(k, Vector(zero, zero)) for k in pivot.unknowns)
     return first, second
 
 
-def _reduced(columns: Columns, pivot: DyadPivot, pair: tuple[Vector, Vector]) -> Columns:
+def _reduce(columns: Columns, pivot: DyadPivot, pair: tuple[Vector, Vector]) -> Columns:
     """Another loop's columns without the pivot's unknowns."""
     reduced = {k: c for k, c in columns.items() if k not in pivot.unknowns}
     for k, (alpha, beta) in pivot.others.items():
@@ -232,7 +232,7 @@ class LoopSystem:
         self.graph, self.columns = graph, columns
         self.groups: list[tuple[tuple[int, ...], Solver | None]] = []
         solved: set[int] = set()
-        for loops, unknowns in _merged([(sorted({row // 2 for row in g.rows}), sorted(g.columns)) for g in groups], columns):
+        for loops, unknowns in _merge([(sorted({row // 2 for row in g.rows}), sorted(g.columns)) for g in groups], columns):
             own = {l: {k: c for k, c in columns[l].items() if k not in solved} for l in loops}
             self.groups.append((tuple(loops), _solver(graph, own, unknowns)))
             solved |= set(unknowns)
@@ -255,7 +255,7 @@ class LoopSystem:
         return [guard for _, solver in self.groups if solver is not None for guard in solver.guards]
 
 
-def _merged(groups: list[LoopsAndUnknowns], columns: Sequence[Columns]) -> list[LoopsAndUnknowns]:
+def _merge(groups: list[LoopsAndUnknowns], columns: Sequence[Columns]) -> list[LoopsAndUnknowns]:
     """Groups with a redundant loop joined with all that it leans on: where one of its dyads is stretched, the others hold it."""
     joined: set[int] = set()
     for k, (loops, unknowns) in reversed(list(enumerate(groups))):
@@ -389,14 +389,14 @@ class _Rates:
 
     def first(self, speeds: list[Node]) -> list[Node]:
         """J x' = -B u'."""
-        return self._solved([self._moved(l, speeds) for l in range(len(self.known))], speeds)
+        return self._solved([self._move(l, speeds) for l in range(len(self.known))], speeds)
 
     def second(self, rates: list[Node], seconds: list[Node]) -> list[Node]:
         """J x'' = -B u'' - bias."""
         bias = [loop.bias(rates) for loop in self.loops.loops]
-        return self._solved([self._moved(l, seconds) - w for l, w in enumerate(bias)], seconds)
+        return self._solved([self._move(l, seconds) - w for l, w in enumerate(bias)], seconds)
 
-    def _moved(self, l: int, speeds: list[Node]) -> Vector:
+    def _move(self, l: int, speeds: list[Node]) -> Vector:
         """-B of a loop times speeds."""
         parts = [-(c * speeds[k - self.unknown]) for k, c in self.known[l].items()]
         return Vector(self.graph.total([w.x for w in parts]), self.graph.total([w.y for w in parts]))

@@ -80,18 +80,18 @@ class Factors:
         """x by column, of A x = b by row; zeros are left out of both."""
         y: Right = {}
         for p in self.pivots:
-            _put(y, p.row, self._reduced(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
+            _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
         x: Right = {}
         if self.rest is not None:
             for r in self.rest.rows:
-                _put(y, r, self._reduced(b.get(r), self.steps[r], y), None)
+                _put(y, r, self._reduce(b.get(r), self.steps[r], y), None)
             x = self.rest.solve(y)
         for p in reversed(self.pivots):
             known = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
             _put(x, p.column, known, None if p.row_divided else p.inverse)
         return x
 
-    def _reduced(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
+    def _reduce(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
         """Apply the row operations to an entry of the right-hand side."""
         products: list[tuple[Node, Node | None]] = []
         for step in steps:
@@ -311,12 +311,12 @@ class _Markowitz:
         rest = None
         while self.rows and rest is None:
             if squares and self._usable(steadily=True) is None:
-                rest = self._squared()
+                rest = self._square()
             else:
                 self._eliminate(*self._choose())
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
-    def _squared(self) -> Squared:
+    def _square(self) -> Squared:
         S = {(r, c): e.node() for r, row in self.rows.items() for c, e in row.items()}
         rows, columns = tuple(self.rows), tuple(self.columns)
         square: Matrix = {}

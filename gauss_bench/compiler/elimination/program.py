@@ -67,7 +67,7 @@ class Wanted:
         return costs.single if self.aim == "single" else costs.batch
 
 
-def attempted(work: Workspace, searches: Iterable[Search]) -> list[Best]:
+def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
     """Costs of the acceleration and its guards under several searches; those that find no usable pivots are left out.
 
     Raises:
@@ -93,11 +93,11 @@ def best_of(work: Workspace, wanted: Wanted) -> Best:
     ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED)]
     order = np.random.default_rng(0).permutation(len(ways))
     various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
-    attempts = sorted(attempted(work, various), key=lambda x: wanted.price(x.costs))
+    attempts = sorted(attempt(work, various), key=lambda x: wanted.price(x.costs))
     leaders, spare = attempts[:REPEATED], wanted.attempts - len(various)
     repeated = [(k, leaders[k % len(leaders)].search) for k in range(spare)]
     again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]  # others come out the same again
-    return min([attempts[0], *(attempted(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
+    return min([attempts[0], *(attempt(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
 
 
 def cheapest(
@@ -114,7 +114,7 @@ def cheapest(
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in _plans(known, formulation, independent, drop):
         try:
-            plain += attempted(workspace(known, open_parameters, plan), [PLAIN])
+            plain += attempt(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
@@ -139,7 +139,7 @@ def _sources() -> str:
     return source_digest(*SOURCES)
 
 
-def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
+def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
     """Eliminate again by an earlier search's choices; None where none is kept, or where it does not serve."""
     kept = user_cache.load(name) if name else None
     if kept is None:
@@ -147,7 +147,7 @@ def _recalled(known: Study, open_parameters: tuple[str, ...], name: str | None) 
     plan, search = json.loads(kept)
     try:
         work = workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
-        return attempted(work, [Search(**search)])[0]
+        return attempt(work, [Search(**search)])[0]
     except KernelError:
         return None
 
@@ -252,7 +252,7 @@ def generate(
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
     asked = (open_parameters, formulation, independent, aim, drop)
     name = _name(mechanism, *asked, ATTEMPTS) if remembered else None
-    best = _recalled(known, open_parameters, name)
+    best = _recall(known, open_parameters, name)
     if best is None:
         best = cheapest(known, *asked)
         if name:

@@ -32,7 +32,7 @@ def _by_singular_values(J: Array, r: Array) -> Array:
     return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
 
 
-def _constrained(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
+def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
     """a (n,); each further pass takes off what rounding left."""
     root = np.sqrt(mass)
     K, weighted = terms.J / root, terms.Q / root
@@ -63,7 +63,7 @@ class RankDecision:
         gamma = terms.gamma
         if damped and self.baumgarte:
             gamma = gamma - 2 * self.baumgarte[0] * terms.phi_dot - self.baumgarte[1] ** 2 * terms.phi
-        return _constrained(terms, self.evaluator.mass, gamma, _by_singular_values, 1)
+        return _constrain(terms, self.evaluator.mass, gamma, _by_singular_values, 1)
 
     def multipliers(self, t: float, q: Array, v: Array) -> Array:
         """The shortest multipliers (m,) of M a + J^T lambda = Q."""
@@ -87,20 +87,20 @@ class RankDecision:
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
     """Error of an acceleration relative to the larger of its true size and that of the free motion: near rest only that is left."""
     terms = evaluator.terms(t, q, v)
-    truth, free = _constrained(terms, evaluator.mass, terms.gamma, shortest, 2), terms.Q / evaluator.mass
+    truth, free = _constrain(terms, evaluator.mass, terms.gamma, shortest, 2), terms.Q / evaluator.mass
     size = max(float(np.abs(truth).max(initial=0.0)), float(np.abs(free).max(initial=0.0)))
     error = float(np.abs(a - truth).max(initial=0.0))
     return error / size if size > 0 else error
 
 
-def _checked_at(mechanism: Mechanism) -> States:
+def _check_at(mechanism: Mechanism) -> States:
     """States on the constraints, other than those at which pivots are chosen."""
     return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
 
 
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
     """The largest relative error of accelerations over the motion, not a number where one is not; and how many states served."""
-    evaluator, states = Evaluator(mechanism), _checked_at(mechanism)
+    evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     a, sound = accelerate(states.t[:, None], states.q, states.v)
     errors = [acceleration_error(evaluator, float(states.t[k]), states.q[k], states.v[k], a[k]) for k in np.flatnonzero(sound)]
     return float(np.max(errors, initial=0.0)), len(errors)
@@ -108,7 +108,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
     """Error of residuals, their rates and energy, one after the other, relative to their own size or 1 (m, rad, their rates, J)."""
-    evaluator, states = Evaluator(mechanism), _checked_at(mechanism)
+    evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]
     q = states.q[-1] + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=mechanism.n)
     terms = evaluator.terms(t, q, v)

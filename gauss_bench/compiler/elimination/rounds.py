@@ -305,7 +305,7 @@ def programs_in_rounds(mechanism: Mechanism, wanted: Wanted) -> Iterator[RoundsP
     refuse(mechanism, wanted.formulation)
     known = study(mechanism)
     made: list[RoundsProgram] = []
-    for program in _cheapest_first(_generated(known, wanted), 2 if wanted.formulation == "auto" else 1):
+    for program in _cheapest_first(_generate(known, wanted), 2 if wanted.formulation == "auto" else 1):
         if not made:
             check(program, mechanism)
         made.append(program)
@@ -314,7 +314,7 @@ def programs_in_rounds(mechanism: Mechanism, wanted: Wanted) -> Iterator[RoundsP
         raise KernelError(f"{mechanism.name}: no partition of the coordinates has usable pivots")
 
 
-def _generated(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
+def _generate(known: Study, wanted: Wanted) -> Iterator[RoundsProgram]:
     """Under the formulations that are open, then under the other, and last with other redundant rows dropped.
 
     Partitions are asked for late, as many freedoms make them slow to find.
@@ -372,12 +372,12 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
         KernelError: no pivots are usable.
     """
     work = workspace(known, wanted.open_parameters, plan)
-    rows = _starred(work.terms.graph, known.mechanism, work.keeping(work.rows))
+    rows = _star(work.terms.graph, known.mechanism, work.keeping(work.rows))
     made = _Functions(work, rows)
     dropped = known.dropped(plan.drop)
     corrected = wanted.projection or (dropped and not wanted.baumgarte)
     there = work.keeping(rows_of(work.links_at_new())) if corrected else {}
-    moved = _starred(work.terms.graph, known.mechanism, there) if there else []
+    moved = _star(work.terms.graph, known.mechanism, there) if there else []
     phi = {r: row.phi for r, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
     rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
@@ -418,7 +418,7 @@ class _Functions:
             return self._function(*_gauss(self.work, self.J, b, self.rows, loaded=False), inputs)
         size, right = n + self.rows, {n + r: x for r, x in b.items()}
         units = [terms.graph.constant(1.0)] * n
-        solution = solve(terms.graph, _bordered(units, self.J), [right], range(size), range(size))
+        solution = solve(terms.graph, _border(units, self.J), [right], range(size), range(size))
         return self._function([solution], {k: x for k, x in solution.x[0].items() if k < n}, inputs)
 
     def _function(self, solutions: list[Solution], result: Right, inputs: tuple[str, ...]) -> RoundsFunction:
@@ -494,18 +494,18 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True
 def _lagrange(work: Workspace, J: Matrix, gamma: Right, m: int) -> tuple[list[Solution], Right]:
     terms, n = work.terms, len(work.terms.mass)
     b = {k: x for k, x in terms.Q.items() if not x.zero} | {n + r: x for r, x in gamma.items()}
-    solution = solve(terms.graph, _bordered(terms.mass, J), [b], range(n + m), range(n + m))
+    solution = solve(terms.graph, _border(terms.mass, J), [b], range(n + m), range(n + m))
     return [solution], {k: x for k, x in solution.x[0].items() if k < n}
 
 
-def _bordered(mass: Sequence[Node], J: Matrix) -> Matrix:
+def _border(mass: Sequence[Node], J: Matrix) -> Matrix:
     n, A = len(mass), {(i, i): x for i, x in enumerate(mass)}
     for (r, c), e in J.items():
         A[n + r, c] = A[c, n + r] = e
     return A
 
 
-def _starred(graph: ExpressionGraph, mechanism: Mechanism, kept: dict[int, Row]) -> list[Row]:
+def _star(graph: ExpressionGraph, mechanism: Mechanism, kept: dict[int, Row]) -> list[Row]:
     """The kept rows by number, those of a pin through several links relative to the one nearest to the ground."""
     rows = dict(kept)
     distance = _distances(mechanism)

@@ -29,7 +29,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
     terms: dict[int, list[Node]] = {}
     steady, varying = (
         (equations.generalised(links, load) for load in links.loads()),
-        (_varied(links, *force) for force in links.varying()),
+        (_vary(links, *force) for force in links.varying()),
     )
     for entries in (*_weights(links), *steady, *varying):
         for k, x in entries.items():
@@ -44,7 +44,7 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
         yield {3 * i + k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy")}
 
 
-def _varied(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
+def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """The generalised force of one that varies: its speed is its power over its size."""
     (load,) = force.lowered()
     graph = links.graph

@@ -71,15 +71,15 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
     passed = [at_most(graph.constant(x), inside) for x in knots[1:-1]]
     left = [graph.constant(1.0), *passed]
     switches = [a - b for a, b in zip(left, [*passed, graph.constant(0.0)], strict=True)]
-    s = inside - _picked(switches, knots[:-1])
-    c3, c2, c1, c0 = (_picked(switches, x) for x in (bend / 6, curvatures[:-1] / 2, slope, values[:-1]))
+    s = inside - _pick(switches, knots[:-1])
+    c3, c2, c1, c0 = (_pick(switches, x) for x in (bend / 6, curvatures[:-1] / 2, slope, values[:-1]))
     moving = at_most(graph.constant(knots[0]), t) * at_most(t, graph.constant(knots[-1]))
     value = ((c3 * s + c2) * s + c1) * s + c0
     rate = (c3 * s * 3.0 + c2 * 2.0) * s + c1
     return value + start, rate * moving, (c3 * s * 6.0 + c2 * 2.0) * moving
 
 
-def _picked(switches: list[Node], values: Array) -> Node:
+def _pick(switches: list[Node], values: Array) -> Node:
     return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
 
 

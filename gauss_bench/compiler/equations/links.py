@@ -209,7 +209,7 @@ class Links:
     def fixed(self, x: float, y: float) -> Vec:
         return Vec(self.graph.constant(float(x)), self.graph.constant(float(y)))
 
-    def rotated(self, link: int, s: Vec) -> Vec:
+    def rotate(self, link: int, s: Vec) -> Vec:
         """A link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
         s = PLANE.turned(self._unit(tie.offset), s)
@@ -222,15 +222,15 @@ class Links:
         return self.fixed(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
 
     def direction(self, link: int, angle: float, across: bool = False) -> Direction:
-        return Direction(self.frame(link), self.rotated(link, self._unit(angle, across)))
+        return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
     def vector(self, link: int, value: Vec) -> Direction:
-        return Direction(self.frame(link), self.rotated(link, value))
+        return Direction(self.frame(link), self.rotate(link, value))
 
     def end(self, point: Point) -> End:
         key = (point.name, *point.local.tolist())
         if key not in self._ends:
-            self._ends[key] = End(self.frame(point.link), self.rotated(point.link, self.local(point)))
+            self._ends[key] = End(self.frame(point.link), self.rotate(point.link, self.local(point)))
         return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:

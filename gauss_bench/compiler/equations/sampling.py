@@ -43,7 +43,7 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """`count` or fewer states spread over the motion, the start first."""
     rng = np.random.default_rng(seed)
     constraints, scale = Constraints(mechanism), scales(mechanism)
-    path = _in_time(mechanism, constraints) if mechanism.drivers else _walked(mechanism, constraints, scale, count, rng)
+    path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
     which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
     t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
     v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
@@ -56,7 +56,7 @@ Pose = tuple[float, Array]
 Path = list[Pose]
 
 
-def _walked(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
+def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
     """Poses along the free motion, forwards and, where that ends early, backwards too; in the order they are met."""
     heading = scale * rng.normal(size=mechanism.n)
     freedom = 2 if mechanism.dof > 1 else 1  # several freedoms: the heading drifts, and both ways are different anyway

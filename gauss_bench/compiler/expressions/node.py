@@ -76,11 +76,11 @@ class Node:
                 missing = [x for x in node.args if x._at is None]
                 left += missing
                 if not missing:
-                    node._at = node._valued()
+                    node._at = node._value()
                     left.pop()
         return self._at  # type: ignore[return-value]
 
-    def _valued(self) -> Array:
+    def _value(self) -> Array:
         """`at`, where the operands have theirs."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
@@ -196,7 +196,7 @@ class ExpressionGraph:
         """factor x, with the factors of x multiplied out and the sign outside."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
-        own, base = factored(x)
+        own, base = factor_out(x)
         factor *= own
         size = abs(factor)
         product = base
@@ -213,7 +213,7 @@ class ExpressionGraph:
     def inverse(self, a: Node) -> Node:
         if a.number is not None:
             return self.constant(1.0 / a.number)
-        own, base = factored(a)
+        own, base = factor_out(a)
         return self.scaled(1.0 / own, self._made("INV", base))
 
     def sqrt(self, a: Node) -> Node:
@@ -243,20 +243,20 @@ class ExpressionGraph:
         if None not in [a.number for a in args]:
             return self.constant(g[0] if at is None else float(at[0]))
         ratio = _ratio_key(g)
-        known = self._recognised(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
+        known = self._recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
             return self._keep(known, key)
         ready = _sum_ready(*args) if op in ("ADD", "SUB") else max([a.ready for a in args]) + LATENCY.get(op, STEP)
         return self._new(op, args, g, ratio, ready, key, at)
 
-    def recognised(self, g: Generic, summand: Generic | None) -> Node | None:
+    def recognise(self, g: Generic, summand: Generic | None) -> Node | None:
         """The node with these values at the random points, as a constant or a multiple of a known one, or None.
 
         Of a sum one of the summands tells how much may be left by rounding where it cancels.
         """
-        return self._recognised(g, summand, _ratio_key(g))
+        return self._recognise(g, summand, _ratio_key(g))
 
-    def _recognised(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
+    def _recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
         x, y, z = g
         if summand is not None:
             least = VANISHES * abs(summand[0]), VANISHES * abs(summand[1]), VANISHES * abs(summand[2])
@@ -264,7 +264,7 @@ class ExpressionGraph:
                 return self.constant(0.0)
         close = SAME * abs(x)
         if abs(y - x) <= close and abs(z - x) <= close:
-            return self.constant(_rounded(x))
+            return self.constant(_round(x))
         base = self.ratios.get(ratio)
         if base is None:
             return None
@@ -272,7 +272,7 @@ class ExpressionGraph:
         factor = x / a
         if max(abs(y / b - factor), abs(z / c - factor)) > SAME * abs(factor):
             return None
-        return self.scaled(_rounded(factor), base)
+        return self.scaled(_round(factor), base)
 
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
@@ -296,9 +296,9 @@ class ExpressionGraph:
 
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
         """The sum of the terms: multiples of the same node joined, neighbours whose sum is known replaced, earliest first."""
-        joined = self._joined(terms)
+        joined = self._join(terms)
         if len(joined) > 2:
-            joined = self._joined(self._paired(joined, pairs))
+            joined = self._join(self._pair(joined, pairs))
         heap = [(x.ready, x.index, x) for x in joined]
         heapify(heap)
         while len(heap) > 1:
@@ -307,23 +307,23 @@ class ExpressionGraph:
             heappush(heap, (x.ready, x.index, x))
         return heap[0][2] if heap else self.constant(0.0)
 
-    def _joined(self, terms: Iterable[Node]) -> list[Node]:
+    def _join(self, terms: Iterable[Node]) -> list[Node]:
         factors: dict[int, float] = {}
         bases: dict[int, Node] = {}
         for term in terms:
-            own, base = (term.number, self.constant(1.0)) if term.number is not None else factored(term)
+            own, base = (term.number, self.constant(1.0)) if term.number is not None else factor_out(term)
             factors[base.index] = factors.get(base.index, 0.0) + own
             bases[base.index] = base
         scaled = (self.scaled(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
         return [x for x in scaled if not x.zero]
 
-    def _paired(self, terms: Sequence[Node], reach: int) -> list[Node]:
+    def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
         """Terms with every pair of near neighbours whose sum is known, zero or constant replaced by that sum."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)
             for k, b in enumerate(left[:reach]):
-                known = self.recognised(sum_of(a.generic, b.generic), a.generic)
+                known = self.recognise(sum_of(a.generic, b.generic), a.generic)
                 if known is not None:
                     left[k] = known
                     break
@@ -340,7 +340,7 @@ def maximum(a: Node, b: Node) -> Node:
     return a.graph.opaque("FMAX", (a, b), np.maximum(a.at, b.at))
 
 
-def factored(x: Node) -> tuple[float, Node]:
+def factor_out(x: Node) -> tuple[float, Node]:
     """x as a number times a node without a constant factor."""
     sign = 1.0
     if x.op == "NEG":
@@ -381,7 +381,7 @@ def _ratio_key(g: Generic) -> str:
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
-def _rounded(x: float) -> float:
+def _round(x: float) -> float:
     """x, or the number of few digits that it is up to rounding."""
     short = float(f"{x:.12g}")
     return short if abs(short - x) <= SAME * abs(x) and len(f"{x:.12g}") < 9 else x

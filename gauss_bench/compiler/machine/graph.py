@@ -455,7 +455,7 @@ class Rewriter:
         heapq.heapify(heap)
         n = len(heap)
         while len(heap) > 1:
-            term = self._joined(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
+            term = self._join(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
             heapq.heappush(heap, (self._ready(term), n, term))
             n += 1
         negative, value, factor = heap[0][2]
@@ -465,7 +465,7 @@ class Rewriter:
     def _ready(self, term: Summand) -> int:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
-    def _joined(self, early: Summand, late: Summand) -> Summand:
+    def _join(self, early: Summand, late: Summand) -> Summand:
         """The sum of two terms; of two products the earlier is multiplied out."""
         g = self.new
         if early.factor is not None and late.factor is None:
@@ -626,21 +626,21 @@ class Routine:
         return "p" * len(self.arrays) + "d" * len(self.numbers) + "i" * (len(self.counts) + 1)
 
 
-def nested(statements: Sequence[Statement]) -> Iterator[Statement]:
+def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
     """All statements, also those within others."""
     for s in statements:
         yield s
         match s:
             case Loop():
-                yield from nested([*s.body, *s.after])
+                yield from nest([*s.body, *s.after])
             case If():
-                yield from nested(s.body)
+                yield from nest(s.body)
 
 
 def needed(r: Routine) -> set[int]:
     """Values that anything depends on: what is loaded or carried and not among them may be left out."""
     roots = [r.sound]
-    for s in nested(r.body):
+    for s in nest(r.body):
         match s:
             case Compute() | Store():
                 roots += s.values
@@ -658,7 +658,7 @@ def needed(r: Routine) -> set[int]:
 def changing(g: Graph, loop: Loop) -> set[int]:
     """Values that may differ from turn to turn of a loop."""
     defined = set(loop.carried)
-    for s in nested([*loop.body, *loop.after]):
+    for s in nest([*loop.body, *loop.after]):
         match s:
             case Loop():
                 defined |= set(s.carried)
@@ -703,7 +703,7 @@ class Emitter:
         """First values, and what is the same in every turn; what is not is forgotten where an earlier loop has computed it."""
         self.first = self.compute([a for a, _ in self.carried(s).values()])
         changed = changing(self.graph, s)
-        inner = nested([*s.body, *s.after])
+        inner = nest([*s.body, *s.after])
         self.compute([x for c in inner if isinstance(c, Compute) for x in c.values if x not in changed])
         self.names = {x: name for x, name in self.names.items() if x not in changed}
 

@@ -31,7 +31,7 @@ from gauss_bench.compiler.machine.graph import (
     Scatter,
     Statement,
     Store,
-    nested,
+    nest,
 )
 
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -125,7 +125,7 @@ class Writer(Emitter):
         self._go_to("group")
         header = self._open()
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}"), r.arrays[x]) for x, size in sizes.items()}
-        self.places = {s.places: self._scattered(s) for s in nested(r.body) if isinstance(s, Scatter)}
+        self.places = {s.places: self._scatter(s) for s in nest(r.body) if isinstance(s, Scatter)}
         self.statements(r.body)
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
         self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
@@ -321,7 +321,7 @@ class Writer(Emitter):
         text = f"private unnamed_addr constant [{len(values)} x {kind}] [{', '.join(f'{kind} {x}' for x in values)}], align 64"
         return self.tables.setdefault(text, f"@table{len(self.tables)}")
 
-    def _scattered(self, s: Scatter) -> list[str]:
+    def _scatter(self, s: Scatter) -> list[str]:
         """The addresses where each trajectory's numbers begin."""
         whole = [self.let(f"load i64, ptr {self.address(self.base[s.places], k, 'i64')}") for k in range(self.lanes)]
         return [self.address(self.base[s.array], place, "double") for place in whole]
@@ -354,7 +354,7 @@ class _Scattering:
             part = [self._lanes(x, block, size) for x in row]
             starts = range(0, len(row) - size + 1, size) if len(row) >= size else []
             for k in [*starts, *([len(row) - size] if starts and len(row) % size else [])]:
-                for lane, x in enumerate(self._transposed(part[k : k + size])):
+                for lane, x in enumerate(self._transpose(part[k : k + size])):
                     w.line(f"  store <{size} x double> {x}, ptr {w.address(places[lane], k, 'double')}, align 8")
             if not starts:
                 self._singly(part, places, f"<{size} x double>")
@@ -363,7 +363,7 @@ class _Scattering:
         """A part of the lanes of a value."""
         return x if size == self.w.lanes else self.w.let(_shuffle(self.w.real, x, x, range(first, first + size)))
 
-    def _transposed(self, rows: list[str]) -> list[str]:
+    def _transpose(self, rows: list[str]) -> list[str]:
         """Vectors of as many lanes as there are rows, exchanged so that lane l of row k becomes lane k of row l."""
         w, size = self.w, len(rows)
         distance = 1
@@ -445,12 +445,12 @@ class _Lanes:
         w, s = self.w, self.s
         w.names |= {x: self._load(p) if isinstance(p, Places) else self._numbers(p) for x, p in s.loads.items()}
         w.compute(s.order)
-        sums = [self._added(w.need(x), old) for (x, _), old in zip(s.sums, before, strict=True)]
+        sums = [self._add(w.need(x), old) for (x, _), old in zip(s.sums, before, strict=True)]
         for x, p in s.stores:
             self._store(w.need(x), p)
         return sums
 
-    def _added(self, value: str, before: str | None) -> str:
+    def _add(self, value: str, before: str | None) -> str:
         w, mask = self.w, self._rest()
         value = value if mask is None else w.select(mask, value, w.const(0.0))
         return value if before is None else w.let(f"fadd {w.real} {before}, {value}")

@@ -140,7 +140,7 @@ class _Grouping:
         left: dict[Kind, list[Member]] = {}
         for key, members in alike.items():
             if len(members) >= FEW:
-                for part in self._aligned(members):
+                for part in self._align(members):
                     self._keep(str(key[0]), part)
             else:
                 rough = (key[0], *((t.negative, t.value in self.numbers) for t in members[0][1]))
@@ -149,7 +149,7 @@ class _Grouping:
             for part in [members] if len(members) >= FEW else [[x] for x in members]:
                 self._keep(str(key[0]), part)
 
-    def _aligned(self, members: list[Member]) -> list[list[Member]]:
+    def _align(self, members: list[Member]) -> list[list[Member]]:
         """Members whose operands are a fixed number of lanes apart by themselves, where these are many; the others together."""
         apart: dict[tuple[int, ...], list[Member]] = {}
         for x in members:

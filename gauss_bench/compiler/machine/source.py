@@ -191,7 +191,7 @@ class Source(Emitter):
         places = {p: self._places(p) for p in [*s.loads.values(), *(p for _, p in s.stores)]}
         outer, names, scope = self.graph, self.names, self.scope
         self.scope = f"{len(self.constants)}_{len(self.lines)}_"
-        sums = [self._declared(f"s{self.scope}{k}") for k, _ in enumerate(s.sums)]
+        sums = [self._declare(f"s{self.scope}{k}") for k, _ in enumerate(s.sums)]
         self.graph, self.names = s.graph, given
         with self.block(self.language.over, str(s.lanes)):
             for x, p in s.loads.items():
@@ -205,7 +205,7 @@ class Source(Emitter):
         for name, (_, p) in zip(sums, s.sums, strict=True):
             self.line(self.language.assign.format(f"{p.array}[{p.by_lane[0]}]", name))
 
-    def _declared(self, name: str) -> str:
+    def _declare(self, name: str) -> str:
         self.variables[name] = "double"
         self.line(self.language.assign.format(name, "0.0"))
         return name

@@ -68,17 +68,17 @@ def sincos(g: Graph, x: int) -> Pair:
     s = g.fma(g.mul(r, z), polynomial(g, SINE, z), r)
     c = g.fma(g.mul(z, z), polynomial(g, COSINE, z), g.fma(z, g.const(-0.5), g.const(1.0)))
     odd = g.make("nonzero", g.make("and", k, payload=1))
-    return _signed(g, odd, c, s, k), _signed(g, odd, s, c, g.make("plus", k, payload=1))
+    return _sign(g, odd, c, s, k), _sign(g, odd, s, c, g.make("plus", k, payload=1))
 
 
-def _signed(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
+def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
     """The one or the other, with bit 1 of k moved to the sign bit."""
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
 
 
-def rotated(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
+def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
     """Sine and cosine at x + d from those at x, valid for |d| <= reach [rad]."""
     s, c = pair
     P, Q = short_series(reach)
@@ -98,21 +98,21 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Coefficients of P and Q, as few as the reach allows."""
     P = [Fraction((-1) ** (k + 1), factorial(2 * k + 3)) for k in range(SERIES_TERMS)]
     Q = [Fraction((-1) ** k, factorial(2 * k + 2)) for k in range(SERIES_TERMS)]
-    return _economised(P, reach, reach**3), _economised(Q, reach, reach**2)
+    return _economise(P, reach, reach**3), _economise(Q, reach, reach**2)
 
 
-def _economised(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
+def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
     """Interpolation of a series in z at Chebyshev nodes of [0, reach^2], where its error times `factor` counts."""
     width = reach * reach
     for terms in range(SERIES_TERMS):
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]
-            return _interpolated(nodes, [sum(c * z**k for k, c in enumerate(series)) for z in nodes])
+            return _interpolate(nodes, [sum(c * z**k for k, c in enumerate(series)) for z in nodes])
     raise ValueError(f"a reach of {reach} rad is too far for a short series")
 
 
-def _interpolated(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[float, ...]:
+def _interpolate(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[float, ...]:
     """Coefficients of the polynomial through the values, by Newton's divided differences in exact arithmetic."""
     differences = [Fraction(v) for v in values]
     for order in range(1, len(nodes)):

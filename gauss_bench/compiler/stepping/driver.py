@@ -180,7 +180,7 @@ class Driver:
         """True if redundant rows are dropped, others by each program, and nothing takes away what they are off."""
         return bool(self.programs.dropped) and not self.projected
 
-    def handed(self, k: int, t: float, state: Array, p: Array) -> Array:
+    def hand_over(self, k: int, t: float, state: Array, p: Array) -> Array:
         """A state (2n,) as program k is to go on from it.
 
         Where rows drift, what one that was dropped is off has grown by the inverse of the smallest pivot: the state is taken back
@@ -235,7 +235,7 @@ def integrate(
         state, t = course.state, course.t
         chosen = driver.best(t, state, p, without) if np.isfinite(state).all() else None
         if chosen is not None:
-            driver.tally.switches, used, state = driver.tally.switches + 1, chosen, driver.handed(chosen, t, state, p)
+            driver.tally.switches, used, state = driver.tally.switches + 1, chosen, driver.hand_over(chosen, t, state, p)
             continue
         h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
         try:
@@ -314,7 +314,7 @@ class Continuation:
             k = driver.best(self.t, self.state, self.p, set())
         if k is not None and k != self.used:
             driver.tally.switches += 1
-            self.used, self.state = k, driver.handed(k, self.t, self.state, self.p)
+            self.used, self.state = k, driver.hand_over(k, self.t, self.state, self.p)
 
     def _step(self) -> None:
         """One step by rank decision; at a sample that is due, the projection alone."""

@@ -351,8 +351,8 @@ def settling(code: Code, plain: bool = False) -> Routine:
     has one row more than y, which is 1 where the guards hold and the last correction left nothing but rounding.
     """
     b = Builder(code, EXACT, library=plain)
-    q, _ = b.corrected_position(b.t, b.q, [], b.q)
-    v = b.corrected_velocity(q)
+    q, _ = b.correct_position(b.t, b.q, [], b.q)
+    v = b.correct_velocity(q)
     return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain)
 
 

@@ -236,7 +236,7 @@ class Builder:
         """Rotate sines and cosines of the angles by d[i], and let the positions `to` have them."""
         if not self.reach.rotates:
             return []
-        turned = [trigonometry.rotated(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
+        turned = [trigonometry.rotate(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
         self.share(to, turned)
         return turned
 
@@ -332,7 +332,7 @@ class Builder:
             least = g.make("select", g.make("lt", ratio, least), ratio, least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def corrected_velocity(self, q: list[int] | None = None) -> list[int]:
+    def correct_velocity(self, q: list[int] | None = None) -> list[int]:
         """Velocities on the constraints at the positions q, or at the beginning of the step."""
         if not self.code.projected:
             return self.v
@@ -340,7 +340,7 @@ class Builder:
         self._watch(guard, self.code.program.correcting_thresholds)
         return nearest
 
-    def corrected_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
+    def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
         """Positions on the constraints, with their sines; the Jacobian is that `at`."""
         if not self.code.projected:
             return q, pairs
@@ -397,7 +397,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     middle, end = g.add(b.t, half), g.add(b.t, h)
     start = b.given() if reach.rotates else []
     b.share(q, start)
-    v = b.corrected_velocity()
+    v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
     out_pivots = list(b.pivots)
     q2, B = b.along(q, half, u), b.along(q, h, v)
@@ -418,7 +418,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     b.limit([g.mul(h, x) for x in b.of_angles(v)], reach.step)
     b.limit([x for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend, b.times_h(0.5, 2))
     pairs = b.turn(pairs_B, bend, reach.bend, q_new)
-    q_new, pairs = b.corrected_position(end, q_new, pairs, q4 if reach.rotates else q_new)
+    q_new, pairs = b.correct_position(end, q_new, pairs, q4 if reach.rotates else q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
@@ -427,14 +427,14 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
     b.share(q, b.given() if reach.rotates else [])
-    v = b.corrected_velocity()
+    v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit([g.mul(b.h, x) for x in b.of_angles(v_new)], reach.step)
     pairs = b.turn(b.fresh() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
-    q_new, pairs = b.corrected_position(g.add(b.t, b.h), q_new, pairs, q_new)
+    q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
@@ -450,7 +450,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     b.share(q, b.fresh() if reach.rotates else [])
     to_middle, turned = [g.mul(b.times_h(0.5), x) for x in u], list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
-    v = b.corrected_velocity()
+    v = b.correct_velocity()
     a = [b.acceleration(b.t, q, u)]
     out_pivots = list(b.pivots)
 
@@ -474,7 +474,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     q_new = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
     pairs = known(q_new, moved)
     b.limit([g.largest(turned)], reach.step)
-    q_new, _ = b.corrected_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
+    q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
     return replace(step, error=_error(b, a, [*q, *v], [*q_new, *v_new])) if estimated else step
 
@@ -508,7 +508,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()
     g, q, h, c, free = b.g, b.q, b.times_h(1.0), nodes.tolist(), code.program.independent
     s = len(c)
-    v = b.corrected_velocity()
+    v = b.correct_velocity()
     start = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)
     newton = b.newton(q, v, start, A) if free else None
@@ -531,7 +531,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
     b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
     q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
-    q_new, _ = b.corrected_position(g.add(b.t, h), q_new, [], q_new)
+    q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)
 
 
@@ -572,7 +572,7 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
     a = b.acceleration(b.t, x, u)
     if code.projected:
         e.acceleration(e.t, q, v)  # for its guards
-    out_v, out_pivots = e.corrected_velocity(), list(e.pivots)
+    out_v, out_pivots = e.correct_velocity(), list(e.pivots)
     X, U = b.vector("X"), b.vector("U")
     zero = [g.const(0.0)] * b.n
     stages = (
@@ -586,5 +586,5 @@ def rk4_staged(code: Code, reach: Reach) -> StagedStep:
     sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)
     q_new, v_new = e.along(q, sixth, X), e.along(out_v, sixth, U)
     if code.projected:
-        q_new, _ = e.corrected_position(end, q_new, [e.sincos(x) for x in e.of_angles(q_new)], q_new)
+        q_new, _ = e.correct_position(end, q_new, [e.sincos(x) for x in e.of_angles(q_new)], q_new)
     return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q_new, v_new, [], out_v, out_pivots))

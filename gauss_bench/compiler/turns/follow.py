@@ -125,7 +125,7 @@ def written(program: ClosureProgram, outputs: Outputs, library: bool = False) ->
     residual, (square,), z, guards, limits, advance, stored = results
     moved = {f"%x{k}": g.add(x[k], z[k]) for k in range(program.unknowns)}
     for k in turning:
-        pair = sincos(moved[f"%x{k}"]) if library else trigonometry.rotated(g, pairs[x[k]], z[k], REACH)
+        pair = sincos(moved[f"%x{k}"]) if library else trigonometry.rotate(g, pairs[x[k]], z[k], REACH)
         moved |= {f"%s{k}": pair[0], f"%c{k}": pair[1]}
     scale = [g.const(1.0 / length) for length in program.lengths]
     jump = [g.mul(c, g.sub(a, b)) for c, a, b in zip(scale, guess, last, strict=True)]

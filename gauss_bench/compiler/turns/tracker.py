@@ -96,7 +96,7 @@ def _held(*levels: Any) -> MotionLaw:
 
 def _point(mechanism: Mechanism, point: Point, q: Array, v: Array, a: Array) -> Array:
     """Position, velocity and acceleration (6,) of a point."""
-    moved = _moved(mechanism, point)
+    moved = _move(mechanism, point)
     return np.concatenate(
         [coordinates.position(q, moved), coordinates.velocity(q, v, moved), coordinates.acceleration(q, v, a, moved)]
     )
@@ -134,7 +134,7 @@ def _link(link: Link, points: Mapping[str, Array], com: Array) -> Link:
     return replace(link, points=points, com=com)
 
 
-def _moved(mechanism: Mechanism, point: Point) -> Point:
+def _move(mechanism: Mechanism, point: Point) -> Point:
     """The point where the mechanism has it; one that no table names stays."""
     name = point.name.partition(".")[2]
     known = mechanism.ground_points if point.link < 0 else mechanism.links[point.link].points
@@ -143,8 +143,8 @@ def _moved(mechanism: Mechanism, point: Point) -> Point:
 
 def _joint(mechanism: Mechanism, joint: Joint, offsets: Mapping[str, float]) -> Joint:
     if isinstance(joint, Revolute):
-        return replace(joint, a=_moved(mechanism, joint.a), b=_moved(mechanism, joint.b))
-    guide, block = _moved(mechanism, joint.guide), _moved(mechanism, joint.block)
+        return replace(joint, a=_move(mechanism, joint.a), b=_move(mechanism, joint.b))
+    guide, block = _move(mechanism, joint.guide), _move(mechanism, joint.block)
     return replace(joint, guide=guide, block=block, offset=offsets.get(joint.name, joint.offset))
 
 
@@ -152,7 +152,7 @@ def _driver(mechanism: Mechanism, driver: Driver, joints: Sequence[Joint]) -> Dr
     if isinstance(driver, AngleDriver):
         return driver
     if isinstance(driver, LengthDriver):
-        return replace(driver, a=_moved(mechanism, driver.a), b=_moved(mechanism, driver.b))
+        return replace(driver, a=_move(mechanism, driver.a), b=_move(mechanism, driver.b))
     slide = next(j for j in joints if isinstance(j, Prismatic) and j.name == driver.joint.name)
     return replace(driver, joint=slide)
 
@@ -284,11 +284,11 @@ class Tracker:
         followed = self.states.run(Course(starts, signs, inputs, p, np.arange(parts) * count, rows, tolerance))
         self._check_turns(followed.x, count)
         whole = parts * count == len(motion.levels) and (followed.closed == count).all()
-        if whole and self._joined(followed.x[:-1], starts[1:]):
+        if whole and self._join(followed.x[:-1], starts[1:]):
             return None
         return self._mend(motion, rows, status, starts, followed, count)
 
-    def _joined(self, ends: Array, starts: Array) -> bool:
+    def _join(self, ends: Array, starts: Array) -> bool:
         """Tell whether states (..., U) lie near those a sample before, and so in the same assembly."""
         gaps = (starts - ends) / self.program.lengths
         return bool((np.sqrt((gaps * gaps).sum(axis=-1)) < 2 * TURN).all())
@@ -298,7 +298,7 @@ class Tracker:
         k, first = len(motions[0].levels), motions[0]
         shared = all(m.levels is first.levels for m in motions)
         inputs = np.stack([np.concatenate([m.levels, m.levels[-1:]]) for m in (motions[:1] if shared else motions)])
-        x = self._walked_in(motions)
+        x = self._walk_in(motions)
         course = Course(
             x,
             np.array([m.start.signs for m in motions]),
@@ -318,7 +318,7 @@ class Tracker:
             losses += [] if lost is None else [replace(lost, linkage=i)]
         return losses
 
-    def _walked_in(self, motions: Sequence[Motion]) -> Array:
+    def _walk_in(self, motions: Sequence[Motion]) -> Array:
         """Unknowns (linkages, U) at everyone's first sample, from everyone's start; NaN where the way there must be mended."""
         ways = np.array([m.u[0] - m.start.u for m in motions])
         steps = max(1, ceil(_largest(ways * self.per_stride)))
@@ -348,10 +348,10 @@ class Tracker:
         each = min(count, max(1, ceil(count * self.strides(u))))
         nodes = np.arange(1, (parts - 1) * each + 1) * count // each
         way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
-        path = self._walked(motion, np.concatenate([way, u[:1], u[nodes]]))
+        path = self._walk(motion, np.concatenate([way, u[:1], u[nodes]]))
         return path[lead::each]
 
-    def _walked(self, motion: Motion, u: Array) -> Array:
+    def _walk(self, motion: Motion, u: Array) -> Array:
         """Unknowns along the inputs u (k, K), from the start; NaN from where the way is lost."""
         path = np.full((len(u), self.program.unknowns), np.nan)
         at, x = 0, motion.start.x
@@ -387,7 +387,7 @@ class Tracker:
             return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
         for part, closed in enumerate([*followed.closed.tolist(), 0]):
             at, end = part * count, k if part == len(starts) else (part + 1) * count
-            if closed and (part == 0 or self._joined(x, starts[part])):
+            if closed and (part == 0 or self._join(x, starts[part])):
                 at, x = at + closed, followed.x[part]
             while at < end:
                 try:
@@ -448,18 +448,18 @@ STEPS = (32, 256)  # the last is the longest, a sixteenth or a 128th of the way
 APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
 
 
-def deformed_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> list[Start]:
+def deform_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> list[Start]:
     """The starts of linkages with numbers p (linkages, n_p), from that with the nominal ones; with a fault where there is none."""
     ends = np.full((len(p), len(start.x)), np.nan)
     for steps in STEPS:
         left = np.flatnonzero(~np.isfinite(ends).all(axis=1))
         if len(left):
-            ends[left] = _deformed(tracker, start, nominal, p[left], steps)
+            ends[left] = _deform(tracker, start, nominal, p[left], steps)
     faults = ["" if good else APART for good in np.isfinite(ends).all(axis=1)]
     return [replace(start, x=x, fault=fault) for x, fault in zip(ends, faults, strict=True)]
 
 
-def _deformed(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
+def _deform(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
     """Unknowns (linkages, U), NaN where lost."""
     inputs = held(start).repeat(2, axis=0)[None]
     signs = start.signs[None].repeat(len(p), axis=0)

@@ -69,7 +69,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
     lines = [_angle(near[0].local - pivot[1].local), _angle(coupler), 0.0]
     slide = next((j for j in mechanism.joints if isinstance(j, Prismatic)), None)
     if slide:
-        arm = -_turned(far[1].local, float(mechanism.q0[3 * third + 2]))
+        arm = -_turn(far[1].local, float(mechanism.q0[3 * third + 2]))
         side = np.sign(np.cos(mechanism.q0[3 * second + 2] + lines[1]))
         numbers |= _slider(mechanism, slide, third, far[1]) | {"SIDE": float(side)}
         numbers |= _loads(mechanism, crank, third, far[1])
@@ -100,7 +100,7 @@ def _angle(x: Array) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _turned(x: Array, angle: float) -> Array:
+def _turn(x: Array, angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
 
@@ -114,14 +114,14 @@ def _ground(mechanism: Mechanism, pivot: Point) -> tuple[float, float, float, fl
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
     """Inertia about the pivot, and the moments of weight by cosine and minus sine of the angle of the line from pivot to tip."""
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
-    x, y = body.mass * _turned(-pivot.local, -_angle(tip.local - pivot.local))
+    x, y = body.mass * _turn(-pivot.local, -_angle(tip.local - pivot.local))
     inertia = body.inertia + body.mass * float(pivot.local @ pivot.local)
     return {f"J{k}": inertia, f"W{k}C": float(gy * x - gx * y), f"W{k}S": float(gx * x + gy * y)}
 
 
 def _free(mechanism: Mechanism, link: int, near: Point, line: Array) -> dict[str, float]:
     """Length, mass, inertia and centre of the second link, in the frame along its line from the crank's pin."""
-    body, (x, y) = mechanism.links[link], _turned(-near.local, -_angle(line))
+    body, (x, y) = mechanism.links[link], _turn(-near.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 
 
@@ -145,7 +145,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 and abs(angle) < LEVEL
                 and coefficients["K"] == coefficients["C"] == 0
             ):
-                beside = _turned(point.local - pin.local, float(mechanism.q0[3 * point.link + 2]))
+                beside = _turn(point.local - pin.local, float(mechanism.q0[3 * point.link + 2]))
                 coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
             case _:
                 raise Underived("a load acts that the derivation by hand does not have")

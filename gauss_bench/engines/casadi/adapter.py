@@ -153,19 +153,19 @@ class CasadiModel:
 
     def run(self) -> None:
         if self.spans:
-            self._projected()
+            self._project()
         elif self.integrators:
-            self.x[1:] = self._integrated(0.0, float(self.times[0]), self.x[0])
+            self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
 
-    def _projected(self) -> None:
+    def _project(self) -> None:
         n = self.mechanism.n
         for k, span in enumerate(self.spans):
-            x = self._integrated(span, float(self.times[k]), self.x[k])[-1]
+            x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
             if not np.isfinite(x).all():
                 return  # as the samples from here on say
             self.x[k + 1] = np.concatenate(self.evaluator.project(float(self.times[k + 1]), x[:n], x[n:]))
 
-    def _integrated(self, span: float, t: float, x: Array) -> Array:
+    def _integrate(self, span: float, t: float, x: Array) -> Array:
         """States (k, 2n) at the ends of one integrator's grid, from t and x.
 
         Raises:

@@ -46,12 +46,12 @@ class EqualSteps:
             e = stabilized(e, options["baumgarte_alpha_beta_per_s"])
         self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
-        self.advance = self._compiled() if generated else self._mapped()
+        self.advance = self._compile() if generated else self._map()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
         if options["code"] == GENERATED and not generated:
             self.note += f": {NO_COMPILER}"
 
-    def _compiled(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _compile(self) -> Callable[[Array, Array, float, float, int], None]:
         """Steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
@@ -68,7 +68,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         code = Code(generator.dump() + call, n)
         return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
 
-    def _mapped(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _map(self) -> Callable[[Array, Array, float, float, int], None]:
         """Steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")

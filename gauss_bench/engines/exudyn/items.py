@@ -155,7 +155,7 @@ class System:
 
     def _driven(self, driver: SlideDriver | LengthDriver) -> None:
         """x(q) = law(t) of a slide or a length."""
-        pair = spanned(driver)
+        pair = span(driver)
         nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
         equation, jacobian = self._equation(driver)
         drive = self.items.ObjectConnectorCoordinateVector(
@@ -168,7 +168,7 @@ class System:
 
     def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
         """User functions of x(q) = law(t); Exudyn hands over the coordinates of both links one after the other."""
-        pair, coordinate, law = spanned(driver), driver.coordinate, driver.law
+        pair, coordinate, law = span(driver), driver.coordinate, driver.law
         columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
 
         def full(given: Any) -> Array:
@@ -305,6 +305,6 @@ class System:
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 
 
-def spanned(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
+def span(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
     """The points that a driver moves apart."""
     return (driver.joint.guide, driver.joint.block) if isinstance(driver, SlideDriver) else (driver.a, driver.b)

@@ -280,21 +280,21 @@ def _dyad(joints: _Joints, pair: tuple[int, int], placed: set[int]) -> Dyad | No
         if first.slide or second.slide or middle.guide.link != first.link:
             return None
         # in the guide's frame, from its pin C: block point on the line, and from it to the block's pin A
-        block = _turned(second.own.local - middle.block.local, middle.turn)
+        block = _turn(second.own.local - middle.block.local, middle.turn)
         height = middle.offset + _beside(block, middle.angle) + _beside(middle.guide.local - first.own.local, middle.angle)
         return RPR(first, second, middle.angle, height, middle.turn)
     if first.slide or not second.slide:
         return None if first.slide or second.slide else RRR(first, second, middle)
     slide = second.slide
     if slide.guide.link == second.to:  # the line rests in the placed link
-        arm = _turned(middle[1].local - slide.block.local, slide.turn)
+        arm = _turn(middle[1].local - slide.block.local, slide.turn)
         return RRP(first, second, middle, slide.guide, slide.angle, slide.offset + _beside(arm, slide.angle), slide.turn)
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
     height = _beside(arm, slide.angle) - slide.offset
     return RRP(first, second, middle, slide.block, slide.angle - slide.turn, height, -slide.turn)
 
 
-def _turned(x: Array, angle: float) -> Array:
+def _turn(x: Array, angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.engines.mujoco.forces import AtSite, Native, OnJoints, Steady, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
-from gauss_bench.mechanism.coordinates import rotated
+from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Link, Mechanism, Point
 from gauss_bench.mechanism.tree import Branch, Tree
 from gauss_bench.terms import Array
@@ -62,7 +62,7 @@ class Draft:
         slides = [b.axis] if b.kind == "prismatic" else free
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
         for i, axis in enumerate(slides):  # axes are given in the child's frame
-            joint(b.at + i, names[i], slide, spatial(rotated(axis, np.array(-angle))), np.zeros(2))
+            joint(b.at + i, names[i], slide, spatial(rotate(axis, np.array(-angle))), np.zeros(2))
         if b.kind != "prismatic":
             joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
 
@@ -169,7 +169,7 @@ def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
         return y[b.at : b.at + 2], float(y[b.at + 2])
     slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
     angle = b.turn if b.kind == "prismatic" else float(y[b.at])
-    return b.parent_anchor + slide - rotated(b.anchor, np.array(angle)), angle
+    return b.parent_anchor + slide - rotate(b.anchor, np.array(angle)), angle
 
 
 def set_spring(item: Any, k: float, c: float) -> None:

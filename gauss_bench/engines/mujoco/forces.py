@@ -15,7 +15,7 @@ from typing import assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
-from gauss_bench.mechanism.coordinates import rate, rotated, unit, value
+from gauss_bench.mechanism.coordinates import rate, rotate, unit, value
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, factor_of
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
@@ -140,9 +140,9 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
     link, bias = f.point.link, (1.0, 0.0, 0.0)
     if turns.together(f.frame, GROUND):
         world = Point(GROUND, np.zeros(2), "ground")
-        return [AtSite(f.point, world, rotated(f.value, turns.constants[f.frame]), bias)]
+        return [AtSite(f.point, world, rotate(f.value, turns.constants[f.frame]), bias)]
     if turns.together(f.frame, link):
-        return [AtSite(f.point, None, rotated(f.value, turns.constants[f.frame] - turns.constants[link]), bias)]
+        return [AtSite(f.point, None, rotate(f.value, turns.constants[f.frame] - turns.constants[link]), bias)]
     if turns.apart(f.frame, link):
         frame = Point(f.frame, np.zeros(2), "centre of mass")
         return [AtSite(f.point, frame, f.value, bias), AtSite(frame, None, f.value, bias)]

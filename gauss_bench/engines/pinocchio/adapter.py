@@ -154,12 +154,12 @@ class PinocchioModel:
                     t = begin + i * h
                     y, dy = step(dynamics, t, y, dy, h)
                     if projected:
-                        y, dy = self._projected(t + h, y, dy)
+                        y, dy = self._project(t + h, y, dy)
             if row is not None:
                 self.y[row], self.dy[row] = y, dy
             self.steps += count
 
-    def _projected(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:
+    def _project(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:
         q, v, _ = self.tree.absolute(y, dy, dy)
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))

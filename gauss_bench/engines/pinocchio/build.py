@@ -114,11 +114,11 @@ def build_loop() -> None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
     with _alone(folder / "pinocchio-loop.lock"):
         name = _name()
-        if user_cache.load(name) is None and not user_cache.store(name, _compiled()):
+        if user_cache.load(name) is None and not user_cache.store(name, _compile()):
             raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
 
 
-def _compiled() -> bytes:
+def _compile() -> bytes:
     program, root = _tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"

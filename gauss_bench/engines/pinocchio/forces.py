@@ -33,7 +33,7 @@ class TreeForces:
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
         for f in mechanism.forces:
-            tabulated = None if factor_of(f) else self._tabulated(f)
+            tabulated = None if factor_of(f) else self._tabulate(f)
             if tabulated is None:
                 self.others += (f,)
             else:
@@ -46,7 +46,7 @@ class TreeForces:
         y = tree.relative(mechanism.q0, mechanism.v0)[0]
         self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
-    def _tabulated(self, f: Force) -> tuple[Array, Array] | None:
+    def _tabulate(self, f: Force) -> tuple[Array, Array] | None:
         """Constant (n,) and slope (n, 2n) of one force, read off unit states; None if random states contradict them."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])

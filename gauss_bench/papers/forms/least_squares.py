@@ -101,7 +101,7 @@ def stationary_with(form: Callable[[Problem, Array, Number], Number]) -> float:
 Rate = Callable[[Number, Number], Number]
 
 
-def differentiated(rate: Rate, q: Array, v: Array) -> Array:
+def differentiate(rate: Rate, q: Array, v: Array) -> Array:
     """g of J a = g: minus what is left of the derivative of rate(q, v) when no speed changes."""
     return -derivative(lambda x: rate(x, v), q, v)
 
@@ -255,7 +255,7 @@ def minimum_missed(form: Inverse) -> float:
     return worst(errors)
 
 
-def expanded(p: Problem, w: Array) -> Array:
+def expand(p: Problem, w: Array) -> Array:
     A, b = pair(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
@@ -266,7 +266,7 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def bracketed(p: Problem, w: Array) -> Array:
+def bracket(p: Problem, w: Array) -> Array:
     A, b = pair(p)
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))

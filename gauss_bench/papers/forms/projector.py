@@ -39,7 +39,7 @@ def rank_off(form: Callable[[int, int, int], int]) -> float:
     return worst(errors)
 
 
-def reversed_order(p: Problem) -> Array:
+def reverse_order(p: Problem) -> Array:
     return pinv(projector(p)) @ power(p.M, -0.5)
 
 

@@ -42,23 +42,23 @@ class AbsoluteRows:
         self.rows += [self._driven(driver) for driver in mechanism.drivers]
         for edge in mechanism.knife_edges:
             u = direction(edge.angle)
-            n = self._turned(np.array([-u[1], u[0]]), edge.point.link)
+            n = self._turn(np.array([-u[1], u[0]]), edge.point.link)
             self.rows.append(list(self._velocity(edge.point, n, 1)))
 
-    def _turned(self, vector: Any, link: int) -> tuple[Any, Any]:
+    def _turn(self, vector: Any, link: int) -> tuple[Any, Any]:
         if link == GROUND:
             return self.none + vector[0], self.none + vector[1]
         c, s = np.cos(self.q[:, 3 * link + 2]), np.sin(self.q[:, 3 * link + 2])
         return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 
     def _place(self, p: Point) -> tuple[Any, Any]:
-        x, y = self._turned(p.local, p.link)
+        x, y = self._turn(p.local, p.link)
         return (x, y) if p.link == GROUND else (self.q[:, 3 * p.link] + x, self.q[:, 3 * p.link + 1] + y)
 
     def _velocity(self, p: Point, n: tuple[Any, Any], sign: int) -> Iterator[Entry]:
         """Entries of sign n . p'."""
         if p.link != GROUND:
-            r = self._turned(p.local, p.link)
+            r = self._turn(p.local, p.link)
             entries = (n[0], n[1], n[1] * r[0] - n[0] * r[1])
             yield from ((3 * p.link + k, sign * x) for k, x in enumerate(entries))
 
@@ -70,7 +70,7 @@ class AbsoluteRows:
         return [(3 * i + 2, self.none + sign) for i, sign in ((second, 1), (first, -1)) if i != GROUND]
 
     def _along(self, vector: Any, guide: Point, block: Point) -> list[Entry]:
-        n = self._turned(vector, guide.link)
+        n = self._turn(vector, guide.link)
         entries = [*self._velocity(block, n, 1), *self._velocity(guide, n, -1)]
         if guide.link != GROUND:
             far, near = self._place(block), self._place(guide)

@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Progress
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.elimination import factorised
+from gauss_bench.reference.taylor.elimination import factorise
 from gauss_bench.reference.taylor.equations import Chart, choose_chart
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
@@ -90,7 +90,7 @@ class Closures:
             return True
         signs = []
         for place in (x, y):
-            pivots = factorised(self.rows.entries(self._instant(place)), chart.order).pivots
+            pivots = factorise(self.rows.entries(self._instant(place)), chart.order).pivots
             signs.append(np.sign(stacked(pivots, np.zeros(1))))
         return bool((signs[0] != signs[1]).any())
 

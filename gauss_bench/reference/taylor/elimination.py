@@ -69,7 +69,7 @@ class Factors(NamedTuple):
     steps: list[tuple[int, int, Value]]
 
 
-def factorised(entries: Sequence[Entries], order: Order) -> Factors:
+def factorise(entries: Sequence[Entries], order: Order) -> Factors:
     """Forward elimination of the rows that have a pivot."""
     rows = [dict(entries[r]) for r, _ in order]
     pivots: list[Value] = []

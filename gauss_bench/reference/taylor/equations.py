@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.elimination import (
     Order,
     Pivots,
     choose_pivots,
-    factorised,
+    factorise,
     null_space,
     particular,
     solve_positive,
@@ -81,20 +81,20 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
 def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
     """x', x'' and u' of a state (x, u), x given by the instant."""
-    factors = factorised(rows.entries(at), chart.order)
+    factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
     steady = particular(factors, prescribed) if any(not literal(x, 0) for x in prescribed) else {}
-    velocity = _combined(steady, N, dict(zip(chart.free, u, strict=True)))
+    velocity = _combine(steady, N, dict(zip(chart.free, u, strict=True)))
     a0 = particular(factors, rows.biases(at, velocity, laws))
     if not chart.free:
         return Rates(velocity, a0, [])
-    T, r = _reduced(rows, at, velocity, N, a0)
+    T, r = _reduce(rows, at, velocity, N, a0)
     free = solve_positive(T, r)
-    return Rates(velocity, _combined(a0, N, dict(zip(chart.free, free, strict=True))), free)
+    return Rates(velocity, _combine(a0, N, dict(zip(chart.free, free, strict=True))), free)
 
 
-def _combined(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, Value]) -> dict[int, Value]:
+def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, Value]) -> dict[int, Value]:
     combined = dict(x0)
     for j, column in N.items():
         for k, value in column.items():
@@ -102,7 +102,7 @@ def _combined(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int,
     return combined
 
 
-def _reduced(
+def _reduce(
     rows: LoopRows, at: Instant, v: dict[int, Value], N: dict[int, dict[int, Value]], a0: dict[int, Value]
 ) -> tuple[list[list[Value]], list[Value]]:
     """T (f, f) and r (f,)."""

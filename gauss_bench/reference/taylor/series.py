@@ -20,7 +20,7 @@ from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic
 from gauss_bench.reference.taylor.driven import driven_states
-from gauss_bench.reference.taylor.elimination import factorised
+from gauss_bench.reference.taylor.elimination import factorise
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece, pieces
 from gauss_bench.reference.taylor.march import SINGULAR, March
@@ -163,7 +163,7 @@ def compiled(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> Comp
     system = [(name, none + value) for name, value in zip(state, right, strict=True)]
     taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
     taylor.pars[:] = constants.values(number)[: len(taylor.pars)]
-    seen = factorised(rows.entries(Instant(state[:n], symbols(watched))), chart.order).pivots
+    seen = factorise(rows.entries(Instant(state[:n], symbols(watched))), chart.order).pivots
     watch = heyoka.cfunc([none + x for x in seen], vars=state[:n], compact_mode=True) if seen else None
     parameters = np.array(watched.values(float))[: watch.nparams if watch else 0]
     return CompiledSeries(chart, taylor, watch, parameters)

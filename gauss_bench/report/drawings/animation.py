@@ -66,7 +66,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     if len(q) < 2 or len(t) != len(q) or not np.all(np.diff(t) > 0):
         raise ValueError("a motion needs two or more states at increasing times")
     shown = replace(mechanism, observed_points=tuple(points))
-    kept = thinned(t, q)
+    kept = thin(t, q)
     states = q[kept]
     rails = [end for joint in slides(shown) if joint.guide.link != GROUND for end in rail(joint, states, 0.0)]
     canvas = fit(shown, states, (*points, *rails))
@@ -90,7 +90,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     return page(canvas, mechanism.title or mechanism.name, parts)
 
 
-def thinned(t: Array, q: Array) -> list[int]:
+def thin(t: Array, q: Array) -> list[int]:
     """States (k, n) to keep, both ends among them: as few as TURN and FRAMES allow."""
     theta = np.unwrap(q[:, 2::3], axis=0)
     longest = (t[-1] - t[0]) / FRAMES * (1 + 1e-9)  # rounding leaves even spacing even

@@ -204,7 +204,7 @@ def guide_shape(ends: Array, grounded: bool) -> list[str]:
     line = f'<path d="{_path(ends)}" stroke="{MUTED}" stroke-dasharray="9 3 2 3"/>'
     along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
     right = 11 * np.array([-along[1], along[0]])
-    return [*(hatched(*(ends + right)) if grounded else ()), line]
+    return [*(hatch(*(ends + right)) if grounded else ()), line]
 
 
 def block_shape(where: Array, theta: float) -> str:
@@ -214,7 +214,7 @@ def block_shape(where: Array, theta: float) -> str:
     return f'<rect {turn} x="-19" y="-11" width="38" height="22" {style}/>'
 
 
-def hatched(a: Array, b: Array) -> list[str]:
+def hatch(a: Array, b: Array) -> list[str]:
     """A ground line from a to b with strokes on its right, in pixels."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
@@ -232,7 +232,7 @@ def pivots(mechanism: Mechanism, canvas: Canvas) -> list[str]:
         x, y = canvas.at(np.array(where))
         foot = _path(np.array([[x, y], [x - 12, y + 22], [x + 12, y + 22]]), closed=True)
         shapes.append(f'<path d="{foot}" fill="{PAPER}" stroke="{INK}" stroke-width="1.5" stroke-linejoin="round"/>')
-        shapes += hatched(np.array([x - 20, y + 22]), np.array([x + 20, y + 22]))
+        shapes += hatch(np.array([x - 20, y + 22]), np.array([x + 20, y + 22]))
     return shapes
 
 

@@ -18,11 +18,11 @@ TURN = 120  # states of a full turn
 
 
 def posed(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """`posed_document` of a file, or of a built-in linkage."""
-    return posed_document(*document_of(name_or_path), crank_deg)
+    """`pose_document` of a file, or of a built-in linkage."""
+    return pose_document(*document_of(name_or_path), crank_deg)
 
 
-def posed_document(
+def pose_document(
     document: dict[str, Any], digest: str, path: Path, crank_deg: float = POSE_DEG
 ) -> tuple[Mechanism, Array, Array | None]:
     """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one.

@@ -59,7 +59,7 @@ class _Sheet:
 
     def draw(self, element: ET.Element, to_page: Transform) -> None:
         kind, x = element.tag.removeprefix(SVG), element.attrib
-        here = _moved(x.get("transform", "")) + to_page
+        here = _move(x.get("transform", "")) + to_page
         match kind:
             case "g":
                 for child in element:
@@ -135,7 +135,7 @@ def _path(text: str) -> Path:
     return Path(np.array(corners), codes)
 
 
-def _moved(text: str) -> Affine2D:
+def _move(text: str) -> Affine2D:
     """The transform of an attribute; the last one named acts first."""
     transform = Affine2D()
     for kind, rest in reversed(re.findall(r"(\w+)\(([^)]*)\)", text)):

@@ -6,7 +6,7 @@ import jinja2
 import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.report.drawings.animation import SLOWEST, animate, thinned
+from gauss_bench.report.drawings.animation import SLOWEST, animate, thin
 from gauss_bench.report.drawings.drawing import draw_at, fit
 from gauss_bench.report.drawings.history import LEFT, RIGHT, WIDTH, plot
 from gauss_bench.report.drawings.raster import gif
@@ -46,7 +46,7 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
     count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))
     shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)
-    trace = q[thinned(t, q)]
+    trace = q[thin(t, q)]
     canvas = fit(mechanism, q)
     frames = [draw_at(mechanism, q[k], trace, canvas) for k in shown]
     return gif(frames, max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE)

@@ -14,10 +14,10 @@ from gauss_bench.report.content import (
     ratio_cells,
     remark,
     run_of_numbers,
+    table_with_title,
     text_cell,
     texts,
     times,
-    titled_table,
     unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, costs, known, number, plain
@@ -49,7 +49,7 @@ def section(run: Run) -> Section:
     if not rows:
         return Section("Is the paper right?", "claim", (Text("The run raced no compiled formulations."),))
     ordered = sorted(rows, key=lambda r: (number(r, "unknowns_gauss"), number(r, "unknowns_lagrange"), str(r["mechanism"])))
-    lines = titled_table("n - m unknowns against n + m", HEAD, 1, ordered, claimed)
+    lines = table_with_title("n - m unknowns against n + m", HEAD, 1, ordered, claimed)
     return Section("Is the paper right?", "claim", (Text(CLAIM), lines))
 
 
@@ -81,7 +81,7 @@ def findings(run: Run) -> Iterator[Finding]:
         return
     verdicts = {str(r.get(f"{way}verdict", "")) for r in rows for way in WAYS} - {""}
     one, more = ([r for r in rows if (number(r, "unknowns_gauss") == 1) is single] for single in (True, False))
-    parts = [f"with {_freedoms(some)} {_raced(some)}" for some in (one, more) if some]
+    parts = [f"with {_freedoms(some)} {_race(some)}" for some in (one, more) if some]
     processes = run_of_numbers([number(r, "processes") for r in rows]).replace(".00", "")
     answer = "Yes" if verdicts == {"holds"} else "In part" if "holds" in verdicts else "No"
     text = (
@@ -117,7 +117,7 @@ def _freedoms(rows: Sequence[Row]) -> str:
     return count(numbers[0], "free coordinate") if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} free coordinates"
 
 
-def _raced(rows: Sequence[Row]) -> str:
+def _race(rows: Sequence[Row]) -> str:
     """Every way in which these linkages were raced, with the ends of its ratios and the linkages where few do not win."""
     parts = []
     for way, words in WAYS.items():

@@ -54,7 +54,7 @@ def section(run: Run) -> Section:
         blocks += [Bullets(early)] if early else []
         blocks += [Text(CLOSED_FORMS), _closed_forms(exact)] if exact else []
     if run.table("published"):
-        blocks += [Text(PUBLISHED), _published(run.table("published"))]
+        blocks += [Text(PUBLISHED), _publish(run.table("published"))]
     return Section("The truth", "references", tuple(blocks) or (Text("The run recorded no references."),))
 
 
@@ -97,7 +97,7 @@ def _closed_forms(rows: list[Row]) -> Table:
     return Table("Closed forms", head, tuple(lines), numeric)
 
 
-def _published(rows: tuple[Row, ...]) -> Table:
+def _publish(rows: tuple[Row, ...]) -> Table:
     names = ("linkage", "quantity", "published", "certified", "difference", "floor", "digits printed", "true")
     head, numeric = columns(names, 2)
     lines = []

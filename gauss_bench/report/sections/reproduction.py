@@ -23,7 +23,7 @@ from gauss_bench.report.rows import (
     known,
     number,
 )
-from gauss_bench.report.site.charts import labelled, over_time
+from gauss_bench.report.site.charts import label, over_time
 
 PLACE = 60
 TABLES = ("reproduction", "paper_motion")
@@ -150,7 +150,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
     charts = []
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": number(r, "t"), "y": number(r, column)} for r in rows]
-        drawn = labelled([line], logarithmic=False)
+        drawn = label([line], logarithmic=False)
         spec = over_time(drawn, axis, logarithmic=False, height=220)
         charts.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
     return charts

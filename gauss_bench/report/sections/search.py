@@ -22,11 +22,11 @@ from gauss_bench.report.content import (
     listed,
     ratio_cells,
     small,
+    table_with_title,
     text_cell,
     texts,
     time_of,
     times,
-    titled_table,
 )
 from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, grouped, known, number, over_time
@@ -79,11 +79,13 @@ def section(run: Run) -> Section | None:
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
     for kind, group in grouped(rows, lambda r: str(r["required"])).items():
         title, line = f"Searched best, by error of {ERRORS.get(kind, kind)}", with_base(run, group)
-        blocks.append(titled_table(title, HEAD, 6, in_order(group), line, 1, folded=kind not in ("position", "end")))
+        blocks.append(table_with_title(title, HEAD, 6, in_order(group), line, 1, folded=kind not in ("position", "end")))
     if space := run.table("search_space"):
-        blocks.append(titled_table(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True))
+        blocks.append(
+            table_with_title(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True)
+        )
     if knobs := run.table("search_knobs"):
-        blocks.append(titled_table("Knobs, and where each is documented", KNOBS, len(KNOBS), knobs, knob, folded=True))
+        blocks.append(table_with_title("Knobs, and where each is documented", KNOBS, len(KNOBS), knobs, knob, folded=True))
     return Section("The searched best of every engine", "search", tuple(blocks))
 
 

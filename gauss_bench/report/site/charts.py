@@ -115,7 +115,7 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return finished(alt.layer(lines, marks, names), height)
 
 
-def labelled(
+def label(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> tuple[dict[str, Any], ...]:
     """Rows of lines, the last of each marked as its end with a height for its name at which no two of the first names meet."""

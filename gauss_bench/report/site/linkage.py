@@ -11,11 +11,11 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
 from gauss_bench.report.content import Chart, Table, count, times
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.linkages import posed_in
+from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
 from gauss_bench.report.sections.linkage.trajectories import best, whole
-from gauss_bench.report.site.charts import FLOOR, MOST_LINES, labelled, over_time, points
+from gauss_bench.report.site.charts import FLOOR, MOST_LINES, label, over_time, points
 from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
@@ -84,7 +84,7 @@ def rows_page(run: Run, name: str) -> Page | None:
 def told(run: Run, name: str, scenario: str) -> str:
     """Describe the linkage in a sentence."""
     try:
-        mechanism, _, _ = posed_in(run, name)
+        mechanism, _, _ = pose_in(run, name)
     except LinkageError:
         return f"Scenario {scenario}."
     loops = len(mechanism.joints) - len(mechanism.links)
@@ -98,7 +98,7 @@ def told(run: Run, name: str, scenario: str) -> str:
 def drawing(run: Run, name: str) -> Markup | None:
     """A still one, where the crank does not come round."""
     try:
-        text = draw(*posed_in(run, name))
+        text = draw(*pose_in(run, name))
     except LinkageError:
         return None
     return Markup('<div class="player"><div class="stage">{}</div></div>').format(Markup(inline(text, "still")))
@@ -151,10 +151,10 @@ def accuracy(settings: Sequence[Setting]) -> Chart | None:
         "that none of its others beats in both, projection and other stabilisation included."
     )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
-    return Chart("accuracy", "Error against cost", words, spec, tuple(rows), head, *toggled(rows))
+    return Chart("accuracy", "Error against cost", words, spec, tuple(rows), head, *toggle(rows))
 
 
-def toggled(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def toggle(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[str, ...], tuple[str, ...]]:
     engines = tuple(dict.fromkeys(str(r["engine"]) for r in rows))
     return (engines, engines[:most]) if len(engines) > 1 else ((), ())
 
@@ -217,9 +217,9 @@ def history(run: Run, name: str, column: str, kind: str, title: str, words: str,
     lines = [[r | {"y": max(abs(r["y"]), FLOOR)} for r in line] for line in lines if line]
     if not lines:
         return None
-    rows = labelled(lines)
+    rows = label(lines)
     spec = over_time(rows, axis)
-    toggles, _ = toggled(rows)
+    toggles, _ = toggle(rows)
     shown = tuple(line[0]["engine"] for line in lines)[:MOST_LINES]
     said = "; ".join(f"{line[0]['engine']} {line[0]['said']}".strip() for line in lines)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
@@ -268,5 +268,5 @@ def forces(run: Run, name: str) -> Chart | None:
         "motion needs, computed by one code for all."
     )
     return Chart(
-        "forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggled(rows)
+        "forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggle(rows)
     )

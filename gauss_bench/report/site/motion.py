@@ -26,7 +26,7 @@ from gauss_bench.report.drawings.drawing import (
     rail,
     slides,
 )
-from gauss_bench.report.linkages import posed_in
+from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
@@ -44,9 +44,9 @@ class Film:
 def turned(run: Run, name: str) -> tuple[Mechanism, Array] | None:
     """A linkage and the states of a turn of its crank; None without a file, or where it does not come round."""
     try:
-        mechanism, _, trace = posed_in(run, name, 0.0)
+        mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:
-            mechanism, _, trace = posed_in(run, name)
+            mechanism, _, trace = pose_in(run, name)
     except LinkageError:
         return None
     if trace is None or mechanism.crank is None or mechanism.crank < 0:

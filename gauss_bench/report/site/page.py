@@ -122,20 +122,20 @@ def _row(cells: Sequence[Cell], content: Table, lead: int) -> Markup:
     return Markup("").join(
         Markup("<td{}{}>{}</td>").format(
             _class(i, content, lead),
-            _sorted_by(cell),
-            _toned(cell),
+            _sort_by(cell),
+            _tone(cell),
         )
         for i, cell in enumerate(cells)
     )
 
 
-def _sorted_by(cell: Cell) -> Markup:
+def _sort_by(cell: Cell) -> Markup:
     """A number that rows are sorted by, where the text does not say it."""
     told = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
     return Markup("") if told == cell.text else Markup(' data-sort="{}"').format(told)
 
 
-def _toned(cell: Cell) -> Markup:
+def _tone(cell: Cell) -> Markup:
     text = rich(cell.text)
     return Markup('<span class="t-{}">{}</span>').format(cell.tone, text) if cell.tone in ("bad", "warn", "good", "below") else text
 

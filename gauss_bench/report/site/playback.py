@@ -73,15 +73,15 @@ def truth_of(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[
     at = {(number(r, "t"), str(r["link"])): r for r in rows}
     if len(times) < 2 or any((t, link) not in at for t in times for link in links):
         return None
-    states = _filled(at, times, links, "")
+    states = _fill(at, times, links, "")
     return np.array(times), unwrapped(states.reshape(len(times), -1))
 
 
-def _filled(at: dict[tuple[float, str], Row], times: Sequence[float], links: Sequence[str], part: str) -> Array:
+def _fill(at: dict[tuple[float, str], Row], times: Sequence[float], links: Sequence[str], part: str) -> Array:
     return np.array([[[number(at[t, link], f"{axis}{part}") for axis in ("x", "y", "angle")] for link in links] for t in times])
 
 
-def played_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: Array) -> list[Played]:
+def play_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: Array) -> list[Played]:
     """The stored runs that have poses, by engine, those with its default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     rows = [r for r in run.table("poses") if (r["mechanism"], r["scenario"]) == (name, scenario)]
@@ -92,7 +92,7 @@ def played_runs(run: Run, name: str, scenario: str, links: Sequence[str], times:
         if not reached or key not in cases:
             continue
         row = cases[key]
-        parts = (_filled(at, reached, links, part) for part in ("_ahead", "_gap"))
+        parts = (_fill(at, reached, links, part) for part in ("_ahead", "_gap"))
         played.append(Played(str(row["engine"]), label_of(row), row["settings"] == "default", *parts))
     return sorted(played, key=lambda x: (x.engine, not x.plain, x.label))
 
@@ -115,7 +115,7 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
     if truth is None:
         return None
     times, states = truth
-    runs = played_runs(run, name, scenario, links, times)
+    runs = play_runs(run, name, scenario, links, times)
     if len(runs) < 2:
         return None
     drawn = unwrapped(motion[1]) if motion else states
@@ -164,13 +164,13 @@ def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any
     more: dict[str, Any] = {"rest": np.round(shown, 2).swapaxes(0, 1).tolist()} if np.abs(shown).max(initial=0.0) > SEEN else {}
     gap = differences(canvas, x.gap)
     if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
-        more["gap"] = _listed(gap)
+        more["gap"] = _list(gap)
     return _told(x) | {"ahead": [_short(a) for a in crank]} | more
 
 
 def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
     """A run that the page carries in straight lines."""
-    return _told(x) | {"moved": _listed(differences(canvas, x.ahead + x.gap))}
+    return _told(x) | {"moved": _list(differences(canvas, x.ahead + x.gap))}
 
 
 def _told(x: Played) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def differences(canvas: Canvas, x: Array) -> Array:
     return np.concatenate((canvas.offset(x[..., :2]), -np.degrees(x[..., 2:])), axis=-1)
 
 
-def _listed(x: Array) -> list[Any]:
+def _list(x: Array) -> list[Any]:
     """(k, links, 3) by link, DIGITS digits each."""
     return [[[_short(v) for v in frame] for frame in link] for link in x.swapaxes(0, 1)]
 

@@ -92,10 +92,10 @@ def _size(row: Row) -> tuple[float, float]:
 def all_settings(run: Run) -> tuple[Setting, ...]:
     """Every setting with known errors, of all linkages; those whose time nothing tells have none."""
     searched = {str(r["mechanism"]) for r in run.table("search_ladder")}
-    return (*_searched(run), *(x for x in _cases(run) if x.mechanism not in searched))
+    return (*_search(run), *(x for x in _cases(run) if x.mechanism not in searched))
 
 
-def _searched(run: Run) -> Iterable[Setting]:
+def _search(run: Run) -> Iterable[Setting]:
     raced = grouped((r for r in run.table("search_times") if r["status"] == "ok" and known(r.get("seconds"))), method_of)
     steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
     for row in run.table("search_ladder"):

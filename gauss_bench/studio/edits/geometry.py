@@ -61,10 +61,10 @@ def add_point(d: Drawing, message: Message) -> None:
     table_of["points"][name] = pair(d.local(str(link), at))
     d.made.append(f"pins.{link}.{name}")
     if message.get("observe"):
-        _observed(d).append(f"{link}.{name}")
+        _observe(d).append(f"{link}.{name}")
 
 
-def _observed(d: Drawing) -> list[Any]:
+def _observe(d: Drawing) -> list[Any]:
     observe = d.group("observe")
     points = observe.get("points")
     if not isinstance(points, list):
@@ -74,7 +74,7 @@ def _observed(d: Drawing) -> list[Any]:
 
 def observe(d: Drawing, message: Message) -> None:
     point, on = d.on_link(str(message.get("point"))), bool(message.get("on", True))
-    listed = _observed(d)
+    listed = _observe(d)
     if on and point not in listed:
         listed.append(point)
     if not on:

@@ -42,14 +42,14 @@ def findings(run: Run) -> Iterator[Finding]:
 def section(run: Run) -> Section | None:
     rows = run.table("kernel_agreement")
     head = ("linkage", "formulation", "where", "states", "error", "numpy's own", *GOAL)
-    worst = [max(group, key=lambda r: number(r, "error")) for group in grouped(rows, _formulated).values()]
-    return part("Agreement with numpy", AGREEMENT, rows, head, 3, agreed, worst)
+    worst = [max(group, key=lambda r: number(r, "error")) for group in grouped(rows, _formulate).values()]
+    return part("Agreement with numpy", AGREEMENT, rows, head, 3, agree, worst)
 
 
-def _formulated(row: Row) -> tuple[str, str]:
+def _formulate(row: Row) -> tuple[str, str]:
     return str(row.get("mechanism", "")), str(row.get("formulation", ""))
 
 
-def agreed(row: Row) -> tuple[Cell, ...]:
+def agree(row: Row) -> tuple[Cell, ...]:
     errors = (exact_cell(row, "error"), exact_cell(row, "numpy_error"))
     return (*texts(row, "mechanism", "formulation", "place"), *counts(row, "states"), *errors, *goal(row, small), remark(row))

@@ -45,10 +45,10 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def section(run: Run) -> Section | None:
     head = ("linkage", "trajectories", "lanes", "step", RANGE, "MuJoCo's step", *RATIO, "lanes off by", *GOAL)
-    return part("Many trajectories", BATCH, run.table("kernel_batch"), head, 1, batched)
+    return part("Many trajectories", BATCH, run.table("kernel_batch"), head, 1, batch_up)
 
 
-def batched(row: Row) -> tuple[Cell, ...]:
+def batch_up(row: Row) -> tuple[Cell, ...]:
     times_of = (time_of(row), span(row), time_of(row, "rival_seconds"), *ratio_cells(row, "ratio"))
     return (
         *texts(row, "mechanism"),

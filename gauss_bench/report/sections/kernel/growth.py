@@ -15,9 +15,9 @@ from gauss_bench.report.content import (
     listed,
     remark,
     span,
+    table_with_title,
     texts,
     time_of,
-    titled_table,
 )
 from gauss_bench.report.rows import (
     Row,
@@ -62,10 +62,10 @@ def section(run: Run) -> Section | None:
     if drawn := figure_of(rows):
         blocks.append(drawn)
     if growth:
-        blocks.append(titled_table("Growth", ("engine", "asked", "sizes", "exponent", RANGE), 2, growth, grown, last_text=0))
+        blocks.append(table_with_title("Growth", ("engine", "asked", "sizes", "exponent", RANGE), 2, growth, grown, last_text=0))
     ordered = sorted(rows, key=lambda r: number(r, "size"))
     head = ("engine", "asked", "windows", "n", "time", RANGE, "error", "generate s", "compile s", "remark")
-    blocks.append(titled_table("Every size", head, 2, ordered, sized, folded=True))
+    blocks.append(table_with_title("Every size", head, 2, ordered, sized, folded=True))
     return Section("Size", "kernel-size", tuple(blocks))
 
 

@@ -12,9 +12,9 @@ from gauss_bench.report.content import (
     counts,
     listed,
     remark,
+    table_with_title,
     texts,
     time_of,
-    titled_table,
     unmeasured,
 )
 from gauss_bench.report.rows import Row, Run, grouped, known, number
@@ -51,9 +51,9 @@ def section(run: Run) -> Section | None:
     facts = listed(f"{r['key']} {r['statement']}" for r in machine if r.get("statement") and r["key"] in FACTS)
     said = f"{LIMITS} Measured on: {facts}." if facts else LIMITS
     head = ("linkage", "what", "chain [cycles]", "flops", "least time", "measured", "share", "remark")
-    blocks: list[Block] = [Text(said), titled_table("Share of the machine's limit", head, 2, rows, bounded)]
+    blocks: list[Block] = [Text(said), table_with_title("Share of the machine's limit", head, 2, rows, bounded)]
     if quantities := [r for r in machine if known(r.get("value"))]:
-        blocks.append(titled_table("The processor", ("quantity", "value", RANGE, "unit"), 1, quantities, fact))
+        blocks.append(table_with_title("The processor", ("quantity", "value", RANGE, "unit"), 1, quantities, fact))
     return Section("Distance to the machine's limit", "kernel-limits", tuple(blocks))
 
 

@@ -2,7 +2,7 @@
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.report.content import Section, Text, count
-from gauss_bench.report.linkages import posed_in
+from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.rows import Run
 
 PLACE = 10
@@ -12,7 +12,7 @@ TABLES = ()
 def section(run: Run, name: str) -> Section | None:
     """The size of a linkage; nothing of one whose file an older run did not keep."""
     try:
-        mechanism, _, _ = posed_in(run, name)
+        mechanism, _, _ = pose_in(run, name)
     except LinkageError:
         return None
     loops = len(mechanism.joints) - len(mechanism.links)

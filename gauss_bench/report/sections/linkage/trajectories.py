@@ -32,8 +32,8 @@ from gauss_bench.report.rows import (
     grouped,
     known,
     label,
+    measure_bar,
     measured,
-    measured_bar,
     method,
     number,
     ok,
@@ -83,7 +83,7 @@ def line(row: Row) -> tuple[Cell, ...]:
         engine_cell(row),
         *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
         step_cell(row),
-        *(error_cell(row, column, measured_bar(row, column)) for column in MEASURED_ERRORS),
+        *(error_cell(row, column, measure_bar(row, column)) for column in MEASURED_ERRORS),
         *(error_cell(row, column, number(row, "position_error_bar")) for column in ("length_error", "angle_error")),
         error_cell(row, "velocity_error", number(row, "velocity_error_bar")),
         *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
@@ -136,12 +136,12 @@ def best_of(run: Run, name: str) -> Iterator[Finding]:
             for where, some in sorted(grouped(reached, _where).items()):  # compiled and interpreted are not held against each other
                 cheapest = min(some, key=run_time)
                 sentences.append(
-                    f"Cheapest within {target:.0e} {unit(some)}: {_priced(cheapest)} {where}{_cheapest_own(some, cheapest)}."
+                    f"Cheapest within {target:.0e} {unit(some)}: {_price(cheapest)} {where}{_cheapest_own(some, cheapest)}."
                 )
         yield Finding(f"{name}, {scenario}", " ".join(sentences))
 
 
-def _priced(row: Row) -> str:
+def _price(row: Row) -> str:
     return f"{label(row, 'settings', 'integrator', 'stabilization', 'step')}, {run_time(row) * 1e3:.3g} ms"
 
 
