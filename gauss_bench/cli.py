@@ -235,19 +235,19 @@ def conformance(options: argparse.Namespace) -> int:
 
 def show(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
-    from gauss_bench.api.files import told_files
+    from gauss_bench.api.files import describe_files
     from gauss_bench.linkage.load import load
 
-    files = told_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace, options.linkage)
+    files = describe_files({"svg": options.svg}, {"svg": (".svg",)}, options.replace, options.linkage)
     first = load(options.linkage, options.scenario)
     others = [load(options.linkage, name) for name in first.scenarios if options.scenario is None and name != first.scenario]
     description = text.description(first, others)
     if files:
         from gauss_bench.report.drawings.drawing import draw
-        from gauss_bench.report.drawings.pose import posed
+        from gauss_bench.report.drawings.pose import pose_links
         from gauss_bench.tables import write_text
 
-        write_text(files["svg"], draw(*posed(options.linkage)))
+        write_text(files["svg"], draw(*pose_links(options.linkage)))
     if options.json:
         print_json(description)
     else:
@@ -257,12 +257,12 @@ def show(options: argparse.Namespace) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
-    from gauss_bench.api.files import told_files
+    from gauss_bench.api.files import describe_files
     from gauss_bench.api.results import plain
     from gauss_bench.api.simulate import simulate as simulated
 
     kinds = {"plot": (".svg", ".png"), "animate": (".svg", ".gif", ".html"), "out": (".csv",)}
-    files = told_files({name: getattr(options, name) for name in kinds}, kinds, options.replace, options.linkage)
+    files = describe_files({name: getattr(options, name) for name in kinds}, kinds, options.replace, options.linkage)
     result = simulated(
         options.linkage,
         options.engine,
@@ -332,13 +332,13 @@ def show_run(result: "Simulation", files: "dict[str, Path]") -> None:
 def kinematics(options: argparse.Namespace) -> int:
     from gauss_bench.api import kinematics as moved
     from gauss_bench.api import text
-    from gauss_bench.api.files import told_files
+    from gauss_bench.api.files import describe_files
     from gauss_bench.api.results import plain
     from gauss_bench.tables import write_text
 
     kinds, printed = {"plot": (".svg",), "animate": (".svg",), "out": (".csv",)}, options.out == PRINTED
     asked_files = {name: getattr(options, name) for name in kinds} | ({"out": None} if printed else {})
-    files = told_files(asked_files, kinds, options.replace, options.linkage)
+    files = describe_files(asked_files, kinds, options.replace, options.linkage)
     asked = (options.scenario, options.driver, options.intervals, options.points, options.method)
     result = moved.kinematics(options.linkage, *asked, hold=options.hold, told=tell_if_long)
     contents = pictures(options, result, [*files])
@@ -369,7 +369,7 @@ def pictures(options: argparse.Namespace, result: "Kinematics", wanted: list[str
     if not {"plot", "animate"} & {*wanted}:
         return {}
     mechanism = driven(options.linkage, options.scenario, options.driver, options.hold).whole
-    points, states = moved.observed(mechanism, options.points), moved.states(result)
+    points, states = moved.observe(mechanism, options.points), moved.states(result)
     if "plot" in wanted and not points:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
     drawn = {}
@@ -431,7 +431,7 @@ def recommend(options: argparse.Namespace) -> int:
     from gauss_bench.advice.truth import NoTruth
     from gauss_bench.api import text
     from gauss_bench.api.files import writable
-    from gauss_bench.api.recommend import ordered
+    from gauss_bench.api.recommend import order_kinds
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.results import plain
     from gauss_bench.tables import write_text
@@ -439,7 +439,10 @@ def recommend(options: argparse.Namespace) -> int:
     wanted = (options.position, options.angle, options.force, options.until)
     engines = [x for names in options.engines or [] for x in names.split(",")]
     files = (
-        {x: writable(options.out / f"{x}.py", options.replace, suffix=".py", source=options.linkage) for x in engines or ordered()}
+        {
+            x: writable(options.out / f"{x}.py", options.replace, suffix=".py", source=options.linkage)
+            for x in engines or order_kinds()
+        }
         if options.out
         else {}
     )
@@ -470,7 +473,7 @@ def atlas(options: argparse.Namespace) -> int:
     from gauss_bench.api.files import usable_folder
     from gauss_bench.atlas import chart, survey, table
     from gauss_bench.bench.provenance import environment
-    from gauss_bench.runs.asked import checked_budget
+    from gauss_bench.runs.asked import check_budget
     from gauss_bench.tables import refuse_foreign, write_table, write_text
 
     for folder in filter(None, (options.out, options.into)):
@@ -479,7 +482,7 @@ def atlas(options: argparse.Namespace) -> int:
     if options.out is not None:
         refuse_foreign({options.out / name: table.TITLE for name in ("atlas.svg", "index.html")})
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
-    reaches = survey.survey(chosen, along, checked_budget(options.budget, survey.BUDGET), options.jobs, tell)
+    reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, tell)
     rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
     for folder in filter(None, (options.out, options.into)):
         tell(f"{write_table('atlas', rows, folder)[0]}")
@@ -533,9 +536,9 @@ def chosen_suite(options: argparse.Namespace, names: Sequence[str]) -> Any:
     """
     from gauss_bench.linkage.load import load
     from gauss_bench.runs.offers import offers
-    from gauss_bench.suites.read import joined, of_engines, read_suite, restrict, scenario_of
+    from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
 
-    suite = joined([read_suite(name) for name in names])
+    suite = join_entries([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
     chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
     offers(options.engines or [])
@@ -549,10 +552,10 @@ def run(options: argparse.Namespace) -> int:
     from gauss_bench.bench.cases import as_asked, cases
     from gauss_bench.bench.context import CASE_LIMIT
     from gauss_bench.bench.differences import accuracy_rows, differences
-    from gauss_bench.bench.measurements.search import searched
+    from gauss_bench.bench.measurements.search import search_linkage
     from gauss_bench.bench.runner import run as run_suite
     from gauss_bench.engines.extras import require
-    from gauss_bench.runs.asked import checked_budget
+    from gauss_bench.runs.asked import check_budget
     from gauss_bench.runs.first_builds import build_first
 
     usable_folder(options.out, LOCAL)
@@ -561,7 +564,7 @@ def run(options: argparse.Namespace) -> int:
 
         refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
-    suite, limit = chosen_suite(options, names), checked_budget(options.budget, CASE_LIMIT)
+    suite, limit = chosen_suite(options, names), check_budget(options.budget, CASE_LIMIT)
     as_asked(cases(suite), options.until, options.steps)  # refused before anything is run
     if options.against:
         accuracy_rows(options.against)
@@ -569,7 +572,7 @@ def run(options: argparse.Namespace) -> int:
         require("llvmlite")
     if suite.hours:
         print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
-    for engine in (x for part in suite.search for x in searched(part)):
+    for engine in (x for part in suite.search for x in search_linkage(part)):
         build_first(engine.name, engine.variants, tell)
     asked = (options.until, options.steps, limit)
     tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
@@ -592,7 +595,7 @@ def run(options: argparse.Namespace) -> int:
 def report(options: argparse.Namespace) -> int:
     from gauss_bench.api import text
     from gauss_bench.api.programs import programs
-    from gauss_bench.bench.differences import clocked, differences
+    from gauss_bench.bench.differences import compare_times, differences
     from gauss_bench.bench.provenance import check_publishable
     from gauss_bench.report.build import build_report
     from gauss_bench.tables import read_environment
@@ -601,7 +604,7 @@ def report(options: argparse.Namespace) -> int:
         check_publishable(options.out)
     if options.against:
         folders = options.out, options.against
-        accuracy, moved = differences(*folders), clocked(*folders)
+        accuracy, moved = differences(*folders), compare_times(*folders)
         where = read_environment(options.out), read_environment(options.against)
         if options.json:
             print_json({"accuracy": asdict(accuracy), "compared": moved[0], "times": [asdict(x) for x in moved[1]], "where": where})
@@ -621,7 +624,7 @@ def check(options: argparse.Namespace) -> int:
     from gauss_bench.bench import gate
     from gauss_bench.bench.cases import cases
     from gauss_bench.bench.runner import measure_all
-    from gauss_bench.runs.apart import unaltered
+    from gauss_bench.runs.apart import is_unaltered
 
     asked = cases(chosen_suite(options, ["gate"]))
     chosen = asked
@@ -630,14 +633,14 @@ def check(options: argparse.Namespace) -> int:
         return BAD_INPUT
     baseline = None if options.accept else gate.read_baseline(options.baseline)
     if baseline is not None and (options.linkages or options.engines):  # of a part, what can be held against something
-        chosen = gate.known(asked, baseline)
+        chosen = gate.is_known(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
             tell(f"error: {options.baseline} has no figure of {named}; --accept REASON writes them there")
             return BAD_INPUT
         if len(chosen) < len(asked):
             tell(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
-    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else unaltered
+    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else is_unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
     figures = gate.facts(rows, references)
     if baseline is None:

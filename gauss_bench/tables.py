@@ -122,7 +122,7 @@ def by_clock(*columns: Column) -> tuple[Column, ...]:
     return tuple(replace(c, timed=True) for c in columns)
 
 
-def added(*columns: Column) -> tuple[Column, ...]:
+def add_columns(*columns: Column) -> tuple[Column, ...]:
     """The same columns, as what older files lack."""
     return tuple(replace(c, added=True) for c in columns)
 
@@ -207,7 +207,7 @@ RESULTS = Table(
         *CASE,
         *OUTCOME,
         text("note", "what the engine told of its run"),
-        *added(text("in_python", "what of the suite's own runs in Python inside its time")),
+        *add_columns(text("in_python", "what of the suite's own runs in Python inside its time")),
         text("flag", "why a run that ended counts for nothing"),
         text("link_errors", "JSON: largest position and velocity error of each link"),
         flag("valid", "whether the run passed the validity gate"),
@@ -561,7 +561,7 @@ TABLES: dict[str, Table] = {
             number("until", "end of the run", "s"),
             number("steps", "steps taken"),
             *(number(f"{kind}_error", f"largest of any {words} over the run", unit) for kind, words, unit in REQUIRED),
-            *added(number("end_error", "largest of any centre of mass at the end of the run", "m")),
+            *add_columns(number("end_error", "largest of any centre of mass at the end of the run", "m")),
             *OUTCOME,
             text("ended", "why this variant was tried no further, at its last evaluation"),
         ),
@@ -614,7 +614,7 @@ TABLES: dict[str, Table] = {
             number("passing", "variants that pass at some size"),
             number("raced", "of those, near enough to the cheapest to be raced"),
             text("tied", "those that cannot be told from the fastest, first of the file first"),
-            *added(text("in_python", "what of the suite's own runs in Python inside its time")),
+            *add_columns(text("in_python", "what of the suite's own runs in Python inside its time")),
         ),
         6,
         timed=True,
@@ -756,7 +756,7 @@ TABLES: dict[str, Table] = {
                 number("compile_seconds", "to compile it", "s"),
             ),
             number("error", "of the accelerations, relative to the largest"),
-            *added(number("processes", "that timed it")),
+            *add_columns(number("processes", "that timed it")),
             *by_clock(
                 number("seconds", "lower quartile of processor time, the median over the processes", "s"),
                 number("low", "least that a second race may find; of one process, the 5 percent point", "s"),
@@ -772,9 +772,9 @@ TABLES: dict[str, Table] = {
             text("quantity", "how it is asked"),
             number("sizes", "that the exponent is taken from"),
             number("from", "windows of the smallest of them"),
-            *added(number("processes", "that timed all of them")),
+            *add_columns(number("processes", "that timed all of them")),
             *by_clock(number("exponent", "p of seconds ~ size^p")),
-            *added(
+            *add_columns(
                 *by_clock(
                     number("exponent_low", "least that a second race may find; none from one process"),
                     number("exponent_high", "most that a second race may find; none from one process"),
@@ -837,10 +837,10 @@ def row_of(table: Table, values: Row) -> dict[str, Any]:
     strange = values.keys() - set(table.names)
     if strange:
         raise KeyError(f"columns without a place in the schema: {', '.join(sorted(map(str, strange)))}")
-    return {column.name: typed(column, values.get(column.name)) for column in table.columns}
+    return {column.name: type_column(column, values.get(column.name)) for column in table.columns}
 
 
-def typed(column: Column, value: Any) -> Any:
+def type_column(column: Column, value: Any) -> Any:
     """A value, or what is written of it, as its column's type."""
     missing = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
     match column.kind:
@@ -857,14 +857,14 @@ def typed(column: Column, value: Any) -> Any:
             return words[str(value).lower()]
 
 
-def written(column: Column, value: Any, digits: int = DIGITS) -> str:
+def write_rows(column: Column, value: Any, digits: int = DIGITS) -> str:
     """A typed value as a CSV file has it."""
     if column.kind == "number":
         return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{digits}g}"
     return "" if value is None else str(value)
 
 
-def supported(table: Table, row: Row) -> dict[str, Any]:
+def is_supported(table: Table, row: Row) -> dict[str, Any]:
     """A typed row whose times and ratios keep the digits that their spread supports.
 
     A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread, but keep four
@@ -889,7 +889,7 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([c.name for c in columns])
-    writer.writerows([written(c, row[c.name], digits) for c in columns] for row in rows)
+    writer.writerows([write_rows(c, row[c.name], digits) for c in columns] for row in rows)
     return out.getvalue()
 
 
@@ -903,11 +903,11 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
         ValueError: two rows with times of their own have the same key.
     """
     table = TABLES[name]
-    whole = [supported(table, row_of(table, row)) for row in rows]
+    whole = [is_supported(table, row_of(table, row)) for row in rows]
     paths = {}
     for part, columns in table.parts.items():
         apart = part and not table.timed
-        some = [row for row in whole if _told(table, row)] if apart else whole
+        some = [row for row in whole if _tells(table, row)] if apart else whole
         if apart and len({_key(table, row) for row in some}) < len(some):
             raise ValueError(f"table {name}: two rows with times have the same key")
         if apart and not some:  # nothing was timed
@@ -930,13 +930,13 @@ def files_of(name: str, folder: Path) -> tuple[Path, ...]:
     return tuple(path for path in places if path.exists())
 
 
-def _told(table: Table, row: Row) -> bool:
+def _tells(table: Table, row: Row) -> bool:
     """Tell whether a clock has decided anything in a row."""
-    return any(written(c, row[c.name]) != "" for c in table.columns if c.timed)
+    return any(write_rows(c, row[c.name]) != "" for c in table.columns if c.timed)
 
 
 def _key(table: Table, row: Row) -> tuple[str, ...]:
-    return tuple(written(c, row[c.name]) for c in table.key)
+    return tuple(write_rows(c, row[c.name]) for c in table.key)
 
 
 def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], path: Path) -> None:
@@ -949,7 +949,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
     fields = {c.name: pa.float32() if c.name in curves else kinds[c.kind] for c in columns}
     drawn = {*curves} - {c.name for c in table.key}
-    arrays = {n: pa.array([_drawn(row[n]) if n in drawn else row[n] for row in rows], type=t) for n, t in fields.items()}
+    arrays = {n: pa.array([_pick_drawn(row[n]) if n in drawn else row[n] for row in rows], type=t) for n, t in fields.items()}
     content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
     measured = [c.name for c in columns if c.kind == "number" and c.name not in KEY]
     packed = {"compression": "zstd", "compression_level": 19, "use_dictionary": [n for n in fields if n not in measured]}
@@ -962,7 +962,7 @@ def digits_of(name: str) -> int:
     return DRAWN if TABLES[name].curves else DIGITS
 
 
-def _drawn(x: float) -> float:
+def _pick_drawn(x: float) -> float:
     """A value to 1.2e-4, as a binary fraction of 13 bits: a pen's width is 1e-3."""
     if not math.isfinite(x):
         return x
@@ -1019,10 +1019,10 @@ def format_of(folder: Path) -> int:
             raise ValueError(f"{version!r} is no format")
     except (ValueError, KeyError, TypeError) as error:
         raise TableError(f"{path}: does not tell the format of the tables beside it: {error}") from error
-    return checked(version, path)
+    return check(version, path)
 
 
-def checked(version: int, path: Path) -> int:
+def check(version: int, path: Path) -> int:
     """A format that can be read.
 
     Raises:
@@ -1087,7 +1087,7 @@ def read_file(
     if form is None:
         form = _own_format(path, head, lines)
     if form < FORMAT:
-        head, lines = migrated(name, head, lines, form)
+        head, lines = migrate_rows(name, head, lines, form)
     wanted = [c for c in columns or table.columns if not c.added] if form == FORMAT else table.columns[:1]
     lacking = [c.name for c in wanted if c.name not in head]
     if lacking:
@@ -1097,7 +1097,7 @@ def read_file(
         row = {}
         for column in table.columns:
             try:
-                row[column.name] = typed(column, line.get(column.name))
+                row[column.name] = type_column(column, line.get(column.name))
             except (TypeError, ValueError) as error:
                 raise TableError(f"{path}: table {name}, row {count}, column {column.name!r}: {error}") from error
         rows.append(row)
@@ -1110,10 +1110,10 @@ def _own_format(path: Path, head: list[str], lines: list[dict[str, Any]]) -> int
         told = {int(float(line["format"])) for line in lines} if "format" in head else {1}
     except (TypeError, ValueError) as error:
         raise TableError(f"{path}: column 'format': {error}") from error
-    return checked(max(told, default=FORMAT), path)
+    return check(max(told, default=FORMAT), path)
 
 
-def migrated(name: str, head: list[str], lines: list[dict[str, Any]], form: int) -> tuple[list[str], list[dict[str, Any]]]:
+def migrate_rows(name: str, head: list[str], lines: list[dict[str, Any]], form: int) -> tuple[list[str], list[dict[str, Any]]]:
     """Read a file of an older format under the names of today; what it does not say is missing in every row."""
     names = RENAMED.get(name, {})
     fresh = [{names.get(k, k): x for k, x in line.items()} for line in lines]

@@ -126,26 +126,26 @@ PROJECTOR: dict[str, Wrong] = {
     },
     "with an ordinary inverse": {"Moore-Penrose": pr.euclidean, "constraints alone": shortest_acceleration},
     "with Moore-Penrose inverses": {
-        "ordinary inverse": pr.unconstrained,
+        "ordinary inverse": pr.free_motion,
         "M left out": without_mass,
         "constraints alone": shortest_acceleration,
         "sign": lambda p: 2 * shortest_acceleration(p) - pr.euclidean(p),
     },
     "meets the constraints": {
-        "ordinary inverse": pr.unconstrained,
-        "free part alone": lambda p: N(p) @ pr.unconstrained(p),
+        "ordinary inverse": pr.free_motion,
+        "free part alone": lambda p: N(p) @ pr.free_motion(p),
     },
     "difference from the truth": {
-        "other sign": lambda p: -pr.predicted(p),
+        "other sign": lambda p: -pr.predict(p),
         "no projector": lambda p: -np.linalg.solve(p.M, p.J.T @ p.multipliers),
         "no M": lambda p: -N(p) @ p.J.T @ p.multipliers,
         "other projector": lambda p: -(np.eye(p.n) - N(p)) @ np.linalg.solve(p.M, p.J.T @ p.multipliers),
     },
     "unit of length in (16)": {"M left out": without_mass, "constraints alone": shortest_acceleration},
-    "where M = mu I": {"ordinary inverse": pr.unconstrained, "M left out": without_mass},
-    "where nothing is free": {"ordinary inverse": pr.unconstrained},
+    "where M = mu I": {"ordinary inverse": pr.free_motion, "M left out": without_mass},
+    "where nothing is free": {"ordinary inverse": pr.free_motion},
     "where the constraints do not act": {"M left out": without_mass, "constraints alone": shortest_acceleration},
-    "where M keeps the range of J^T": {"ordinary inverse": pr.unconstrained, "M left out": without_mass},
+    "where M keeps the range of J^T": {"ordinary inverse": pr.free_motion, "M left out": without_mass},
 }
 
 
@@ -221,17 +221,17 @@ EXAMPLE: dict[str, Wrong] = {
         "second term only": lambda q, v, a: np.array([L1 * np.cos(q[2]) * a[2] ** 2 + L2 / 2 * np.cos(q[5]) * v[5] ** 2]),
         "sign": entry(-L1, -L2 / 2),
         "sign of the second term": entry(L1, -L2 / 2),
-        "row 4 instead": ex.corrected(4),
+        "row 4 instead": ex.correct(4),
         "acceleration without a square": lambda q, v, a: np.array([L1 * np.cos(q[2]) * a[2] + L2 / 2 * np.cos(q[5]) * a[5]]),
     },
     "row 5 of g": {
         "sign": entry(0.0, -L2 / 2),
-        "row 6 instead": ex.corrected(6),
+        "row 6 instead": ex.correct(6),
         "the crank's speed": lambda q, v, a: np.array([L2 / 2 * np.cos(q[5]) * v[2] ** 2]),
     },
     "row 6 of g": {
-        "sign": lambda q, v, a: -ex.corrected(6)(q, v, a),
-        "row 5 instead": ex.corrected(5),
+        "sign": lambda q, v, a: -ex.correct(6)(q, v, a),
+        "row 5 instead": ex.correct(5),
         "the product of both speeds": lambda q, v, a: np.array([L2 / 2 * np.sin(q[5]) * v[2] * v[5]]),
     },
     "start": {
@@ -356,9 +356,9 @@ LOOPS: dict[str, Wrong] = {
         "columns": lambda U, K: [np.hstack([U, K]).T],
     },
     "matrices of a loop": {
-        "U and K exchanged": lambda units, U, K: lo.assembled(units, U, K)[::-1],
-        "last way left out": lambda units, U, K: lo.assembled(units[:-1], U[:-1], K[:-1]),
-        "signs alternate": lambda units, U, K: lo.assembled([(-1) ** i * J for i, J in enumerate(units)], U, K),
+        "U and K exchanged": lambda units, U, K: lo.assemble(units, U, K)[::-1],
+        "last way left out": lambda units, U, K: lo.assemble(units[:-1], U[:-1], K[:-1]),
+        "signs alternate": lambda units, U, K: lo.assemble([(-1) ** i * J for i, J in enumerate(units)], U, K),
     },
     "loops one above the other": {
         "blocks transposed": lambda blocks: np.vstack([block.T for block in blocks]),
@@ -391,9 +391,9 @@ LOOPS: dict[str, Wrong] = {
         "degrees of freedom": lambda p, n: 3 * (n - 1) - 2 * p,
     },
     "loops of the examples": {
-        "a joint left out": lambda: lo.printed_loops() | {"eight_bar": ("1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4")},
-        "a loop left out": lambda: lo.printed_loops() | {"eight_bar": ("1-2-5-3", "1-2-6-7-9-4")},
-        "other order": lambda: lo.printed_loops() | {"six_bar": ("a-c-b-d", "d-e-f-g")},
+        "a joint left out": lambda: lo.loops_as_printed() | {"eight_bar": ("1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4")},
+        "a loop left out": lambda: lo.loops_as_printed() | {"eight_bar": ("1-2-5-3", "1-2-6-7-9-4")},
+        "other order": lambda: lo.loops_as_printed() | {"six_bar": ("a-c-b-d", "d-e-f-g")},
     },
     "motion laws": {
         "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},

@@ -18,9 +18,9 @@ from matplotlib.textpath import TextPath
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
-from gauss_bench.atlas.survey import Course, Reach, Way, axes, compared, reach, sentence, survey, ways
+from gauss_bench.atlas.survey import Course, Reach, Way, axes, compare, reach, sentence, survey, ways
 from gauss_bench.atlas.table import page, row, rows_of
-from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decided
+from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
 from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import load, load_document
@@ -106,12 +106,12 @@ def shifted(run: Run, by: float) -> Run:
 
 def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) -> None:
     mechanism, run, reference = known
-    assert decided(mechanism, run, reference).verdict is Verdict.PASS
-    assert decided(mechanism, shifted(run, 0.9 * PASSES), reference).verdict is Verdict.PASS
-    degraded = decided(mechanism, shifted(run, 1.1 * PASSES), reference)
+    assert decide(mechanism, run, reference).verdict is Verdict.PASS
+    assert decide(mechanism, shifted(run, 0.9 * PASSES), reference).verdict is Verdict.PASS
+    degraded = decide(mechanism, shifted(run, 1.1 * PASSES), reference)
     assert degraded.verdict is Verdict.DEGRADED
     assert degraded.error == pytest.approx(1.1 * PASSES, rel=1e-9)
-    failed = decided(mechanism, shifted(run, 0.02), reference)
+    failed = decide(mechanism, shifted(run, 0.02), reference)
     assert failed.verdict is Verdict.FAILED
     assert "loops open by 0.02" in failed.reason
 
@@ -122,7 +122,7 @@ def test_what_passes_is_off_by_a_thousandth_of_the_size(
 ) -> None:
     mechanism, run, reference = known
     assert mechanism.size == pytest.approx(1.0)
-    assert decided(mechanism, shifted(run, off), reference).verdict is verdict
+    assert decide(mechanism, shifted(run, off), reference).verdict is verdict
 
 
 @pytest.mark.parametrize(("bar", "verdict"), [(0.9e-4, Verdict.PASS), (1.1e-4, Verdict.OPEN)])
@@ -130,7 +130,7 @@ def test_a_reference_tells_where_it_is_known_to_a_tenth_of_what_passes(
     bar: float, verdict: Verdict, known: tuple[Mechanism, Run, Reference]
 ) -> None:
     mechanism, run, reference = known
-    assert decided(mechanism, run, replace(reference, error_q=np.full(len(reference.t), bar))).verdict is verdict
+    assert decide(mechanism, run, replace(reference, error_q=np.full(len(reference.t), bar))).verdict is verdict
 
 
 def test_an_error_is_a_share_of_the_linkages_size() -> None:
@@ -145,22 +145,22 @@ def test_an_error_is_a_share_of_the_linkages_size() -> None:
     moved = 0.5 * PASSES * mechanism.size
     run = shifted(Run(Status.OK, "", x, None, sampling(1e-3, 0.01)), moved)
     assert abs(mechanism.size - 1.0) > 0.2
-    assert decided(mechanism, run, truth).error == pytest.approx(0.5 * PASSES, rel=1e-9)
+    assert decide(mechanism, run, truth).error == pytest.approx(0.5 * PASSES, rel=1e-9)
     for share, verdict in ((0.9, Verdict.PASS), (1.1, Verdict.OPEN)):
         vague = replace(truth, error_q=none + share * 1e-4 * mechanism.size)
         assert mechanism.size < 1.0
-        assert decided(mechanism, run, vague).verdict is verdict
+        assert decide(mechanism, run, vague).verdict is verdict
 
 
 def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tuple[Mechanism, Run, Reference]) -> None:
     mechanism, run, reference = known
     for status in (Status.CRASHED, Status.TIMEOUT, Status.NAN, Status.NOT_CONVERGED):
-        found = decided(mechanism, replace(run, status=status, message="why", trajectory=None), reference)
+        found = decide(mechanism, replace(run, status=status, message="why", trajectory=None), reference)
         assert (found.verdict, found.reason) == (Verdict.FAILED, f"{status}: why")
     skipped = replace(run, status=Status.SKIP, message="no such model", trajectory=None)
-    assert decided(mechanism, skipped, reference).verdict is Verdict.CANNOT
+    assert decide(mechanism, skipped, reference).verdict is Verdict.CANNOT
     vague = replace(reference, error_q=np.full(len(reference.t), 0.11 * PASSES))
-    assert decided(mechanism, run, vague).verdict is Verdict.OPEN
+    assert decide(mechanism, run, vague).verdict is Verdict.OPEN
 
 
 @pytest.mark.parametrize("passing", range(8))
@@ -262,10 +262,10 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
 
 
 def test_times_that_are_compared_lie_on_whole_steps() -> None:
-    assert len(compared(1e-3, 0.5)) == 101
-    np.testing.assert_allclose(compared(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
-    np.testing.assert_allclose(compared(0.1, 0.5), np.arange(6) * 0.1)
-    assert sampling_at(0.1, compared(0.1, 0.5)).shortened == 0
+    assert len(compare(1e-3, 0.5)) == 101
+    np.testing.assert_allclose(compare(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
+    np.testing.assert_allclose(compare(0.1, 0.5), np.arange(6) * 0.1)
+    assert sampling_at(0.1, compare(0.1, 0.5)).shortened == 0
 
 
 def some() -> list[Reach]:

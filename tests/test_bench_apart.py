@@ -15,9 +15,9 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import load
 from gauss_bench.reference.build import TrueStates
-from gauss_bench.runs.answers import NoAnswer, packed, unpacked
+from gauss_bench.runs.answers import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.runs.apart import outcome_of
-from gauss_bench.runs.one_run import one_run, received, sampling
+from gauss_bench.runs.one_run import one_run, receive, sampling
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
 
@@ -154,7 +154,7 @@ def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) ->
 def test_plain_data_comes_back_as_it_went() -> None:
     item = {"a": np.arange(6.0).reshape(2, 3), "b": [np.arange(3), None, "text", 1.5, True], "c": np.array([True, False]), "d": {}}
     item |= {"none": np.zeros((0, 5)), "one": np.array(np.nan)}
-    found = unpacked(packed(item))
+    found = unpack_answer(pack_answer(item))
     assert found.keys() == item.keys()
     for key in ("a", "c", "none", "one"):
         np.testing.assert_array_equal(found[key], item[key])
@@ -163,9 +163,9 @@ def test_plain_data_comes_back_as_it_went() -> None:
     assert list(found["b"][0]) == [0, 1, 2]
     assert found["b"][1:] == [None, "text", 1.5, True]
     with pytest.raises(NoAnswer, match="object"):
-        packed({"x": object()})
+        pack_answer({"x": object()})
     with pytest.raises(NoAnswer, match="ndarray"):
-        packed(np.array([object()]))
+        pack_answer(np.array([object()]))
 
 
 def answer(text: bytes, more: bytes = b"") -> bytes:
@@ -192,7 +192,7 @@ def answer(text: bytes, more: bytes = b"") -> bytes:
 )
 def test_bytes_that_are_no_answer_are_refused(content: bytes) -> None:
     with pytest.raises(NoAnswer):
-        unpacked(content)
+        unpack_answer(content)
 
 
 TIMES = sampling(1e-2, 0.05)
@@ -231,14 +231,14 @@ def sent(**fields: Any) -> dict[str, Any]:
     ],
 )
 def test_an_answer_is_taken_for_no_more_than_it_is(fields: dict[str, Any], status: Status) -> None:
-    run = received(outcome_of(unpacked(packed(sent(**fields)))), TIMES, 9)
+    run = receive(outcome_of(unpack_answer(pack_answer(sent(**fields)))), TIMES, 9)
     assert run.status is status
     assert (run.trajectory is not None) is (status is Status.OK)
 
 
 @pytest.mark.parametrize("item", [None, 7, "ok", [], {}, {"status": "ok"}])
 def test_what_is_no_run_is_an_error(item: object) -> None:
-    assert received(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
+    assert receive(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
 
 
 def test_accelerations_of_other_states_are_no_numbers() -> None:

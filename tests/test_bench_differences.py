@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from gauss_bench.api.text import format_differences
-from gauss_bench.bench.differences import clocked, differences
+from gauss_bench.bench.differences import compare_times, differences
 from gauss_bench.cli import main
 from gauss_bench.tables import KEY, TableError, write_schema, write_table, write_text
 
@@ -92,7 +92,7 @@ def test_a_ratio_matters_where_it_changes_sides(
     ratio: tuple[float, float, float], moved: int, matters: int, tmp_path: Path
 ) -> None:
     folders = made(tmp_path / "here", [ROW], ratio), made(tmp_path / "there", [ROW], (1.5, 1.4, 1.6))
-    compared, apart = clocked(*folders)
+    compared, apart = compare_times(*folders)
     assert compared == 2
     assert (len(apart), sum(x.matters for x in apart)) == (moved, matters)
 

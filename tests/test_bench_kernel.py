@@ -13,7 +13,7 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import growth
 from gauss_bench.bench.measurements.claim import verdict
 from gauss_bench.bench.measurements.growth import exponents, over_races
-from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.steps import step_rows
 from gauss_bench.bench.runner import run
@@ -149,7 +149,7 @@ def test_the_verdict_on_the_claim_follows_from_the_spread() -> None:
 )
 def test_a_long_run_must_keep_its_order_and_its_constraints(energy: float, drift: float, met: bool) -> None:
     coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
-    assert judged(coarse | {"energy_max": energy, "position_drift": drift}, coarse, SUITE.long_runs[0])["met"] is met
+    assert judge_row(coarse | {"energy_max": energy, "position_drift": drift}, coarse, SUITE.long_runs[0])["met"] is met
 
 
 def of_process(number: int, size: int, seconds: float, engine: str = "a") -> dict[str, Any]:
@@ -194,7 +194,7 @@ def test_the_time_of_a_size_is_the_median_of_processes_and_its_spread_where_a_se
 
 def test_every_size_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
     part = SUITE.growth[0].model_copy(update={"sizes": (1, 4), "processes": 3})
-    tasks = growth.timed(SUITE.model_copy(update={"growth": (part,)}), Context("", "stamp"), {})
+    tasks = growth.time_growth(SUITE.model_copy(update={"growth": (part,)}), Context("", "stamp"), {})
     assert [(t.start["size"], t.start["process"]) for t in tasks] == [(n, k) for k in range(3) for n in (1, 4)]
     assert len({t.key for t in tasks}) == 6
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gauss_bench.bench.survived import survived, watching
+from gauss_bench.bench.survived import list_survivors, watching
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.plugin import installed
@@ -36,7 +36,7 @@ def race_of(engines: Sequence[str], path: str) -> dict[str, list[dict[str, str]]
 
 
 def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
-    tables, lost = survived(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=8.0)
+    tables, lost = list_survivors(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=8.0)
     assert tables == {"samples": [{"engine": x} for x in ("first", "second", "third")]}
     assert {x: y.status for x, y in lost.items()} == {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT}
     assert "SIGABRT" in str(lost["aborts"])
@@ -45,7 +45,7 @@ def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
 
 def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
     with pytest.raises(WorkerFailure, match="no") as raised:
-        survived(race_of, (), ["first", "raises"])
+        list_survivors(race_of, (), ["first", "raises"])
     assert raised.value.status is Status.ERROR
 
 

@@ -17,14 +17,14 @@ from gauss_bench.compiler.elimination.rounds import PLAIN, generate_in_rounds, p
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel, form_for
-from gauss_bench.compiler.machine.loops import looped_program
+from gauss_bench.compiler.machine.loops import loop_program
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
-from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.exact import form_in_closed
 from tests.conftest import DATA, needs
 
 needs("llvmlite")
@@ -134,7 +134,7 @@ def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
 @pytest.mark.parametrize("count", [1, 16, 64])
 def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel], count: int) -> None:
     kernel = four_bars[count]
-    motion = closed_form(kernel.mechanism, ["0.5"])
+    motion = form_in_closed(kernel.mechanism, ["0.5"])
     assert motion is not None
     q, v = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 500)
     assert np.abs(q - motion.q[0].astype(float)).max() < 1e-11  # the method's own error is h^4 = 1e-12 in the units of the linkage
@@ -146,7 +146,7 @@ def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel]
 def test_a_singular_position_is_passed(four_bars: dict[int, Kernel], count: int) -> None:
     """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
     kernel = four_bars[count]
-    motion = closed_form(kernel.mechanism, ["1.5"])
+    motion = form_in_closed(kernel.mechanism, ["1.5"])
     assert motion is not None
     q, _ = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 1500)
     assert kernel.fallbacks > 0
@@ -159,7 +159,7 @@ def test_a_partition_fails_where_its_coordinate_stands_still() -> None:
     mechanism = load("crank_slider", "conservative")
     slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
     generated = generate_in_rounds(study(mechanism), Plan("gauss", (3 * slider,)))
-    programs = LoopedPrograms(iter([looped_program(generated)]), Target("llvm", 1, cache=True))
+    programs = LoopedPrograms(iter([loop_program(generated)]), Target("llvm", 1, cache=True))
     states = manifold_states(mechanism, 400)
     sound = np.array([programs.acceleration(0.0, q, v, np.zeros(0)) is not None for q, v in zip(states.q, states.v, strict=True)])
     share = np.abs(states.v[:, 3 * slider]) / np.abs(states.v).max(axis=1)
@@ -172,7 +172,7 @@ def test_where_one_partition_fails_another_serves() -> None:
     kernel, evaluator = large_kernel(mechanism), Evaluator(mechanism)
     slider = next(i for i, link in enumerate(mechanism.links) if link.name == "slider")
     slow = generate_in_rounds(study(mechanism), Plan("gauss", (3 * slider,)))
-    programs = map(looped_program, chain([slow], programs_in_rounds(mechanism, PLAIN)))
+    programs = map(loop_program, chain([slow], programs_in_rounds(mechanism, PLAIN)))
     kernel._programs = kernel._driver.programs = LoopedPrograms(programs, kernel.options.target)
     states = manifold_states(mechanism, 60)
     for q, v in zip(states.q, states.v, strict=True):
@@ -209,7 +209,7 @@ def test_what_cannot_go_on_is_not_a_number() -> None:
 
 
 def test_code_does_not_grow_with_the_linkage_and_operations_do_in_proportion() -> None:
-    made = [looped_program(generate_in_rounds(study(load(f"n_four_bar_{n}")), Plan("gauss", (2,)))) for n in (32, 128)]
+    made = [loop_program(generate_in_rounds(study(load(f"n_four_bar_{n}")), Plan("gauss", (2,)))) for n in (32, 128)]
     programs = [p.plain for p in made]
     operations, groups, loops = zip(*((p.operations, len(p.groups.groups), len(p.loops)) for p in programs), strict=True)
     assert operations[1] < 4.1 * operations[0]

@@ -10,7 +10,7 @@ import pytest
 
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import subject
-from gauss_bench.bench.agreement import Answer, _compared, _from_coarse_to_fine, digits, effect, refusal
+from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, refusal
 from gauss_bench.bench.conformance import conformance, lateness
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
@@ -181,10 +181,10 @@ def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
     true = np.linspace(0.0, 1.0, 6).reshape(3, 2, 1) + np.zeros((3, 2, 4))
     error = 1e-3 * np.ones_like(true)
     words = ("positions", "velocities", "accelerations")
-    assert _compared(true, true + error, true + error / 2, words)[1] == ""
-    assert _compared(true, true + error, true + 0.7 * error, words)[1].startswith("positions are off by")
-    assert _compared(true, true + error, true + error, words[:0])[1] == ""
-    assert _compared(true, true, true, words)[1] == ""
+    assert _compare(true, true + error, true + error / 2, words)[1] == ""
+    assert _compare(true, true + error, true + 0.7 * error, words)[1].startswith("positions are off by")
+    assert _compare(true, true + error, true + error, words[:0])[1] == ""
+    assert _compare(true, true, true, words)[1] == ""
 
 
 @pytest.mark.slow

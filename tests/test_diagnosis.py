@@ -23,7 +23,7 @@ from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import JointDamping, Mechanism, RotationalSpringDamper, Torque
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.one_run import one_run
 from gauss_bench.terms import Solution, Terms
 from gauss_bench.trajectory import States
@@ -41,7 +41,7 @@ FOUR_BAR, CRANK_SLIDER, SIX_BAR = ("four_bar", "torque"), ("crank_slider", "pape
 
 def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: float = 0.4, **choice: str) -> Verdict:
     mechanism, engine = load(*where), Faulty(fault)
-    truth = certified_reference(mechanism, until)
+    truth = find_certified(mechanism, until)
     assert truth is not None
     chosen = ladder(Choice(step=step, **{"integrator": "rk4", **choice}), adaptive=False)
     return diagnose_runs(lambda c, wanted: one_run(engine, mechanism, c, wanted), mechanism, truth, chosen, until)
@@ -239,7 +239,7 @@ def test_three_runs_that_err_by_known_amounts_are_split_into_them() -> None:
 
 def test_the_linkages_own_flow_is_that_of_the_certificate_forwards_and_backwards() -> None:
     mechanism = load(*FOUR_BAR)
-    truth = certified_reference(mechanism, 0.3)
+    truth = find_certified(mechanism, 0.3)
     assert truth is not None
     own = OwnMotion(mechanism)
     k = np.array([3, 10, 20])
@@ -254,7 +254,7 @@ def test_the_linkages_own_flow_is_that_of_the_certificate_forwards_and_backwards
 
 def test_a_map_of_time_is_found_and_an_engine_in_time_has_none() -> None:
     mechanism = load(*FOUR_BAR)
-    reference = certified_reference(mechanism, 0.5)
+    reference = find_certified(mechanism, 0.5)
     assert reference is not None
     truth = Truth(OwnMotion(mechanism), reference)
     t = np.arange(1, 20) * 0.02

@@ -16,7 +16,7 @@ from gauss_bench.bench.journal import Journal, entry_of, line_of
 from gauss_bench.compiler import user_cache
 from gauss_bench.linkage.load import load
 from gauss_bench.reference import store
-from gauss_bench.reference.store import read_reference, stored_reference
+from gauss_bench.reference.store import load_stored, read_reference
 from gauss_bench.tables import KEY, TIMES, read_table
 from tests.fuzz.kills import faults_of_the_end, over_kills, written_by
 
@@ -85,7 +85,7 @@ with Journal(Path({str(path)!r})) as journal:
 @pytest.mark.parametrize("how", ["cut", "altered", "column", "text"])
 def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, capsys: pytest.CaptureFixture[str]) -> None:
     mechanism = load("four_bar", "torque")
-    true = stored_reference(mechanism, 0.0125, tmp_path)
+    true = load_stored(mechanism, 0.0125, tmp_path)
     (path,) = tmp_path.iterdir()
     with np.load(path) as data:
         content = {name: data[name] for name in data}
@@ -97,7 +97,7 @@ def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, c
         content = content | {"q": content["q"] + 1e-9} if how == "altered" else {k: x for k, x in content.items() if k != "v"}
         np.savez_compressed(path, **content)
     assert read_reference(path) is None
-    found = stored_reference(mechanism, 0.0125, tmp_path)
+    found = load_stored(mechanism, 0.0125, tmp_path)
     assert "built again" in capsys.readouterr().err
     assert (found.q == true.q).all()
     assert [x.name for x in tmp_path.iterdir()] == [path.name]
@@ -177,7 +177,7 @@ def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, m
 
     monkeypatch.setattr(store.np, "savez_compressed", full)
     with pytest.raises(OSError, match="No space left"):
-        stored_reference(load("four_bar", "torque"), 0.0125, tmp_path)
+        load_stored(load("four_bar", "torque"), 0.0125, tmp_path)
     assert not list(tmp_path.iterdir())
 
 

@@ -14,7 +14,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift, state_errors
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA, everything, redundant
 
@@ -32,7 +32,7 @@ def run(
 
 
 def position_error(mechanism: Mechanism, trajectory: Trajectory) -> float:
-    reference = certified_reference(mechanism, float(trajectory.t[-1]))
+    reference = find_certified(mechanism, float(trajectory.t[-1]))
     assert reference is not None
     return float(state_errors(mechanism, trajectory, reference).position.max())
 

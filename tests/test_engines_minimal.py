@@ -16,7 +16,7 @@ from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, ways
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA, needs
@@ -89,7 +89,7 @@ def test_every_way_and_every_kind_of_dyad_gives_the_same_accelerations() -> None
 @pytest.mark.parametrize(("name", "scenario"), LINKAGES)
 def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
-    exact = certified_reference(mechanism, 0.5)
+    exact = find_certified(mechanism, 0.5)
     assert exact is not None
     found = ran(ENGINE, mechanism, exact.t, integrator="dop853_fixed", step=5e-4)
     allowed = 1e-11 + exact.error_q.max() + exact.floor_q.max()

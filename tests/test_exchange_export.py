@@ -26,7 +26,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import KINDS, OWNED, exported
+from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
 from gauss_bench.exchange.text import (
     C_WORDS,
     c_comment,
@@ -112,7 +112,7 @@ def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP
 
 def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
     end, step = min(END, mechanism.duration), min(STEP, mechanism.duration / 300)
-    heading, rows = run_alone(exported(mechanism, kind, step).text, kind, folder, end, step)
+    heading, rows = run_alone(export_linkage(mechanism, kind, step).text, kind, folder, end, step)
     q, v = suite_run(mechanism, kind, rows[:, 0], step)
     if kind == "mujoco":
         names = [link.name for link in mechanism.links]
@@ -174,9 +174,9 @@ def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
 def test_names_and_titles_of_any_kind_stay_names_and_titles(kind: str, tmp_path: Path) -> None:
     needs(kind)
     mechanism = load("four_bar")
-    text = exported(hostile(mechanism, points=kind != "c"), kind, STEP).text
+    text = export_linkage(hostile(mechanism, points=kind != "c"), kind, STEP).text
     heading, rows = run_alone(text, kind, tmp_path, 0.02)
-    plain, wanted = run_alone(exported(mechanism, kind, STEP).text, kind, tmp_path, 0.02)
+    plain, wanted = run_alone(export_linkage(mechanism, kind, STEP).text, kind, tmp_path, 0.02)
     np.testing.assert_array_equal(rows, wanted)
     if kind != "mujoco":
         assert heading[0] == plain[0]
@@ -185,18 +185,18 @@ def test_names_and_titles_of_any_kind_stay_names_and_titles(kind: str, tmp_path:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_says_whose_it_is_and_what_it_lacks(kind: str) -> None:
     needs(kind)
-    found = exported(load("crank_slider"), kind, STEP)
+    found = export_linkage(load("crank_slider"), kind, STEP)
     assert OWNED in found.text
     assert found.left_out == ("scenarios driven, settles, conservative",)
     assert "Not in this file: scenarios driven, settles, conservative" in found.text
-    assert exported(load("crank_slider"), kind, STEP).text == found.text  # the same again
+    assert export_linkage(load("crank_slider"), kind, STEP).text == found.text  # the same again
 
 
 def test_a_body_may_be_called_world() -> None:
     pytest.importorskip("mujoco")
     mechanism = load("four_bar")
     worldly = replace(mechanism, links=(replace(mechanism.links[0], name="world"), *mechanism.links[1:]))
-    names = [x.get("name") for x in ElementTree.fromstring(exported(worldly, "mujoco", STEP).text).iter("body")]
+    names = [x.get("name") for x in ElementTree.fromstring(export_linkage(worldly, "mujoco", STEP).text).iter("body")]
     assert names == ["world 2", "coupler", "rocker"]
 
 
@@ -369,4 +369,4 @@ def test_a_transcript_is_what_was_called() -> None:
 
 def test_an_error_names_the_file_and_the_reason() -> None:
     with pytest.raises(ExchangeError, match=r"sleigh.toml: sleigh, scenario glide: cannot become an MJCF model: .*knife edge"):
-        exported(load("sleigh"), "mujoco", STEP)
+        export_linkage(load("sleigh"), "mujoco", STEP)

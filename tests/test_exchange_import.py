@@ -14,11 +14,11 @@ from gauss_bench.api import exchange
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compiled
+from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_document
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import exported
+from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.from_mjcf import from_mjcf
-from gauss_bench.exchange.imports import imported
+from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.planar import plane_of
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.linkage.load import load, load_document
@@ -36,7 +36,7 @@ EXACT = 1e-12  # rounding of places in the world
 def brought_in(text: str, folder: Path, close: list[str] | None = None) -> Mechanism:
     file = folder / "model.xml"
     file.write_text(text, encoding="utf-8")
-    return load_document(tomllib.loads(imported(file, "back", close or []).text))
+    return load_document(tomllib.loads(import_file(file, "back", close or []).text))
 
 
 def acceleration(mechanism: Mechanism) -> Array:
@@ -52,7 +52,7 @@ ROUND += ["jansen/walk", "four_bar/conservative", "n_four_bar_3", str(DATA / "lo
 def test_what_goes_out_comes_back(name: str, tmp_path: Path) -> None:
     """Everything that MJCF holds: dimensions, masses, inertias, start, and the forces, by the accelerations that they make."""
     mechanism = load(name) if name.endswith(".toml") else load(*name.split("/"))
-    back = brought_in(exported(mechanism, "mujoco", 1e-3).text, tmp_path)
+    back = brought_in(export_linkage(mechanism, "mujoco", 1e-3).text, tmp_path)
     order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
     assert (back.dof, back.redundant) == (mechanism.dof, mechanism.redundant)
     for link, own in zip(mechanism.links, (back.links[k] for k in order), strict=True):
@@ -190,7 +190,7 @@ def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp
 
 
 def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
-    found = imported(UPRIGHT, "back")
+    found = import_file(UPRIGHT, "back")
     for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was parting"):
         assert any(word in x for x in found.left_out), word
         assert any(word in line for line in found.text.splitlines() if line.startswith("#")), word
@@ -272,7 +272,7 @@ def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str,
     file = tmp_path / "model.xml"
     file.write_text(text)
     with pytest.raises(ExchangeError) as caught:
-        imported(file, "back")
+        import_file(file, "back")
     said = str(caught.value)
     assert said.startswith(str(file))
     assert "\n" not in said
@@ -343,7 +343,7 @@ def test_names_of_any_kind_become_names(tmp_path: Path) -> None:
 
 
 def test_a_urdf_with_its_loop_closed(tmp_path: Path) -> None:
-    found = imported(URDF, "back", CLOSE)
+    found = import_file(URDF, "back", CLOSE)
     back = load_document(tomllib.loads(found.text))
     assert found.kind == "URDF"
     assert back.dof == 1
@@ -396,14 +396,14 @@ def test_what_a_urdf_may_not_have_is_refused(what: str, tmp_path: Path) -> None:
     file = tmp_path / "model.urdf"
     file.write_text(text.replace(old, new, 1))
     with pytest.raises(ExchangeError) as caught:
-        imported(file, "back", close or CLOSE)
+        import_file(file, "back", close or CLOSE)
     for word in (str(file), *words):
         assert word in str(caught.value), str(caught.value)
 
 
 def test_closures_are_for_urdf_alone() -> None:
     with pytest.raises(ExchangeError, match="--close is for URDF"):
-        imported(UPRIGHT, "back", CLOSE)
+        import_file(UPRIGHT, "back", CLOSE)
 
 
 def sizes(*assets: str) -> Element:
@@ -456,7 +456,7 @@ def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pyt
 
     monkeypatch.setattr(mujoco, "MjData", fail)
     with pytest.raises(DoesNotCompile, match="memory"):
-        compiled(model())
+        compile_document(model())
 
 
 def test_a_hostile_file_ends_in_bounded_time(

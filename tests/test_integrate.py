@@ -11,7 +11,7 @@ from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
 
@@ -38,7 +38,7 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     true = q[-1, 0]
     steps = np.array(FEW.get(integrator, (1 / 40, 1 / 80, 1 / 160)))
     errors = np.array([abs(end(integrator, h) - true) for h in steps])
-    order = metrics.observed_order(steps, errors, np.full(3, 1e-14))
+    order = metrics.order_observed(steps, errors, np.full(3, 1e-14))
     assert np.isnan(order[0])
     # the next term of the error is still felt, at steps of a tenth of the period and more
     assert np.abs(order[1:] - ORDERS[integrator]).max() < MARGINS.get(integrator, 0.15)
@@ -57,12 +57,12 @@ def run(mechanism: Mechanism, integrator: str = "rk4", stabilization: str = "non
 def test_order_shows_on_every_linkage(name: str) -> None:
     mechanism = load(name)
     steps = np.array([4e-3, 2e-3, 1e-3])
-    truth = certified_reference(mechanism, 0.4)
+    truth = find_certified(mechanism, 0.4)
     assert truth is not None
     assert truth.t[-1] == pytest.approx(0.4)
     errors = np.abs(np.array([run(mechanism, h=h, t=0.4).q[-1, 2] for h in steps]) - truth.q[-1, 2])
     # the six-bar's sharp turns still show the next term of the error at 2 ms; at 1 ms it is a quarter of an order
-    assert metrics.observed_order(steps, errors, np.zeros(3))[2] == pytest.approx(4.0, abs=0.3)
+    assert metrics.order_observed(steps, errors, np.zeros(3))[2] == pytest.approx(4.0, abs=0.3)
 
 
 def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_back() -> None:

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import BLOCK, CERTAIN, Block, Key, Measured, foreseen, interleaved, lasting, ratio, stepping, timed
+from gauss_bench.bench.clock import BLOCK, CERTAIN, Block, Key, Measured, foreseen, interleave, lasting, ratio, stepping, timed
 from gauss_bench.bench.measurements import cold_builds, cost
 from gauss_bench.bench.measurements.cost import race
 from gauss_bench.engines import get
@@ -33,12 +33,12 @@ def test_a_second_of_the_processor_is_a_second(clock: Clock) -> None:
 
 def test_a_clock_that_ticks_one_second_per_thousand_steps_reports_a_millisecond_a_step(clock: Clock) -> None:
     block = Block("steps", lambda: None, lambda: clock.spend(1.0), 1000)
-    assert [seconds for _, _, seconds in interleaved([block], 3)] == pytest.approx([1e-3] * 3)
+    assert [seconds for _, _, seconds in interleave([block], 3)] == pytest.approx([1e-3] * 3)
 
 
 def test_getting_ready_is_not_timed(clock: Clock) -> None:
     block = Block("x", lambda: clock.spend(5.0), lambda: clock.spend(0.05), 1)
-    assert [seconds for _, _, seconds in interleaved([block], 2)] == pytest.approx([0.05] * 2)
+    assert [seconds for _, _, seconds in interleave([block], 2)] == pytest.approx([0.05] * 2)
 
 
 @pytest.mark.parametrize("seconds", [1e-7, 3e-5, 0.3e-3, 0.02])
@@ -136,7 +136,7 @@ def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypat
 def test_a_block_that_takes_long_sits_out_later_rounds_and_others_do_not(clock: Clock) -> None:
     long = Block("long", lambda: None, lambda: clock.spend(0.2), 1)
     short = Block("short", lambda: None, lambda: clock.spend(0.01), 1)
-    rounds = [(block.entry, number) for block, number, _ in interleaved([long, short], 12)]
+    rounds = [(block.entry, number) for block, number, _ in interleave([long, short], 12)]
     assert sorted(n for entry, n in rounds if entry == "short") == list(range(12))
     assert sorted(n for entry, n in rounds if entry == "long") == list(range(4))
 
@@ -145,10 +145,10 @@ def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock: Cloc
     resting: list[bool] = []
     block = Block("x", lambda: None, lambda: resting.append(gc.isenabled()), 1)
     assert gc.isenabled()
-    list(interleaved([block], 2))
+    list(interleave([block], 2))
     assert resting == [False, False]
     assert gc.isenabled()
-    half_way = interleaved([block], 2)
+    half_way = interleave([block], 2)
     next(half_way)
     half_way.close()
     assert gc.isenabled()
@@ -156,7 +156,7 @@ def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock: Cloc
 
 def test_blocks_take_turns_in_another_order_every_round(clock: Clock) -> None:
     blocks = [Block(name, lambda: None, lambda: clock.spend(1e-3), 1) for name in "abcd"]
-    order = [block.entry for block, _, _ in interleaved(blocks, 20)]
+    order = [block.entry for block, _, _ in interleave(blocks, 20)]
     rounds = [tuple(order[k : k + 4]) for k in range(0, 80, 4)]
     assert all(sorted(x) == list("abcd") for x in rounds)
     assert len(set(rounds)) > 5

@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compared, foreseen
+from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compare, foreseen
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import batch, batch_row
 from gauss_bench.bench.measurements.cost import BARE, race
 from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
-from gauss_bench.bench.measurements.limits import bounded
-from gauss_bench.bench.measurements.long_runs import judged
+from gauss_bench.bench.measurements.limits import limit
+from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
 from gauss_bench.bench.measurements.turns import LEVELS, over_processes, turn
-from gauss_bench.bench.runner import completed
+from gauss_bench.bench.runner import complete_rows
 from gauss_bench.bench.survived import ROOM, at_work
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
@@ -92,8 +92,8 @@ def costs() -> dict[str, Rows]:
             linkages={}, engines=engines, integrators=1, step=1e-4, rounds=2, batch=both, bare=("pinocchio",), processor=True
         )
         found: dict[str, Rows] = race("four_bar", "torque", part)
-        found |= limits.counted("four_bar", "torque")
-    completed(SUITE, found)
+        found |= limits.count_operations("four_bar", "torque")
+    complete_rows(SUITE, found)
     return found
 
 
@@ -175,7 +175,7 @@ def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race
 def test_every_linkage_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
     part = CLAIM.model_copy(update={"linkages": {"four_bar": "torque", "pendulums_2": "swing"}, "processes": 3})
     suite = SUITE.model_copy(update={"claim": (part,)})
-    tasks = claim.timed(suite, Context("", "stamp"), {})
+    tasks = claim.time_claim(suite, Context("", "stamp"), {})
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
         (name, k) for k in range(3) for name in ("four_bar", "pendulums_2")
     ]
@@ -203,8 +203,8 @@ def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
 
 def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations() -> None:
     measured = samples(step=1e-6, batch=1e-7, latency=4e-9, rate=1e-9)  # a cycle of 1 ns
-    starts = limits.counted("four_bar", "torque")["kernel_bounds"]
-    one, many = (start | bounded(start, "gauss-native", measured) for start in starts)
+    starts = limits.count_operations("four_bar", "torque")["kernel_bounds"]
+    one, many = (start | limit(start, "gauss-native", measured) for start in starts)
     assert one["bound"] == pytest.approx(one["cycles"] * 1e-9)
     assert one["share"] == pytest.approx(one["bound"] / 1e-6)
     assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))
@@ -273,7 +273,7 @@ def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> N
 @pytest.mark.parametrize(("order", "met"), [(4.0, True), (3.85, True), (3.7, False), (3.0, False), (6.0, True)])
 def test_the_energy_error_of_a_long_run_falls_with_order_four_within_a_fifth(order: float, met: bool) -> None:
     coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
-    found = judged(coarse | {"energy_max": 1e-6 / 2**order}, coarse, LONG)
+    found = judge_row(coarse | {"energy_max": 1e-6 / 2**order}, coarse, LONG)
     assert found["order"] == pytest.approx(order)
     assert found["met"] is met
 
@@ -282,7 +282,7 @@ def test_the_energy_error_of_a_long_run_falls_with_order_four_within_a_fifth(ord
 @pytest.mark.parametrize(("drift", "met"), [(0.9e-13, True), (1.1e-13, False)])
 def test_a_long_run_drifts_by_rounding_alone(column: str, drift: float, met: bool) -> None:
     row = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6} | {column: drift}
-    assert judged(row, {}, LONG)["met"] is met
+    assert judge_row(row, {}, LONG)["met"] is met
 
 
 def test_a_target_that_is_just_reached_is_met() -> None:
@@ -293,7 +293,7 @@ def test_a_target_that_is_just_reached_is_met() -> None:
 def test_only_rounds_that_both_have_are_compared_and_a_time_has_one_value() -> None:
     """A slow one sat the later rounds out, in which the machine was slower."""
     long, short = np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0])
-    row, turned = compared(long, short), compared(short, long)
+    row, turned = compare(long, short), compare(short, long)
     assert row["ratio"] == 5.0
     assert row["seconds"] == turned["rival_seconds"] == 3.0  # the lower quartile of all rounds, whoever it is compared with
     assert row["rival_seconds"] == turned["seconds"] == 5.0

@@ -39,7 +39,7 @@ def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monke
     monkeypatch.setattr(growth, "_race_of", growth_in_which_straight_lines_abort)
     for name in set(growth.CONTENDERS) - {"loops, gauss", "straight line, gauss"}:
         monkeypatch.delitem(growth.CONTENDERS, name)
-    *timed, lost = growth.raced(1, 2)["scaling_races"]
+    *timed, lost = growth.race_growth(1, 2)["scaling_races"]
     assert [(r["engine"], r["status"]) for r in timed] == [("loops, gauss", "ok")] * 2
     assert all(r["seconds"] > 0 for r in timed)
     assert (lost["engine"], lost["size"], lost["status"]) == ("straight line, gauss", 1, "crashed")
@@ -50,7 +50,7 @@ def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monke
 def test_a_batch_whose_rival_aborts_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "_race_of", batch_in_which_the_rival_aborts)
     part = SUITE.batch[0].model_copy(update={"states": 16, "rounds": 2, "step_count": 2})
-    (row,) = batch.raced("crank_slider", "paper", part)["kernel_batch"]
+    (row,) = batch.race_batch("crank_slider", "paper", part)["kernel_batch"]
     assert (row["mechanism"], row["rival"], row["status"]) == ("crank_slider", "mujoco", "crashed")
     assert "SIGABRT" in row["message"]
     assert row["met"] is False
@@ -60,7 +60,7 @@ def test_a_batch_whose_rival_aborts_says_so(monkeypatch: pytest.MonkeyPatch) -> 
 def test_turns_are_told_of_those_who_survive_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(turns, "_race_of", turns_in_which_pylinkage_aborts)
     part = SUITE.turns[0].model_copy(update={"rounds": 2, "samples": 36})
-    rows = {r["method"]: r for r in turns.raced("four_bar", "driven", part)["kernel_kinematics"]}
+    rows = {r["method"]: r for r in turns.race_turns("four_bar", "driven", part)["kernel_kinematics"]}
     assert {x: r["status"] for x, r in rows.items()} == {turns.NATIVE: "ok", turns.LINK_UNITS: "ok", turns.RIVAL: "crashed"}
     assert rows[turns.NATIVE]["position_error"] < 1e-12
     assert "SIGABRT" in rows[turns.RIVAL]["message"]

@@ -17,7 +17,7 @@ from gauss_bench.engines import get as engine
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import KINDS, exported
+from gauss_bench.exchange.export import KINDS, export_linkage
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.adaptive import dop853
@@ -367,7 +367,7 @@ def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
         certify(path)
     for kind in KINDS:
         with pytest.raises(ExchangeError, match="varies with time"):
-            exported(mechanism, kind, 1e-3)
+            export_linkage(mechanism, kind, 1e-3)
     wrong = {"over_time": {"law": "table", "rows": [[0.2, 1.0], [0.1, 2.0]]}}
     assert "forces.push.over_time.rows: times must increase" in said_of(wrong)
     assert "forces.push.over_time: type 'saw' is not one of" in said_of({"over_time": {"law": "saw"}})

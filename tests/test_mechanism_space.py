@@ -80,7 +80,7 @@ def told(mechanism: Mechanism, at: Symbols) -> dict[tuple[object, ...], Symbol]:
         found |= {("J", i, k): x for k, x in entries(at, row.entries).items()}
         found |= {(name, i): at.program.symbol(getattr(row, name) or 0.0) for name in ("gamma", "phi", "phi_t")}
     for i, load_ in enumerate(loads(f for f in mechanism.forces if not factor_of(f))):
-        found |= {("Q", i, k): x for k, x in entries(at, equations.generalised(at, load_)).items()}
+        found |= {("Q", i, k): x for k, x in entries(at, equations.generalise(at, load_)).items()}
         found |= {("energies", i, k): at.program.symbol(x) for k, x in enumerate(equations.energies(at, load_))}
     return found
 

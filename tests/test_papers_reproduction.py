@@ -17,9 +17,9 @@ from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
-from gauss_bench.papers.forms.example import SHOWN, shown
+from gauss_bench.papers.forms.example import SHOWN, show
 from gauss_bench.papers.reproduction import claims, heavier, paper_motion
-from gauss_bench.papers.rest import bound, equilibria, settles, torque_range
+from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.running import first_turn, turn
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.trajectory import Reference
@@ -40,7 +40,7 @@ def rows() -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def reference() -> Reference:
-    return shown()
+    return show()
 
 
 def twisted(torque: float) -> Mechanism:
@@ -173,7 +173,7 @@ def test_the_damper_that_makes_it_stop(motion: CrankMotion, rows: dict[str, dict
 
 def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
     with pytest.raises(ValueError, match="no bound"):
-        bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
+        find_bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
 
 
 def test_no_inertia_of_the_rods_makes_it_stop(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.poses import kept, played, poses, true_poses
+from gauss_bench.bench.poses import keep, play, poses, true_poses
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.motion import canvas_of, in_pixels, turned, unwrapped
+from gauss_bench.report.site.motion import canvas_of, in_pixels, turn_frames, unwrap_angles
 from gauss_bench.report.site.playback import side_by_side
 from gauss_bench.tables import KEY, read_table, write_schema, write_table
 from gauss_bench.terms import Array
@@ -19,9 +19,9 @@ from gauss_bench.trajectory import Reference, Trajectory
 
 LATE, OPEN = 0.01, 2e-3  # [rad], [m]
 CASE = {"mechanism": "four_bar", "scenario": "torque", "settings": "default", "stabilization": "none", "step": 1e-3, "t_end": 0.5}
-TURN = turned(Run(), "four_bar")
+TURN = turn_frames(Run(), "four_bar")
 assert TURN is not None
-MECHANISM, STATES = TURN[0], unwrapped(TURN[1])
+MECHANISM, STATES = TURN[0], unwrap_angles(TURN[1])
 HALF = len(STATES) // 2  # states of half a turn
 LINK = 1  # the coupler, which is pulled off in the run that opens
 
@@ -97,16 +97,16 @@ def test_of_every_engine_the_default_and_the_most_exact_valid_run_are_kept() -> 
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
     cases += [Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "none", h, 0.5) for h in steps]
-    chosen = played(cases)
+    chosen = play(cases)
     assert {(x.engine, x.step) for x in chosen} == {("gauss", 1e-3)}
     errors = {"rk4": 1e-3, "dop853": 1e-9, "euler": 1e-12}
     gauss = CASE | {"engine": "gauss"}
     rows = [gauss | {"integrator": i, "position_error": x, "status": "ok"} for i, x in errors.items()]
     rows[-1]["status"] = "invalid"
     found = [{k: r[k] for k in KEY} | {"t": t, "link": "crank"} for r in rows for t in (0.0, 0.1)]
-    assert sorted({r["integrator"] for r in kept(rows, found)}) == ["dop853", "rk4"]
-    assert len(kept(rows, found)) == 4
-    assert kept(rows, []) == []
+    assert sorted({r["integrator"] for r in keep(rows, found)}) == ["dop853", "rk4"]
+    assert len(keep(rows, found)) == 4
+    assert keep(rows, []) == []
 
 
 @pytest.fixture(scope="module")

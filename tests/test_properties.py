@@ -30,8 +30,8 @@ from hypothesis import strategies as st
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.export import exported
-from gauss_bench.exchange.imports import imported
+from gauss_bench.exchange.export import export_linkage
+from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.toml import toml
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
@@ -248,8 +248,8 @@ def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -
     assume(get("mujoco").skip(mechanism, STEP) is None)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "model.xml"
-        file.write_text(exported(mechanism, "mujoco", 1e-3).text, encoding="utf-8")
-        back = load_document(tomllib.loads(imported(file, "back").text))
+        file.write_text(export_linkage(mechanism, "mujoco", 1e-3).text, encoding="utf-8")
+        back = load_document(tomllib.loads(import_file(file, "back").text))
     order = [link.name for link in mechanism.links]
     assert sorted(order) == sorted(link.name for link in back.links)
     assert (back.dof, back.redundant) == (mechanism.dof, mechanism.redundant)

@@ -18,7 +18,7 @@ from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Search
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, remarks, variants
 from gauss_bench.bench.search import Scale, no_coarser
-from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sampled
+from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -28,7 +28,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended
@@ -133,14 +133,14 @@ def moving(steps: int, opened: float = 0.0) -> Trajectory:
 def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_what_lies_between_samples() -> None:
     judge = Evaluator(SHORT.mechanism)
     exact, coarse, fine = moving(320), moving(20), moving(40)
-    plain = truths._compared(SHORT, judge, coarse, fine, 20, "gauss")
+    plain = truths._compare(SHORT, judge, coarse, fine, 20, "gauss")
     changed = np.abs(coarse.q - fine.q[::2]).reshape(-1, 3, 3)
     assert plain.halving["angle"] == pytest.approx(changed[..., 2].max(), rel=1e-6)
     off = np.abs(between(plain.reference, exact.t)[0] - exact.q).reshape(-1, 3, 3)
     assert off[..., 2].max() > 2 * plain.halving["angle"]  # here the bar is that of what lies between samples
     assert plain.bars["angle"] >= off[..., 2].max()
     assert plain.bars["position"] >= np.hypot(off[..., 0], off[..., 1]).max()
-    opened = truths._compared(SHORT, judge, moving(20, opened=1e-3), moving(40, opened=1e-3), 20, "gauss")
+    opened = truths._compare(SHORT, judge, moving(20, opened=1e-3), moving(40, opened=1e-3), 20, "gauss")
     for kind in ("position", "angle"):
         assert opened.bars[kind] >= plain.bars[kind] + 0.999e-3
 
@@ -150,7 +150,7 @@ def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(
     share: float, serves: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judge = Evaluator(SHORT.mechanism)
-    found = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+    found = truths._compare(SHORT, judge, moving(40), moving(80), 40, "gauss")
     monkeypatch.setattr(Recommender, "_truth", lambda recommender: replace(found, bars={"position": share * 1e-6}))
     with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
         if serves:
@@ -165,17 +165,17 @@ def test_a_truth_has_the_linkages_own_accelerations_to_a_millionth(off: float, s
     judge, coarse, fine = Evaluator(SHORT.mechanism), moving(20), moving(40)
     fine = replace(fine, a=fine.a * (1 + off))
     if sound:
-        assert truths._compared(SHORT, judge, coarse, fine, 20, "gauss").steps == 20
+        assert truths._compare(SHORT, judge, coarse, fine, 20, "gauss").steps == 20
     else:
         with pytest.raises(NoTruth, match="accelerations of gauss differ from those of the linkage by 1"):
-            truths._compared(SHORT, judge, coarse, fine, 20, "gauss")
+            truths._compare(SHORT, judge, coarse, fine, 20, "gauss")
 
 
 @pytest.mark.parametrize(("off", "sound"), [(0.9e-3, True), (1.1e-3, False)])
 def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it(off: float, sound: bool) -> None:
     """A motion that is found 1e-3 m or so beside the certified one, with a bar of a micrometre."""
     judge = Evaluator(SHORT.mechanism)
-    found = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+    found = truths._compare(SHORT, judge, moving(40), moving(80), 40, "gauss")
     q = found.reference.q.copy()
     q[:, 3] += off
     found = replace(found, reference=replace(found.reference, q=q), bars=found.bars | {"position": 1e-6, "angle": 1e-7})
@@ -242,7 +242,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     )
     judge = Evaluator(SHORT.mechanism)
     with Recommender(SHORT, {"loops": 1e-6}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet) as recommender:
-        recommender.truth = truths._compared(SHORT, judge, moving(40), moving(80), 40, "gauss")
+        recommender.truth = truths._compare(SHORT, judge, moving(40), moving(80), 40, "gauss")
         engine = recommender.engines["gauss"]
         trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
     assert trial.errors["loops"] >= 0.999e-3
@@ -261,7 +261,7 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
 ) -> None:
     def sampled_by(run: Run, steps: int, samples: int) -> object:
         seen.append((steps, samples))
-        return sampled(run, steps, samples)
+        return sample(run, steps, samples)
 
     seen: list[tuple[int, int]] = []
     monkeypatch.setattr("gauss_bench.advice.recommending.sampled", sampled_by)
@@ -273,7 +273,7 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
     with Recommender(
         SHORT, {"position": 1e-6, "force": 0.1}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet
     ) as recommender:
-        recommender.truth = truths._compared(SHORT, judge, moving(10), moving(20), 10, "gauss")
+        recommender.truth = truths._compare(SHORT, judge, moving(10), moving(20), 10, "gauss")
         engine = recommender.engines["gauss"]
         for steps in (1000, 400, 401):
             trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / steps), adaptive=False)
@@ -283,7 +283,7 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
 
 @pytest.mark.slow
 def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) -> None:
-    certified = certified_reference(SHORT.mechanism, SHORT.until)
+    certified = find_certified(SHORT.mechanism, SHORT.until)
     assert certified is not None
     assert known.certified
     own = known.at(SHORT, certified.t)
@@ -333,7 +333,7 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
 @pytest.mark.slow
 def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None:
     """The recommended setting in `simulate`, against the certified motion at the end of the run."""
-    certified = certified_reference(SHORT.mechanism, SHORT.until)
+    certified = find_certified(SHORT.mechanism, SHORT.until)
     assert certified is not None
     for answer in found.answers:
         if answer.step is None:
@@ -439,7 +439,7 @@ def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
     adaptive, (one, other) = integrator in offer(engine).adaptive, workers
     for size in (1e-4, 1e-8) if adaptive else (0.02, 0.005):
         count = 40 if adaptive else round(SHORT.until / size)
-        wanted = request_of(SHORT, Way(engine, settings, integrator, "none", size), adaptive, sampled(SHORT, count, 10))
+        wanted = request_of(SHORT, Way(engine, settings, integrator, "none", size), adaptive, sample(SHORT, count, 10))
         kept = run_apart(wanted, SHORT.mechanism, 100.0, one, again=True)
     anew = run_apart(wanted, SHORT.mechanism, 100.0, other)
     assert kept.trajectory is not None, kept.message
@@ -494,11 +494,11 @@ def test_waiting_of_processes_that_have_ended_still_counts(slow: list[float], mo
     assert own.spent() == pytest.approx(40.0 - 11.0 / 2)
 
 
-@pytest.mark.skipif(not budget.waited(), reason="this system does not tell of waiting")
+@pytest.mark.skipif(not budget.wait(), reason="this system does not tell of waiting")
 def test_processes_that_it_has_started_are_asked() -> None:
     with Worker() as worker:
         process = worker.start()
-        assert str(process.pid) in budget.waited()
+        assert str(process.pid) in budget.wait()
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
 from gauss_bench.reference.collocation import NoConvergence, gauss_legendre
 from gauss_bench.reference.minimal import LostClosure, MinimalCoordinate
-from gauss_bench.reference.store import stored_reference
+from gauss_bench.reference.store import load_stored
 from tests.conftest import everything, redundant
 
 
@@ -119,13 +119,13 @@ def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_
     file = tmp_path / "four_bar.toml"  # without a certificate beside it
     file.write_bytes(built_in()["four_bar"].read_bytes())
     mechanism = load(file)
-    first = stored_reference(mechanism, 0.05, tmp_path)
-    second = stored_reference(mechanism, 0.05, tmp_path)
+    first = load_stored(mechanism, 0.05, tmp_path)
+    second = load_stored(mechanism, 0.05, tmp_path)
     np.testing.assert_array_equal(first.q, second.q)
-    certified = stored_reference(load("four_bar"), 0.05, tmp_path)
+    certified = load_stored(load("four_bar"), 0.05, tmp_path)
     assert np.abs(first.q - certified.q[: len(first.q)]).max() < first.error_q.max() + 1e-13
     file.write_bytes(built_in()["four_bar"].read_bytes() + b"# another file\n")
-    stored_reference(load(file), 0.05, tmp_path)
+    load_stored(load(file), 0.05, tmp_path)
     assert len(list(tmp_path.glob("*.npz"))) == 2
 
 

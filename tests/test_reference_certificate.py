@@ -19,8 +19,8 @@ from gauss_bench.reference.certificate import (
     write_certificate,
 )
 from gauss_bench.reference.certify import distance, sample_times, split
-from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.store import find_certified
 from gauss_bench.reference.verification import verify
 from gauss_bench.terms import Array
 
@@ -105,14 +105,14 @@ def test_the_suite_takes_the_certificate_beside_a_linkage_file_and_names_a_stale
     path = certificate_path(load(file, "torque"))
     assert path == tmp_path / "certificates" / "four_bar.torque.npz"
     write_certificate(certificate, path)
-    reference = certified_reference(load(file, "torque"), 0.1)
+    reference = find_certified(load(file, "torque"), 0.1)
     assert reference is not None
     assert reference.t[-1] == pytest.approx(0.1)
     assert "certified" in reference.method
-    assert certified_reference(load(file, "torque"), 0.3) is None  # it does not reach so far
+    assert find_certified(load(file, "torque"), 0.3) is None  # it does not reach so far
     file.write_text(file.read_text(encoding="utf-8").replace("9.81", "9.82"), encoding="utf-8")
     if load(file, "torque").digest != certificate.digest:
-        assert certified_reference(load(file, "torque"), 0.1) is None
+        assert find_certified(load(file, "torque"), 0.1) is None
         assert "has changed since" in capsys.readouterr().err
 
 
@@ -173,7 +173,7 @@ def test_differences_are_right_far_below_double_precision() -> None:
 
 
 def test_a_closed_form_is_rounded_correctly() -> None:
-    motion = closed_form(load("projectile"), ["0.7"])
+    motion = form_in_closed(load("projectile"), ["0.7"])
     assert motion is not None
     assert split(motion.q).high[0, 2] == 3.0 * 0.7 or abs(split(motion.q).high[0, 2] - 2.1) < 2.3e-16
     assert split(motion.q).high[0, 1] == float("2.49655")  # 7 x 0.7 - 9.81 x 0.49 / 2

@@ -14,7 +14,7 @@ from gauss_bench.linkage.load import built_in, decimal_document, load, load_docu
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.exact import form_in_closed
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular, solve_positive
@@ -22,8 +22,8 @@ from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import loop_rows
-from gauss_bench.reference.taylor.samples import LoopStates, sampled
-from gauss_bench.reference.taylor.solve import columns, stacked
+from gauss_bench.reference.taylor.samples import LoopStates, sample
+from gauss_bench.reference.taylor.solve import columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import loop_coordinates
 from tests.conftest import needs
@@ -79,9 +79,9 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
     found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
-    a = stacked([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
+    a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
-    here = sampled(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
+    here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
     wanted = AbsoluteCoordinates(mechanism).acceleration(np.zeros(1), mechanism.q0[None], mechanism.v0[None])
     assert off(here.q, mechanism.q0) < 1e-14
     assert off(here.v, mechanism.v0) < 1e-13 * (1.0 + np.abs(mechanism.v0).max())
@@ -198,7 +198,7 @@ def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_dig
 def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
     needs("heyoka")
     times = decimals(end, 6)
-    found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
+    found, exact = motion(linkage, scenario, times), form_in_closed(load(linkage, scenario), times)
     assert exact is not None
     assert found.stopped == ""
     for level in ("q", "v", "a"):

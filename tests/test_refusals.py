@@ -22,7 +22,7 @@ from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference import certify as certifying
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.one_run import one_run, sampling
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -86,7 +86,7 @@ def test_no_mechanism_is_measured_by_what_is_unknown() -> None:
 READS: dict[str, Callable[[str, dict[str, Any]], object]] = {
     "load": lambda path, document: load_document(document),
     "digest": lambda path, document: physics_digest(document, "torque"),
-    "drawing": lambda path, document: posed(path),
+    "drawing": lambda path, document: pose_links(path),
     "kinematics": lambda path, document: gauss_bench.kinematics(path),
     "simulate": lambda path, document: gauss_bench.simulate(path),
     "compare": lambda path, document: gauss_bench.compare(path),

@@ -14,7 +14,7 @@ from gauss_bench.linkage import schema
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.report.build import all_findings, build_report, read_run, sections
 from gauss_bench.report.drawings.drawing import draw, write_drawings
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.palette import ENGINES, inline
 from gauss_bench.report.rows import KEYS
@@ -233,7 +233,7 @@ def test_runs_with_next_to_nothing(rows: list[dict[str, object]], tmp_path: Path
 
 
 def test_inline_pictures_follow_the_page_colours() -> None:
-    svg = inline(draw(*posed("four_bar")), "x")
+    svg = inline(draw(*pose_links("four_bar")), "x")
     assert svg.startswith("<svg")
     assert not re.search(r"#[0-9a-f]{6}", svg), "a colour has no variable and would not turn dark"
     assert len(set(ENGINES.values())) == len(ENGINES)

@@ -15,7 +15,7 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.report.drawings.animation import FRAMES, REST, SLOWEST, animate
 from gauss_bench.report.drawings.curves import curves
 from gauss_bench.report.drawings.drawing import bar_ends, fit
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import inline
 from gauss_bench.terms import Array
 
@@ -27,7 +27,7 @@ BETWEEN = 0.1  # [px] more, for straight lines between states that are a turn of
 
 
 def turn(name: str) -> tuple[Mechanism, Array, Array]:
-    mechanism, _, states = posed(name)
+    mechanism, _, states = pose_links(name)
     assert states is not None
     return mechanism, np.linspace(0.0, 1.0, len(states)), states
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, padded, ratio, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, pad, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, raced, requirements
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, race_found, requirements
 from gauss_bench.bench.search import (
     Scale,
     close,
@@ -27,7 +27,7 @@ from gauss_bench.bench.search import (
 )
 from gauss_bench.bench.survived import ROOM
 from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.ways import BEATS, Way, evaluated, judged, space, whole_run
+from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -233,8 +233,8 @@ def test_rounds_stand_by_the_process_that_they_were_in() -> None:
 
 def test_a_ratio_is_of_the_rounds_that_both_have() -> None:
     """The slow one sits the last two rounds out, in which the other is three times as slow."""
-    slow = padded([np.array([8.0, 8.0]), np.array([8.0, 8.0])])
-    quick = padded([np.array([2.0, 2.0, 6.0, 6.0]), np.array([2.0, 2.0, 6.0, 6.0])])
+    slow = pad([np.array([8.0, 8.0]), np.array([8.0, 8.0])])
+    quick = pad([np.array([2.0, 2.0, 6.0, 6.0]), np.array([2.0, 2.0, 6.0, 6.0])])
     assert ratio(slow, quick) == (4.0, 4.0, 4.0)
 
 
@@ -402,7 +402,7 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
     races = first_race("four_bar", "torque", PART, told)["search_races"]
     for number in range(1, PART.processes):
         races = races + further_race("four_bar", "torque", PART, told, races, number)["search_races"]
-    return {"search_ladder": rows, "search_races": races} | raced("four_bar", "torque", PART, told, races)
+    return {"search_ladder": rows, "search_races": races} | race_found("four_bar", "torque", PART, told, races)
 
 
 def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
@@ -545,7 +545,7 @@ def test_the_error_is_the_largest_of_the_whole_run(clock: Clock, monkeypatch: py
     monkeypatch.setitem(WAYS, "exact", (0.0, 0.0, 2e-6))
     mechanism = load("four_bar", "torque")
     run, way = WayRun("four_bar", mechanism, 0.1), Way("mujoco", "exact", "rk4", "none", 1e-3)
-    trial = evaluated(run, Evaluator(mechanism), Exact.truth, way, False, 10)
+    trial = evaluate_run(run, Evaluator(mechanism), Exact.truth, way, False, 10)
     assert (trial.errors["angle"], trial.errors["position"]) == pytest.approx((1e-3, 1e-3))
 
 
@@ -557,7 +557,7 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     assert one == other
     assert len(set(one)) == len(one) == sum(len(space(offer(x))) for x in PART.engines)
     rows = [{"mechanism": "four_bar", "scenario": "torque", "step": 1e-3}]
-    races = [measured.timed(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
+    races = [measured.time_found(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
     (first,), (same,), (changed,) = races
     assert first.key == same.key != changed.key
 
@@ -573,7 +573,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
 
     def asked(races: list[dict[str, Any]]) -> list[Any]:
-        return measured.timed_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
+        return measured.time_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
 
     tasks = asked([*here[:2], lost])
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
@@ -581,7 +581,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     ]
     slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
     assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
-    (told,) = raced("six_bar", "torque", part, [], [lost])["search_winners"]
+    (told,) = race_found("six_bar", "torque", part, [], [lost])["search_winners"]
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
@@ -616,7 +616,9 @@ def test_an_error_at_the_end_is_that_of_the_last_sample_alone() -> None:
     q[len(q) // 2, 3] += 1e-3
     q[-1, 4] -= 1e-6
     ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
-    trial = judged(over("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran)
+    trial = judge_trial(
+        over("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
+    )
     assert trial.errors["position"] == pytest.approx(1e-3)
     assert trial.errors["end"] == pytest.approx(1e-6)
     assert trial.meets(Requirement("end", 1e-5))

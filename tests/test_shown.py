@@ -27,7 +27,7 @@ from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.report.drawings.drawing import draw, fit
 from gauss_bench.report.drawings.forces import marks
 from gauss_bench.report.drawings.history import GAP, apart, plot
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.raster import pixels
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.trajectory import Group, Told
@@ -77,7 +77,7 @@ def written(svg: str) -> list[tuple[str, Box]]:
 
 def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
     for name in built_in():
-        svg = draw(*posed(name))
+        svg = draw(*pose_links(name))
         _, _, width, height = (float(x) for x in ET.fromstring(svg).attrib["viewBox"].split())
         boxes = written(svg)
         assert not overlaps(boxes), name
@@ -85,14 +85,14 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
 
 
 def test_springs_motors_and_cylinders_are_drawn() -> None:
-    jansen, excavator = draw(*posed("jansen")), draw(*posed("excavator"))
+    jansen, excavator = draw(*pose_links("jansen")), draw(*pose_links("excavator"))
     assert all(f">{name}</text>" in jansen for name in ("cord", "cross", "coil", "motor", "load"))
     assert jansen.count("non-scaling-stroke") > excavator.count("non-scaling-stroke") > 0
     assert "boom.Q-bucket.R" in excavator
 
 
 def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
-    mechanism, _, trace = posed("jansen")
+    mechanism, _, trace = pose_links("jansen")
     assert trace is not None
     states = trace[::20]
     canvas = fit(mechanism, trace)

@@ -20,7 +20,7 @@ from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.cards import CARDS, HOLDS
-from gauss_bench.report.site.first import headlines, packed
+from gauss_bench.report.site.first import headlines, pack
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import rich, script_text
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
@@ -240,7 +240,7 @@ def test_text_of_files_stays_text() -> None:
     assert "<" not in script_text({hostile: hostile})
     assert json.loads(script_text({"x": hostile})) == {"x": hostile}
     assert "<img" not in str(rich(hostile))
-    lines = packed(["a\nb", "a\nc"])
+    lines = pack(["a\nb", "a\nc"])
     assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
 
 

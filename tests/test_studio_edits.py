@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("tomlkit")
 from gauss_bench.linkage.load import built_in, load
-from gauss_bench.studio.document import written
+from gauss_bench.studio.document import write_document
 from tests.studio import DRAWN, Pen, four_bar
 
 
@@ -109,7 +109,7 @@ def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
     document["links"]["c"] = {"mass": 2.0}
     document["links"]["a"]["points"] = {"Q": [1.0, 2.0]}
     del document["joints"]["x"]
-    assert tomllib.loads(written(odd, document)) == document
+    assert tomllib.loads(write_document(odd, document)) == document
 
 
 def test_moving_a_pin_changes_lengths_and_nothing_else(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.bench.cases import Case, cases, left_out
+from gauss_bench.bench.cases import Case, cases, is_left_out
 from gauss_bench.bench.clock import Measured
 from gauss_bench.bench.measurements.search import Ladders, winner_row
 from gauss_bench.bench.search import COARSEST
@@ -77,9 +77,9 @@ def test_a_suite_joins_those_it_builds_on_once_each() -> None:
 def test_what_is_left_out_matches_every_field_and_has_a_reason() -> None:
     case = Case("four_bar", "torque", "lagrange", "default", "rk4", "none", 1e-4, 2.0)
     why = "for the sake of the test"
-    assert left_out(case, LeftOut(engines=("lagrange",), steps=(1e-4,), why=why))
-    assert not left_out(case, LeftOut(engines=("lagrange",), steps=(1e-3,), why=why))
-    assert not left_out(case, LeftOut(engines=("gauss",), steps=(1e-4,), why=why))
+    assert is_left_out(case, LeftOut(engines=("lagrange",), steps=(1e-4,), why=why))
+    assert not is_left_out(case, LeftOut(engines=("lagrange",), steps=(1e-3,), why=why))
+    assert not is_left_out(case, LeftOut(engines=("gauss",), steps=(1e-4,), why=why))
     quick = read_suite("quick")
     assert all(rule.why for rule in quick.left_out)
     assert not any(c.engine == "lagrange" and c.step == 1e-4 for c in cases(quick))

@@ -11,7 +11,7 @@ import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in
-from gauss_bench.studio.document import parsed
+from gauss_bench.studio.document import parse_text
 from gauss_bench.studio.errors import Refused
 from gauss_bench.untrusted import DEEPEST, TooDeep, check_depth, parse_toml
 
@@ -54,7 +54,7 @@ def test_what_lies_deep_is_refused_by_its_line_before_it_is_parsed(name: str, mo
     with pytest.raises(TooDeep, match=rf"more than {DEEPEST} deep \(at line {at}\)"):
         parse_toml(text)
     with pytest.raises(Refused, match=f"at line {at}"):
-        parsed(text)
+        parse_text(text)
 
 
 @pytest.mark.parametrize("name", SHALLOW)

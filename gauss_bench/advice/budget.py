@@ -22,7 +22,7 @@ class Budget:
 
     def __init__(self, seconds: float, lanes: int = LANES):
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
-        self._seen: dict[str, float] = waited()
+        self._seen: dict[str, float] = wait()
         self._lost, self._looking = 0.0, threading.Lock()
 
     def passed(self) -> float:
@@ -32,7 +32,7 @@ class Budget:
     def spent(self) -> float:
         """Seconds that count."""
         with self._looking:
-            now = waited()
+            now = wait()
             self._lost += sum(max(0.0, x - self._seen.get(task, 0.0)) for task, x in now.items())
             self._seen |= now
             passed = self.passed()
@@ -47,7 +47,7 @@ class Budget:
         return min(WALL * share, END) * self.seconds - self.passed()
 
 
-def waited() -> dict[str, float]:
+def wait() -> dict[str, float]:
     """Thread of this process and of those that it has started -> seconds in which it was ready to run and did not."""
     own = Path(f"/proc/{os.getpid()}/task")
     seconds: dict[str, float] = {}

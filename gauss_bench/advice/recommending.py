@@ -26,8 +26,8 @@ from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
-from gauss_bench.bench.survived import survived
-from gauss_bench.bench.ways import Run, Way, choice_of, judged, request_of, sampled
+from gauss_bench.bench.survived import list_survivors
+from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of, sample
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -301,12 +301,12 @@ class Recommender:
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
-        wanted = sampled(self.run, steps, samples)
+        wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
         engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
-        trial = judged(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
+        trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
         if trial.status is not Status.OK:
             return trial
         errors = dict(trial.errors)
@@ -359,7 +359,7 @@ class Recommender:
         deadline = time.monotonic() + self.budget.left(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
         try:
-            tables, lost = survived(
+            tables, lost = list_survivors(
                 race_there, (*place_of, rows, deadline), names, *(max(1.0, x()) for x in (self.budget.left, self.budget.wall))
             )
         except WorkerFailure as error:

@@ -21,7 +21,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import Drift, drift, joint_force_errors, relative_acceleration_error, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
@@ -204,7 +204,7 @@ class _Followed(threading.Thread):
 
     def _compared(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
         """Take the finer run where it is better; True where finer ones are not needed, or rounding makes them no better."""
-        truth = _compared(self._run, judge, coarse, finer, steps, self._engine)
+        truth = _compare(self._run, judge, coarse, finer, steps, self._engine)
         known = ", ".join(f"{truth.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in truth.bars)
         self._told(f"truth: {2 * steps} steps by {self._engine}, known to {known}")
         if self.best is not None and all(truth.bars[k] >= self.best.bars[k] for k in ("position", "angle")):
@@ -238,7 +238,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
     return ran.trajectory or ran.message
 
 
-def _compared(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
+def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
     """The finer run, with what it differs from the coarser by as its bar."""
     every = (len(fine.t) - 1) // (len(coarse.t) - 1)
     kept = [x[::every] for x in (fine.t, fine.q, fine.v, fine.a)]
@@ -280,7 +280,7 @@ def _certify(run: Run, judge: Evaluator, truth: Truth) -> Truth:
     Raises:
         NoTruth: the certificate tells another motion.
     """
-    certificate = certified_reference(run.mechanism, run.until)
+    certificate = find_certified(run.mechanism, run.until)
     if certificate is None:
         return truth
     q, v = between(truth.reference, certificate.t)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from gauss_bench.bench.cases import crossed
+from gauss_bench.bench.cases import cross
 from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.engines import names
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.asked import checked_budget, duration, usable_steps
+from gauss_bench.runs.asked import check_budget, duration, usable_steps
 from gauss_bench.runs.offers import ChoiceError, offers
 
 
@@ -49,6 +49,6 @@ def compare(
     end = duration(mechanism.duration, until=t_end)
     wanted = list(engines or names())
     offers(wanted)
-    cases = list(crossed({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
+    cases = list(cross({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
     with tempfile.TemporaryDirectory() as folder:
-        return measure_all(cases, Path(folder), jobs, limit=checked_budget(budget, CASE_LIMIT))[0]
+        return measure_all(cases, Path(folder), jobs, limit=check_budget(budget, CASE_LIMIT))[0]

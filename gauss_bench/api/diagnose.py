@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.advice import truth as truths
-from gauss_bench.api.results import OneRun, named
+from gauss_bench.api.results import OneRun, name_files
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
@@ -17,9 +17,9 @@ from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.asked import checked_budget, countable, duration
+from gauss_bench.runs.asked import check_budget, countable, duration
 from gauss_bench.runs.offers import ChoiceError, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
@@ -107,29 +107,29 @@ def diagnose(
     choice = offered.choose(settings, integrator, stabilization, step)
     mechanism = load(linkage, scenario)
     end = duration(min(USUAL, mechanism.duration), until=until)
-    deadline = time.monotonic() + checked_budget(budget, BUDGET)
+    deadline = time.monotonic() + check_budget(budget, BUDGET)
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
     if not offered.usable:
         none = Verdict(
             Cause.UNKNOWN, f"there is no run to look at: {offered.reason}", {}, None, (), ((offered.status, offered.reason),)
         )
-        return described(mechanism, engine, choice, end, none, "")
+        return describe(mechanism, engine, choice, end, none, "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
         reference = truth(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
-            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left(deadline), worker)
+            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, list_left(deadline), worker)
 
         offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
         verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return described(mechanism, engine, choice, end, verdict, reference.method)
+    return describe(mechanism, engine, choice, end, verdict, reference.method)
 
 
-def left(deadline: float) -> float:
+def list_left(deadline: float) -> float:
     """Seconds that are left of the budget."""
     return max(LEAST, deadline - time.monotonic())
 
@@ -140,7 +140,7 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
     Raises:
         ChoiceError: there is none.
     """
-    if certified := certified_reference(mechanism, until):
+    if certified := find_certified(mechanism, until):
         return certified
     try:
         with Worker() as worker:
@@ -151,9 +151,9 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
     return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
 
 
-def described(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
+def describe(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
     return Diagnosis(
-        **named(mechanism, engine, choice),
+        **name_files(mechanism, engine, choice),
         until=until,
         cause=verdict.cause,
         part=verdict.cause.part,

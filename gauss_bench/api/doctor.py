@@ -120,7 +120,7 @@ def _linkages() -> Finding:
 
 def _cache() -> Finding:
     """The place of machine code between runs."""
-    path = user_cache.trusted()
+    path = user_cache.is_trusted()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
         return Finding("cache", "none", "missing", why)

@@ -70,7 +70,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
         ChoiceError: nothing can be held by a name, or not at a value.
     """
     document, digest, path = document_of(linkage)
-    held = _held(document, scenario, hold)
+    held = _hold_start(document, scenario, hold)
     if held:
         return _motion_held(document, scenario, driver, held, str(path), digest, path.stem)
     if driver is None:
@@ -111,7 +111,7 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
     return table
 
 
-def _held(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
+def _hold_start(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
     """Name of a link or joint -> where it is held [degrees or m], None for where it stands.
 
     Raises:

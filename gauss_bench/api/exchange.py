@@ -18,11 +18,11 @@ from gauss_bench.bench.ways import Run
 from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import KINDS, Kind, exported
-from gauss_bench.exchange.imports import imported
+from gauss_bench.exchange.export import KINDS, Kind, export_linkage
+from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.asked import checked_budget, countable
+from gauss_bench.runs.asked import check_budget, countable
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
@@ -73,15 +73,15 @@ def export(
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
     path = writable(out, replace, suffix=KINDS[engine].suffix, source=linkage)
-    seconds = checked_budget(budget, BUDGET)
+    seconds = check_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
     countable(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    model = written(linkage, mechanism.scenario, engine, step or STEP)
+    model = write_file(linkage, mechanism.scenario, engine, step or STEP)
     tuning = None
     if tuned:
         tuning = tune(linkage, mechanism, KINDS[engine], seconds, told)
-        model = written(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
+        model = write_file(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
     write_text(path, model["text"])
     return Export(
         engine=engine,
@@ -96,17 +96,17 @@ def export(
     )
 
 
-def written(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:
+def write_file(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:
     """The text and what is left out, made in a process of its own: libraries may crash or hang.
 
     Raises:
         ExchangeError, MissingExtra: as `export`.
     """
     with Worker() as worker:
-        return answered(worker, write_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
+        return answer_in_worker(worker, write_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
 
 
-def answered(
+def answer_in_worker(
     worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
 ) -> dict[str, Any]:
     """Ask a function of this room in a worker, within `limit` seconds; `file` is named where it does not answer.
@@ -130,7 +130,7 @@ def answered(
 
 def write_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
     """`exported` as plain data."""
-    return tell_plainly(lambda: asdict(exported(load(linkage, scenario), engine, step, tuple(remarks))))
+    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), engine, step, tuple(remarks))))
 
 
 def tell_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -163,14 +163,14 @@ def import_model(
     path = writable(out, replace, suffix=".toml", source=model)
     told(f"{model}")
     with Worker() as worker:
-        linkage = answered(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
+        linkage = answer_in_worker(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
     write_text(path, linkage["text"])
     return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], tuple(linkage["left_out"]))
 
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
     """`imported` as plain data."""
-    return tell_plainly(lambda: asdict(imported(Path(model), name, close)))
+    return tell_plainly(lambda: asdict(import_file(Path(model), name, close)))
 
 
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:

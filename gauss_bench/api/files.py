@@ -44,7 +44,7 @@ def writable(
         raise ExchangeError(
             f"{out}: is there already, and no {suffix} file: --replace takes the place of files of its own kind alone"
         )
-    _checked(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
+    _check(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
     return path
 
 
@@ -72,17 +72,17 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
     if out != usual and not out.absolute().parent.is_dir():
         raise ExchangeError(f"--out {out}: there is no folder {out.absolute().parent}")
     if (nearest := next((x for x in (out, out.absolute().parent) if x.is_dir()), None)) is not None:
-        _checked(nearest, f"--out {out}")
+        _check(nearest, f"--out {out}")
     return out
 
 
-def _checked(folder: Path, asked: str) -> None:
+def _check(folder: Path, asked: str) -> None:
     """Refuse a folder in which nothing can be made: else it would be found out after the work."""
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ExchangeError(f"{asked}: nothing may be written into the folder {folder}")
 
 
-def told_files(
+def describe_files(
     asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
     """Option -> path of the files that are asked for.

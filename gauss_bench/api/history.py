@@ -41,22 +41,22 @@ def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
     """Every curve in its order; behind the first `sound` samples the work done is not worth integrating."""
     whole, links = mechanism.whole, spread(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
-    yield from turned(whole, links, turning)
-    yield from observed(whole, links)
+    yield from turn(whole, links, turning)
+    yield from observe(whole, links)
     evaluator = Evaluator(mechanism)
     yield from energies(evaluator, x, sound)
     yield from forces(evaluator, x)
     yield from transmission(mechanism, x.q)
 
 
-def turned(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
+def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
     """Angles of links, with their rates."""
     for i in which:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
 
 
-def observed(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
+def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
     """Places of observed points, with their rates."""
     for point in whole.observed_points:
         levels = position(links.q, point), velocity(links.q, links.v, point), acceleration(links.q, links.v, links.a, point)

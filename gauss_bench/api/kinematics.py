@@ -29,7 +29,7 @@ MOST_INTERVALS = 100_000
 LONGEST_WAY = 2e4  # [rad, m] of a driver: it is followed in parts of a fraction of a radian, some thousand a second
 
 
-def observed(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
+def observe(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
     """The points named "link.point", or those the file observes, each on its own link.
 
     Raises:
@@ -88,9 +88,9 @@ def kinematics(
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
     mechanism = driven(linkage, scenario, driver, hold)
     _all_driven(mechanism)
-    chosen, inputs = observed(mechanism, points), inputs_of(mechanism)
+    chosen, inputs = observe(mechanism, points), inputs_of(mechanism)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
-    _followed(mechanism, times)
+    _follow(mechanism, times)
     status, message = "ok", ""
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     try:
@@ -125,7 +125,7 @@ def kinematics(
     )
 
 
-def _followed(mechanism: Mechanism, times: Array) -> None:
+def _follow(mechanism: Mechanism, times: Array) -> None:
     """No driver goes further between these times (k,) than can be followed.
 
     Raises:

@@ -39,10 +39,10 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
 
 def write_there(wanted: list[list[Any]]) -> list[str]:
     """The programs of one engine; empty where there is none."""
-    return [_written(*x) for x in wanted]
+    return [_write(*x) for x in wanted]
 
 
-def _written(
+def _write(
     linkage: str,
     scenario: str,
     engine: str,

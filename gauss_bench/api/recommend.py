@@ -20,7 +20,7 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.asked import checked_budget, duration
+from gauss_bench.runs.asked import check_budget, duration
 from gauss_bench.runs.offers import ChoiceError, Offer, offers
 from gauss_bench.runs.worker import WorkerFailure
 
@@ -97,11 +97,11 @@ def recommend(
         KeyError: unknown engine.
         NoTruth: the motion is not known well enough to judge by.
     """
-    wanted = required(position=position, angle=angle, force=force)
-    seconds = Budget(checked_budget(budget, BUDGET))
+    wanted = list_requirements(position=position, angle=angle, force=force)
+    seconds = Budget(check_budget(budget, BUDGET))
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=until)
-    offered = offers(list(dict.fromkeys(engines)) if engines else ordered())
+    offered = offers(list(dict.fromkeys(engines)) if engines else order_kinds())
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
     spaces = {x.name: variants(x, settings) for x in offered}
@@ -154,7 +154,7 @@ def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any
     return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
 
 
-def required(**limits: float | None) -> dict[str, float]:
+def list_requirements(**limits: float | None) -> dict[str, float]:
     """The requirements, by kind.
 
     Raises:
@@ -169,7 +169,7 @@ def required(**limits: float | None) -> dict[str, float]:
     return wanted
 
 
-def ordered() -> list[str]:
+def order_kinds() -> list[str]:
     """All engines, those first that answer first."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
     return [*first, *(x for x in all_names() if x not in first + last), *last]

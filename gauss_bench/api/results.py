@@ -47,7 +47,7 @@ class OneRun(Result):
     step: float
 
 
-def named(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
+def name_files(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
     """The fields of OneRun."""
     what = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
     return what | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}

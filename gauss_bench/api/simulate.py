@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.results import Simulation, named
+from gauss_bench.api.results import Simulation, name_files
 from gauss_bench.api.telling import Told, nobody, tell
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
+from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, until_trusted
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.parts import spread
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.asked import affordable
 from gauss_bench.runs.first_builds import build_first
@@ -30,7 +30,7 @@ from gauss_bench.runs.scrutiny import (
     sample_spacing,
     warn_of_forcing,
 )
-from gauss_bench.runs.worker import kept
+from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
@@ -81,7 +81,7 @@ def simulate(
     if not (np.isfinite(limit) and limit > 0):
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
     if not offered.usable:
-        return described(mechanism, engine, choice, offered.status, offered.reason, at[-1])
+        return describe(mechanism, engine, choice, offered.status, offered.reason, at[-1])
     affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
     wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
@@ -90,29 +90,29 @@ def simulate(
         tell(f"warning: {warning}")
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
     build_first(engine, [choice.settings], told)
-    worker = kept(engine)  # which has described it already
+    worker = keep(engine)  # which has described it already
     try:
         run = run_of(request, mechanism, limit, worker)
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
-            truth = certified_until(mechanism, at[-1])
+            truth = until_certified(mechanism, at[-1])
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
                 again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
                 finer = at_samples(again, trajectory.t)
     finally:
         worker.stop()
-    return judged(mechanism, engine, choice, run, at, truth, finer, adaptive)
+    return judge_run(mechanism, engine, choice, run, at, truth, finer, adaptive)
 
 
-def certified_until(mechanism: Mechanism, t_end: float) -> Reference | None:
+def until_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
     """The certified motion of a linkage that nothing has been changed in, or None."""
     try:
-        return certified_reference(mechanism, t_end)
+        return find_certified(mechanism, t_end)
     except (OSError, ValueError):
         return None
 
 
-def judged(
+def judge_run(
     mechanism: Mechanism,
     engine: str,
     choice: Choice,
@@ -127,7 +127,7 @@ def judged(
     It is judged by the truth where that is known, else by what its repetition found.
     """
     with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
-        return _judged(mechanism, engine, choice, run, at, truth, finer, adaptive)
+        return _judge(mechanism, engine, choice, run, at, truth, finer, adaptive)
 
 
 def _second(finer: Run | None) -> Reference | None:
@@ -135,7 +135,7 @@ def _second(finer: Run | None) -> Reference | None:
     return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
 
 
-def _judged(
+def _judge(
     mechanism: Mechanism,
     engine: str,
     choice: Choice,
@@ -147,25 +147,25 @@ def _judged(
 ) -> Simulation:
     trajectory = run.trajectory or run.reached
     if trajectory is None:
-        return described(mechanism, engine, choice, run.status, run.message, at[-1])
+        return describe(mechanism, engine, choice, run.status, run.message, at[-1])
     try:
         evaluator = Evaluator(mechanism)
         evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
-        figures, verdict = measured(evidence, trajectory, run), judge(evidence)
-        until = float(trajectory.t[-1]) if verdict.valid else trusted_until(evaluator, trajectory, truth, _second(finer))
+        figures, verdict = measure(evidence, trajectory, run), judge(evidence)
+        until = float(trajectory.t[-1]) if verdict.valid else until_trusted(evaluator, trajectory, truth, _second(finer))
         last, status = float(trajectory.t[-1]), run.status
         chosen = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
         if run.trajectory:
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
         told = "; ".join(filter(None, (*sentences, undecided, remark(evidence))))
-        return described(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until, adaptive)
+        return describe(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until, adaptive)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return described(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
+        return describe(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
 
 
-def described(
+def describe(
     mechanism: Mechanism,
     engine: str,
     choice: Choice,
@@ -186,7 +186,7 @@ def described(
     forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
     told = spread(mechanism, chosen)
     return Simulation(
-        **named(mechanism, engine, choice),
+        **name_files(mechanism, engine, choice),
         status=status,
         message=message,
         t=chosen.t,
@@ -215,7 +215,7 @@ def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None)
     return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
-def measured(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, Any]:
+def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, Any]:
     """The figures that need no truth, of what was computed, and the costs."""
     return {
         "until": float(trajectory.t[-1]),

@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family
-from gauss_bench.atlas.verdict import RunVerdict, Verdict, decided
+from gauss_bench.atlas.verdict import RunVerdict, Verdict, decide
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.toml import toml
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Request, outcome_of, performed_there
+from gauss_bench.runs.apart import Request, outcome_of, perform_there
 from gauss_bench.runs.offers import ChoiceError, Offer, offers
-from gauss_bench.runs.one_run import Run, received, sampling, sampling_at
+from gauss_bench.runs.one_run import Run, receive, sampling, sampling_at
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
@@ -139,14 +139,14 @@ class Course:
         path = self.folder / f"{document['name']}.toml"
         path.write_text(toml(document, ()), encoding="utf-8")
         mechanism, step = load(path, SCENARIO), family.step(value)
-        times = compared(step, mechanism.duration)
+        times = compare(step, mechanism.duration)
         if family.truth is not None:
             return mechanism, _reference(times, *(family.truth(value, times, x) for x in (EXACT, NEARLY)))
         motions = []
         for tolerance in (EXACT, NEARLY):
             choice = Choice("default", "dop853", "none", step, tolerance)
             request = Request(str(path), SCENARIO, self.engine, choice, sampling_at(step, times))
-            run = performed(request, mechanism, LIMIT, worker)
+            run = perform(request, mechanism, LIMIT, worker)
             if run.trajectory is None:
                 return mechanism, f"no reference: {run.message}"
             motions.append((run.trajectory.q, run.trajectory.v, run.trajectory.a))
@@ -160,20 +160,20 @@ def _reference(times: Array, true: tuple[Array, Array, Array], other: tuple[Arra
     return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, "DOP853 at two tolerances")
 
 
-def compared(step: float, until: float) -> Array:
+def compare(step: float, until: float) -> Array:
     """Times [s] on the grid of a step, at most SAMPLES of them and no closer than a millisecond."""
     whole = int(np.floor(until / step * (1 + 1e-9)))
     each = max(1, round(1e-3 / step), -(-whole // SAMPLES))
     return np.arange(whole // each + 1) * (each * step)
 
 
-def performed(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
+def perform(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
     """A run in the worker, whatever engine it is of."""
     try:
-        answer = worker.call(performed_there, (request, mechanism), limit, request.largest(mechanism.n))
+        answer = worker.call(perform_there, (request, mechanism), limit, request.largest(mechanism.n))
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
-    return received(outcome_of(answer), request.wanted, mechanism.n)
+    return receive(outcome_of(answer), request.wanted, mechanism.n)
 
 
 def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
@@ -182,7 +182,7 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callab
 
     def at(i: int) -> RunVerdict:
         if i not in runs:
-            runs[i] = looked_at(way, family, family.values[i], course, worker, left())
+            runs[i] = look_at(way, family, family.values[i], course, worker, left())
         return runs[i]
 
     def count(worst: tuple[Verdict, ...]) -> int:
@@ -219,7 +219,7 @@ def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callab
     )
 
 
-def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+def look_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
     """One run of one way at one value, where seconds are left."""
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
@@ -228,8 +228,8 @@ def looked_at(way: Way, family: Family, value: float, course: Course, worker: Wo
         return RunVerdict(Verdict.OPEN, reason=reference)
     choice = Choice(way.settings, way.integrator, way.stabilization, family.step(value))
     request = Request(mechanism.source, SCENARIO, way.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
-    run = performed(request, mechanism, LIMIT, worker)
-    return decided(mechanism, run, reference)
+    run = perform(request, mechanism, LIMIT, worker)
+    return decide(mechanism, run, reference)
 
 
 def survey(

@@ -53,7 +53,7 @@ class RunVerdict:
     reason: str = ""
 
 
-def decided(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
+def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
     """The verdict on a run against a reference."""
     if run.status is Status.SKIP:
         return RunVerdict(Verdict.CANNOT, reason=run.message)

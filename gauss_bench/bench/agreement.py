@@ -108,7 +108,7 @@ def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) ->
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
 
 
-def named(choice: Choice) -> str:
+def name_fault(choice: Choice) -> str:
     """A choice in words."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
@@ -125,10 +125,10 @@ def same_states(subject: Subject) -> Iterator[Check]:
 
 def _at_states(subject: Subject, choice: Choice) -> Check:
     """The accelerations under one choice: on every linkage under settings, on one under every integrator and variant."""
-    title, offer = f"accelerations ({named(choice)})", subject.offer
+    title, offer = f"accelerations ({name_fault(choice)})", subject.offer
     if cause := offer.unfinished.get(choice.settings):
         return Check(title, None, f"declared unfinished: {cause}")
-    subject.tell(f"Accelerations under {named(choice)}.")
+    subject.tell(f"Accelerations under {name_fault(choice)}.")
     soft = choice.settings in offer.soft
     linkages = [(*subject.moving[0], AS_IT_IS)]
     if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
@@ -164,7 +164,7 @@ def _few(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def changed_numbers(subject: Subject) -> Iterator[Check]:
+def change_numbers(subject: Subject) -> Iterator[Check]:
     """Accelerations follow the numbers of the file, changed one by one and all of a kind."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.moving:
@@ -219,9 +219,9 @@ def motions(subject: Subject) -> Iterator[Check]:
     """Runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
-        yield _followed(subject, choice, *subject.moving[0])
+        yield _follow(subject, choice, *subject.moving[0])
     for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
-        yield _followed(subject, usual, linkage, scenario)
+        yield _follow(subject, usual, linkage, scenario)
     for name in offer.stabilizations:
         if name != usual.stabilization:
             yield _stabilize(subject, name)
@@ -230,17 +230,17 @@ def motions(subject: Subject) -> Iterator[Check]:
 def _stabilize(subject: Subject, name: str) -> Check:
     """A run under a stabilisation and the first integrator that goes with it."""
     for integrator in subject.offer.integrators:
-        check = _followed(subject, replace(subject.usual, stabilization=name, integrator=integrator), *subject.moving[0])
+        check = _follow(subject, replace(subject.usual, stabilization=name, integrator=integrator), *subject.moving[0])
         if check.passed is not None:
             break
     return check
 
 
-def _followed(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
+def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """A run under one choice, repeated more finely, against the motion that it should follow."""
-    subject.tell(f"A run under {named(choice)}.")
+    subject.tell(f"A run under {name_fault(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
-    title = f"a run ({named(choice)}; {mechanism.name} {scenario})"
+    title = f"a run ({name_fault(choice)}; {mechanism.name} {scenario})"
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     question = partial(own_motion, mechanism.q0, mechanism.v0) if soft else nothing
@@ -258,7 +258,7 @@ def _followed(subject: Subject, choice: Choice, linkage: str, scenario: str) -> 
         if true.shape != levels.shape:
             return Check(title, False, "its accelerations cannot be integrated")
         # a soft loop's own accelerations are its gap times a stiffness, not the motion's
-        told, fault = _compared(true, levels, fine, LEVELS[: 2 if soft else 3])
+        told, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
         if fault:
             return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
     return Check(title, True, told)
@@ -271,7 +271,7 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
     return [choice, replace(choice, step=choice.step / 2)]
 
 
-def _compared(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
+def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
     """Compare positions, velocities and accelerations (3, k, n) with the true ones: their distance, and the fault if any."""
     way = np.array([true[0] - true[0, 0], true[1], true[2]])
     scale = np.abs(way).max(axis=(1, 2))
@@ -305,4 +305,4 @@ def _true_motion(linkage: str, scenario: str) -> Array:
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 
-MEASURED = (declarations, forces, same_states, motions, changed_numbers)
+MEASURED = (declarations, forces, same_states, motions, change_numbers)

@@ -74,7 +74,7 @@ def under(engine: Offer, settings: str) -> list[Variant]:
     return every + [(settings, engine.integrators[0], s) for s in engine.stabilizations if s != "none"]
 
 
-def crossed(
+def cross(
     linkages: Mapping[str, str],
     engines: Sequence[str],
     steps: Sequence[float],
@@ -117,11 +117,11 @@ def cases(suite: Suite) -> list[Case]:
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         chosen = part.engines or names()
-        distinct |= dict.fromkeys(crossed(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
-    return [case for case in distinct if not any(left_out(case, x) for x in suite.left_out)]
+        distinct |= dict.fromkeys(cross(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
+    return [case for case in distinct if not any(is_left_out(case, x) for x in suite.left_out)]
 
 
-def left_out(case: Case, rule: LeftOut) -> bool:
+def is_left_out(case: Case, rule: LeftOut) -> bool:
     """Tell whether a rule takes a case out: every field that it fills has to match."""
     pairs = (
         (rule.linkages, case.linkage),

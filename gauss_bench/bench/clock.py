@@ -28,7 +28,7 @@ from scipy.special import stdtrit
 
 from gauss_bench.engines.base import Model
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.runs.processor_time import timed as timed
+from gauss_bench.runs.processor_time import measure_seconds as timed
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -107,7 +107,7 @@ def _starting(model: Model, times: Array, native: bool) -> Callable[[], None]:
     return lambda: model.prepare(times, native=native)
 
 
-def interleaved(
+def interleave(
     blocks: list[Block], rounds: int, seed: int = 1, watch: Callable[[Hashable], object] = id
 ) -> Iterator[tuple[Block, int, float]]:
     """Each block once a round, in a new random order every round: the block, the round, and seconds per repetition.
@@ -173,7 +173,7 @@ class Measured:
         Raises:
             Missing: one of them was not measured.
         """
-        return compared(self.of(own), self.of(rival))
+        return compare(self.of(own), self.of(rival))
 
 
 def not_measured(key: Hashable) -> Missing:
@@ -207,12 +207,12 @@ class Race:
 
     def run(self, rounds: int) -> Measured:
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
-        for block, _, seconds in interleaved(self.blocks, rounds, watch=self.watch):
+        for block, _, seconds in interleave(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
-        return Measured({key: padded([np.array(x)]) for key, x in samples.items()}, self.failed)
+        return Measured({key: pad([np.array(x)]) for key, x in samples.items()}, self.failed)
 
 
-def padded(processes: Sequence[Array]) -> Array:
+def pad(processes: Sequence[Array]) -> Array:
     """Rounds of several processes, (rounds,) each, as one array (processes, rounds) with NaN where one has fewer than another."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
     for row, x in zip(table, processes, strict=True):
@@ -223,7 +223,7 @@ def padded(processes: Sequence[Array]) -> Array:
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
     """Samples (processes, rounds) of every entry, from those of each process, by its number, in which it ran."""
     numbers = sorted({number for x in samples.values() for number in x})
-    return {key: padded([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
+    return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
 
 
 def quartiles(samples: Array) -> Array:
@@ -300,7 +300,7 @@ def spread(name: str, samples: Array) -> dict[str, float]:
     return {name: float(np.median(found)), f"{name}_low": low, f"{name}_high": high}
 
 
-def compared(own: Array, rival: Array) -> Row:
+def compare(own: Array, rival: Array) -> Row:
     """Both times, each over all its rounds, and how many times longer the rival takes in the rounds that both have.
 
     A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.

@@ -18,7 +18,7 @@ from gauss_bench.engines.base import Model
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offers
 from gauss_bench.runs.one_run import Asked, nothing
-from gauss_bench.runs.worker import kept
+from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -38,7 +38,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     described = Check("describes itself", offer.usable, offer.reason)
     if not offer.usable:
         return [described]
-    worker = kept(name)  # which has described it already
+    worker = keep(name)  # which has described it already
     try:
         subject, checks = Subject(offer, worker, told), [described]
         for check in CHECKS:
@@ -49,7 +49,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
         worker.stop()
 
 
-def _judged(
+def _judge(
     subject: Subject, name: str, look: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
     """One check on each linkage; `look` says what is wrong with a trajectory, at every step or these times, or nothing."""
@@ -65,7 +65,7 @@ def _judged(
 
 def _times(subject: Subject) -> Iterator[Check]:
     """Samples are at the times asked for."""
-    yield from _judged(subject, "samples are at the times asked for", lambda m, x: "", np.array(ODD))
+    yield from _judge(subject, "samples are at the times asked for", lambda m, x: "", np.array(ODD))
 
 
 def _start(subject: Subject) -> Iterator[Check]:
@@ -79,7 +79,7 @@ def _start(subject: Subject) -> Iterator[Check]:
             else f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
         )
 
-    yield from _judged(subject, "the first sample is the start", look)
+    yield from _judge(subject, "the first sample is the start", look)
 
 
 def _derivatives(subject: Subject) -> Iterator[Check]:
@@ -95,7 +95,7 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
                 return f"{words} are {abs(late):.2g} steps {'late' if late > 0 else 'early'}"
         return ""
 
-    yield from _judged(subject, "velocities and accelerations are derivatives", look)
+    yield from _judge(subject, "velocities and accelerations are derivatives", look)
 
 
 def lateness(slope: Array, told: Array) -> float:
@@ -119,7 +119,7 @@ def _same_again(subject: Subject) -> Iterator[Check]:
         yield Check("a model can run again", not told, told)
 
 
-def _undisturbed(subject: Subject) -> Iterator[Check]:
+def _is_undisturbed(subject: Subject) -> Iterator[Check]:
     """Asking for an acceleration changes nothing."""
     linkage, scenario = PLAIN[0]
     m = mechanism_of(linkage, scenario)
@@ -143,7 +143,7 @@ def _steps(subject: Subject) -> Iterator[Check]:
     def look(m: Mechanism, x: Trajectory) -> str:
         return "" if x.steps == wanted else f"{x.steps} steps are told, {wanted} of {STEP:g} s were asked for"
 
-    yield from _judged(subject, "steps are counted", look)
+    yield from _judge(subject, "steps are counted", look)
 
 
 def asking(m: Mechanism) -> Asked:
@@ -162,4 +162,4 @@ def _equal(one: Trajectory, other: Trajectory) -> bool:
     return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
 
 
-CHECKS = (_times, _start, _derivatives, _same_again, _undisturbed, _steps, *MEASURED)
+CHECKS = (_times, _start, _derivatives, _same_again, _is_undisturbed, _steps, *MEASURED)

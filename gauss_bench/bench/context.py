@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.bench.tasks import LIMIT, Tables, Task
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Alteration, unaltered
+from gauss_bench.runs.apart import Alteration, is_unaltered
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
 
@@ -27,7 +27,7 @@ class Context:
 
     store: str
     stamp: str
-    alter: Alteration = unaltered
+    alter: Alteration = is_unaltered
     until: float | None = None
     steps: tuple[float, ...] | None = None
     limit: float = CASE_LIMIT

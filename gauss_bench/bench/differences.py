@@ -73,7 +73,7 @@ class Clocked:
         return self.what, self.here, self.there
 
 
-def clocked(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
+def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     """Count the ratios, targets and claims that both runs have, and list those that lie apart: ratios whose spreads do not overlap.
 
     Raises:

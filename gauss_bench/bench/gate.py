@@ -200,7 +200,7 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
     return changed, list(refused.values())
 
 
-def known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
+def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     """The cases that a baseline has figures of, and those that stand for an engine of it which cannot be used here."""
     there = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
     pairs = {(row[0], row[2]) for row in there}

@@ -19,8 +19,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.build import sample_times as reference_times
-from gauss_bench.reference.store import stored_reference
-from gauss_bench.runs.apart import Alteration, Request, run_of, unaltered
+from gauss_bench.reference.store import load_stored
+from gauss_bench.runs.apart import Alteration, Request, is_unaltered, run_of
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
@@ -47,7 +47,7 @@ def states_of(linkage: str, scenario: str) -> TrueStates | None:
 
 @lru_cache(maxsize=4)
 def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference:
-    return stored_reference(mechanism_of(linkage, scenario), t_end, Path(store))
+    return load_stored(mechanism_of(linkage, scenario), t_end, Path(store))
 
 
 @lru_cache(maxsize=4)
@@ -60,7 +60,7 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
 
 
 def measure(
-    case: Case, store: str, alter: Alteration = unaltered, limit: float = CASE_LIMIT, posed: bool = False
+    case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
 ) -> dict[str, Any]:
     """The row of a case and the curves of its report, {"row": ..., "series": [...], "poses": [...]}; judged in this process.
 

@@ -32,7 +32,7 @@ FRAMES = 50  # of a run
 AXES = ("x", "y", "angle")
 
 
-def played(cases: Sequence[Case]) -> frozenset[Case]:
+def play(cases: Sequence[Case]) -> frozenset[Case]:
     """Of each linkage, engine and setting the case at the step nearest to STEP; no negative controls."""
     nearest: dict[tuple[Any, ...], Case] = {}
     for case in cases:
@@ -53,7 +53,7 @@ def frames(truth: Reference) -> Array:
     return truth.t[:: max(1, len(truth.t) // FRAMES)]
 
 
-def wrapped(q: Array) -> Array:
+def wrap(q: Array) -> Array:
     """States or differences (..., n) with angles between -pi and pi."""
     q = q.copy()
     q[..., 2::3] = (q[..., 2::3] + np.pi) % (2 * np.pi) - np.pi
@@ -64,7 +64,7 @@ def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     """The true pose of every link at every frame."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
-    return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrapped(q)})]
+    return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrap(q)})]
 
 
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
@@ -78,7 +78,7 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():
             break
-        rows += _rows(mechanism, float(t), {"_ahead": wrapped(closed - exact), "_gap": q - closed})
+        rows += _rows(mechanism, float(t), {"_ahead": wrap(closed - exact), "_gap": q - closed})
     return rows
 
 
@@ -90,7 +90,7 @@ def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
     ]
 
 
-def kept(results: Rows, poses: Rows) -> Rows:
+def keep(results: Rows, poses: Rows) -> Rows:
     """Of each linkage and engine the poses of its default and of its most exact valid case, among the cases that have poses.
 
     Args:

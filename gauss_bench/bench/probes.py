@@ -113,7 +113,7 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
         f"all {PLURALS[kind]} x {factor:g}": {path: factor for path, other in found.items() if other == kind}
         for kind, factor in FACTORS.items()
     }
-    single = {f"{_told(path)} x {FACTORS[kind]:g}": {path: FACTORS[kind]} for path, kind in found.items()}
+    single = {f"{_describe(path)} x {FACTORS[kind]:g}": {path: FACTORS[kind]} for path, kind in found.items()}
     everything = {path: factor for change in kinds.values() for path, factor in change.items()}
     return {AS_IT_IS: {}, EVERYTHING: everything, **{name: x for name, x in kinds.items() if x}, **single}
 
@@ -147,7 +147,7 @@ def _kind(path: Path) -> str:
     return {"mass": "mass", "kg_per_m": "mass", "inertia": "inertia", "angle_deg": "angle"}.get(words[-1], "length")
 
 
-def _told(path: Path) -> str:
+def _describe(path: Path) -> str:
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
 
 

@@ -27,7 +27,7 @@ from gauss_bench.bench.tasks import Tables, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
-from gauss_bench.runs.apart import Alteration, unaltered
+from gauss_bench.runs.apart import Alteration, is_unaltered
 from gauss_bench.runs.offers import offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
@@ -72,12 +72,12 @@ def run(
             tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
             for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
-    completed(suite, tables)
+    complete_rows(suite, tables)
     _write(tables, suite, folder, name)
     return tables
 
 
-def completed(suite: Suite, tables: Tables) -> None:
+def complete_rows(suite: Suite, tables: Tables) -> None:
     """Fill in what follows from several tasks together."""
     for module in modules():
         if hasattr(module, "complete"):
@@ -85,7 +85,7 @@ def completed(suite: Suite, tables: Tables) -> None:
 
 
 def measure_all(
-    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = unaltered, limit: float = CASE_LIMIT
+    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
 
@@ -111,7 +111,7 @@ def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
         "baseline_engine": BASELINE,
         "own_engines": list(AUTHORED),
         "gates": LIMITS,
-        "engines": described(list(engines)),
+        "engines": describe(list(engines)),
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
         "linkages": own_files(suite),
     }
@@ -127,6 +127,6 @@ def own_files(suite: Suite) -> dict[str, str]:
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}
 
 
-def described(engines: list[str]) -> dict[str, Any]:
+def describe(engines: list[str]) -> dict[str, Any]:
     """Version and every setting of the engines, as the report prints them."""
     return {x.name: {"version": x.version, "settings": x.settings} for x in offers(engines)}

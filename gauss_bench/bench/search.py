@@ -108,7 +108,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     last = trials[-1]
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
-    unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _undetermined(trials, w)]
+    unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _is_undetermined(trials, w)]
     if not unmet:
         return "every requirement is met"
     if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
@@ -120,7 +120,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     return ""
 
 
-def _undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
+def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 

@@ -24,7 +24,7 @@ def patient(task: Task, processes: int = 1) -> Task:
     return task._replace(limit=processes * RACES * LIMIT)
 
 
-def survived(
+def list_survivors(
     race: Callable[..., Tables],
     arguments: tuple[Any, ...],
     engines: Sequence[str],

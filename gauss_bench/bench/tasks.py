@@ -75,7 +75,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         todo.put(item)
     for _ in range(workers):
         threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
-    for _ in told(len(waiting), label):
+    for _ in describe_tasks(len(waiting), label):
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
@@ -86,7 +86,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
     return {task.key: done[task.key] for task in tasks}
 
 
-def told(count: int, label: str) -> Iterator[int]:
+def describe_tasks(count: int, label: str) -> Iterator[int]:
     """0 to count - 1; meanwhile a bar on stderr, or a line first and every PAUSE seconds where that is no terminal."""
     if sys.stderr.isatty():
         from tqdm import tqdm  # nothing else has a use for it

@@ -24,7 +24,7 @@ from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
-from gauss_bench.runs.processor_time import timed as processor_time
+from gauss_bench.runs.processor_time import measure_seconds as processor_time
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
@@ -82,14 +82,16 @@ def has_samples(truth: Reference, until: float, beats: int) -> bool:
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
 
 
-def evaluated(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
+def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
     """One run over all beats, and its largest errors."""
     steps = beats if adaptive else round(run.until / way.size)
-    wanted = sampled(run, steps, math.gcd(steps, beats))
-    return judged(run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True))
+    wanted = sample(run, steps, math.gcd(steps, beats))
+    return judge_trial(
+        run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
+    )
 
 
-def sampled(run: Run, steps: int, samples: int) -> Sampling:
+def sample(run: Run, steps: int, samples: int) -> Sampling:
     """So many equal steps, of which so many samples after the first are kept."""
     return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
 
@@ -98,7 +100,7 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
-def judged(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
+def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
     """The largest errors of a run at the times that it has in common with the truth."""
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
@@ -116,7 +118,7 @@ def is_adaptive(way: Way) -> bool:
 Models = dict[Way, Any]  # by variants: ways of size 0
 
 
-def built(run: Run, way: Way, models: Models) -> Model:
+def build_model(run: Run, way: Way, models: Models) -> Model:
     """Return the model of a way: that of another size of the same variant, where an engine's models take other sizes."""
     engine, variant = get(way.engine), way._replace(size=0.0)
     if variant not in models or not getattr(engine, "resizable", False):
@@ -150,7 +152,7 @@ def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: 
 
 
 def _equal_steps(run: Run, way: Way, steps: int, models: Models) -> Block:
-    return stepping(way, built(run, way, models), way.size, native=True)
+    return stepping(way, build_model(run, way, models), way.size, native=True)
 
 
 def _adaptive_run(run: Run, way: Way, steps: int, models: Models) -> Block:
@@ -166,7 +168,7 @@ def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, model
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model, share = built(run, way, models), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
+    model, share = build_model(run, way, models), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
     return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
 
 
@@ -183,7 +185,7 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model = built(run, way, models)
+    model = build_model(run, way, models)
     if is_adaptive(way):
         return _repeat(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
     first = min(steps, FIRST)

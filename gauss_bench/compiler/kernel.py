@@ -20,7 +20,7 @@ from gauss_bench.compiler.elimination.program import KernelError, Program, drops
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.loops import looped_program
+from gauss_bench.compiler.machine.loops import loop_program
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.stepping.driver import (
     IMPLICIT,
@@ -31,12 +31,12 @@ from gauss_bench.compiler.stepping.driver import (
     Stop,
     advance_over,
     integrate_over,
-    stopped,
+    stop_at,
 )
 from gauss_bench.compiler.stepping.programs import StraightLinePrograms
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
-from gauss_bench.mechanism.lines import lined, with_lines
+from gauss_bench.mechanism.lines import line_up, with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -169,7 +169,7 @@ class Kernel:
         if form == "looped":
             damping = options.baumgarte if options.stabilization == "baumgarte" else None
             wanted = Wanted(options.formulation, options.open_parameters, damping, options.stabilization == "projection")
-            self._programs = loops = LoopedPrograms(map(looped_program, programs_in_rounds(mechanism, wanted)), options.target)
+            self._programs = loops = LoopedPrograms(map(loop_program, programs_in_rounds(mechanism, wanted)), options.target)
             first = loops.codes[0]
             self.formulation, self.operations = first.source.plan.formulation, first.plain.operations
         else:
@@ -182,7 +182,7 @@ class Kernel:
         damping = options.baumgarte if options.stabilization == "baumgarte" else None
         self._rank = RankDecision(mechanism, damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
-        self._kinks = tuple(sorted({t for _, factor in lined(mechanism) for t in factor.kinks}))
+        self._kinks = tuple(sorted({t for _, factor in line_up(mechanism) for t in factor.kinks}))
         self.switches = self.fallbacks = self.lost = 0
         self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
@@ -313,7 +313,7 @@ class Kernel:
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if isinstance(end, Stop):
             batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._count(self._driver.resume(batch, stopped(end), integrator)).samples[0, -1])
+            return np.asarray(self._count(self._driver.resume(batch, stop_at(end), integrator)).samples[0, -1])
         return end
 
     def _count(self, outcome: Outcome) -> Outcome:

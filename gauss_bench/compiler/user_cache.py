@@ -26,7 +26,7 @@ def folder() -> Path:
     return home / "gauss-bench" / "kernels"
 
 
-def trusted() -> Path | None:
+def is_trusted() -> Path | None:
     """The folder, made where it is missing; None where it is not the user's own or others may enter it."""
     path = folder()
     try:
@@ -43,7 +43,7 @@ def trusted() -> Path | None:
 
 def load(name: str) -> bytes | None:
     """Read an entry, or None."""
-    path = trusted()
+    path = is_trusted()
     if path is None:
         return None
     try:
@@ -57,7 +57,7 @@ def load(name: str) -> bytes | None:
 
 def store(name: str, content: bytes) -> bool:
     """Keep this under a name; False where it cannot be kept."""
-    path = trusted()
+    path = is_trusted()
     if path is None:
         return False
     _collect(path)

@@ -218,8 +218,8 @@ def measures() -> str | None:
     if off(float(metrics.relative_acceleration_error(1.01 * sound.a, sound.a).max()), 0.01, 1e-9):
         return "accelerations 1 % off are not off by 1 %"
     steps = np.array([4e-3, 2e-3, 1e-3])
-    order = metrics.observed_order(steps, steps**3, np.zeros(3))
-    if off(float(order[1]), 3.0, 1e-9) or np.isfinite(metrics.observed_order(steps, np.full(3, 1e-12), np.full(3, 1e-12))[1]):
+    order = metrics.order_observed(steps, steps**3, np.zeros(3))
+    if off(float(order[1]), 3.0, 1e-9) or np.isfinite(metrics.order_observed(steps, np.full(3, 1e-12), np.full(3, 1e-12))[1]):
         return "an order of three is not seen as one, or rounding has an order"
     return forces()
 
@@ -372,7 +372,7 @@ def clocks() -> str | None:
             if off(whole / lasting.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
                 return "a call does not cost what it costs, or its block is too short"
         blocks = [clock.Block(name, lambda: None, lambda: ticks.spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
-        told = [(x.entry, n, s) for x, n, s in clock.interleaved(blocks, 8)]
+        told = [(x.entry, n, s) for x, n, s in clock.interleave(blocks, 8)]
         orders = {tuple(x for x, n, _ in told if n == k) for k in range(8)}
         if len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders):
             return "blocks do not take turns in changing order"

@@ -115,11 +115,11 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     if ADAPTERS in kinds:
         sound |= {f"{ADAPTERS}: {' '.join(x)}": sound_engine(x) for x in (CLEAN.where, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
-    alarms = {name: said for name, check in sound.items() if (said := _asked(check)) is not None}
+    alarms = {name: said for name, check in sound.items() if (said := _ask(check)) is not None}
     findings: list[Finding] = []
     for kind in kinds:
         told(f"faults in {kind}")
-        of_kind = (_finding(x.kind, x.sentence, _asked(x.check)) for x in chosen if x.kind == kind)
+        of_kind = (_finding(x.kind, x.sentence, _ask(x.check)) for x in chosen if x.kind == kind)
         findings += _adapters() if kind == ADAPTERS else of_kind
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
@@ -139,7 +139,7 @@ def _adapters() -> Iterator[Finding]:
         yield Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
-def _asked(check: Check) -> str | None:
+def _ask(check: Check) -> str | None:
     """What a check says; one that cannot be made is no silence."""
     try:
         return check()

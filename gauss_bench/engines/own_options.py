@@ -61,7 +61,7 @@ class Known:
     def told(self) -> str:
         """The options with their usual values."""
         usual = next(iter(self.labels.values()), {})
-        return ", ".join(f"{key}={_written(usual[key])}" for key in self.options)
+        return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
     def _value(self, key: str, text: str) -> Any:
         usual = next(iter(self.labels.values()))[key]
@@ -75,7 +75,7 @@ class Known:
                 wanted, good = "a number that is not negative", _is_number(value) and value >= 0
                 value = float(value) if good else value
             case list() | tuple():
-                wanted = f"{len(usual)} numbers in brackets, as in {_written(usual)}"
+                wanted = f"{len(usual)} numbers in brackets, as in {_write(usual)}"
                 good = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
                 value = [float(x) for x in value] if good else value
             case _:
@@ -120,13 +120,13 @@ def _is_number(x: Any, kind: Any = (int, float)) -> bool:
     return isinstance(x, kind) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def _written(value: Any) -> str:
+def _write(value: Any) -> str:
     """A value as `resolve` reads it."""
     if isinstance(value, (list, tuple)):
-        return f"[{','.join(map(_written, value))}]"
+        return f"[{','.join(map(_write, value))}]"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def written(options: Mapping[str, Any]) -> str:
+def write_options(options: Mapping[str, Any]) -> str:
     """Options as a user writes them."""
-    return ",".join(f"{key}={_written(value)}" for key, value in options.items())
+    return ",".join(f"{key}={_write(value)}" for key, value in options.items())

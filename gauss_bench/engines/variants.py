@@ -132,7 +132,7 @@ def read_variants(room: Path) -> Variants:
     if absent := [name for name in first if name not in space]:
         raise VariantError(f"{path}: first: there is no variant {absent[0]!r}")
     return Variants(
-        knobs, settings, space, first, soft, _unfinished(f"{path}: unfinished", document.get("unfinished", []), knobs, space)
+        knobs, settings, space, first, soft, _read_unfinished(f"{path}: unfinished", document.get("unfinished", []), knobs, space)
     )
 
 
@@ -142,7 +142,7 @@ def _cause(place: str, said: Any) -> str:
     return said
 
 
-def _unfinished(place: str, tables: Any, knobs: Mapping[str, Knob], space: Mapping[str, Variant]) -> dict[str, str]:
+def _read_unfinished(place: str, tables: Any, knobs: Mapping[str, Knob], space: Mapping[str, Variant]) -> dict[str, str]:
     """The variants whose options are those of one of the tables, with its cause."""
     if not isinstance(tables, list):
         raise VariantError(f"{place}: a list of tables is wanted, [[unfinished]]")

@@ -52,7 +52,7 @@ class Exported:
     left_out: tuple[str, ...]
 
 
-def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = ()) -> Exported:
+def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = ()) -> Exported:
     """A linkage as a file of one of KINDS.
 
     Args:
@@ -70,7 +70,7 @@ def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, .
         raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(reason)}")
     module, _, function = kind.writer.partition(":")
     write: Callable[[Mechanism, Choice, list[str]], str] = getattr(import_module(f"gauss_bench.exchange.{module}"), function)
-    missing = left_out(mechanism)
+    missing = list_left_out(mechanism)
     head = [
         f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
         OWNED,
@@ -85,7 +85,7 @@ def exported(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, .
         raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(failure)}") from failure
 
 
-def left_out(mechanism: Mechanism) -> tuple[str, ...]:
+def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
     """List the parts of the linkage file that no exported file holds."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     scenarios = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []

@@ -21,12 +21,14 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
         ExchangeError: MuJoCo refuses it, or it holds what a linkage cannot have.
         ImportError: MuJoCo is not installed.
     """
-    from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compiled
+    from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_document
 
     refuse_files(root, path)
     refuse_bulk(root, path)
     try:
-        x = compiled(tostring(root, encoding="unicode"))  # what was inspected: of the file's bytes MuJoCo may read something else
+        x = compile_document(
+            tostring(root, encoding="unicode")
+        )  # what was inspected: of the file's bytes MuJoCo may read something else
     except DoesNotCompile as error:
         raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
     return Reader(x, str(path)).spatial()

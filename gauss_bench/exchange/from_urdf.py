@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.safe_xml import called
+from gauss_bench.exchange.safe_xml import call_name
 from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoint, Spatial, Spot, Straight
 from gauss_bench.terms import Array
 
@@ -36,7 +36,7 @@ class Robot:
         self.file, self.root = file, root
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):
-                raise self.refuse(called(node), "is no URDF; expand xacro first")
+                raise self.refuse(call_name(node), "is no URDF; expand xacro first")
         self.links = self._table("link")
         self.joints = self._table("joint")
         self.parents: dict[str, str] = {}  # link -> the joint by which it hangs
@@ -45,7 +45,7 @@ class Robot:
             self._end(joint, "parent")
             if child in self.parents:
                 raise self.refuse(
-                    called(joint), f"link {child!r} hangs on two joints; a URDF is a tree, and --close closes its loops"
+                    call_name(joint), f"link {child!r} hangs on two joints; a URDF is a tree, and --close closes its loops"
                 )
             self.parents[child] = name
         roots = [name for name in self.links if name not in self.parents]
@@ -66,7 +66,7 @@ class Robot:
         for node in self.root.findall(tag):
             name = node.get("name")
             if not name or name in elements:
-                raise self.refuse(called(node), "needs a name of its own")
+                raise self.refuse(call_name(node), "needs a name of its own")
             elements[name] = node
         return elements
 
@@ -74,7 +74,7 @@ class Robot:
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
         if link not in self.links:
-            raise self.refuse(called(joint), f"its {which} {link!r} is no link")
+            raise self.refuse(call_name(joint), f"its {which} {link!r} is no link")
         return link
 
     def numbers(self, node: Element | None, key: str, count: int, usual: Sequence[float]) -> Array:
@@ -89,9 +89,9 @@ class Robot:
         try:
             parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
-            raise self.refuse(called(node), f"{key}={text!r}: no numbers") from error
+            raise self.refuse(call_name(node), f"{key}={text!r}: no numbers") from error
         if len(parsed) != count or not np.isfinite(parsed).all():
-            raise self.refuse(called(node), f"{key}={text!r}: {count} finite number{'s' * (count > 1)} wanted")
+            raise self.refuse(call_name(node), f"{key}={text!r}: {count} finite number{'s' * (count > 1)} wanted")
         return parsed
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
@@ -141,7 +141,7 @@ class Robot:
             float(self.numbers(inertia_of, key, 1, (0,))[0]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         )
         if mass < 0:
-            raise self.refuse(called(self.links[name]), "a negative mass")
+            raise self.refuse(call_name(self.links[name]), "a negative mass")
         axes = turn @ own
         inertia = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
         return Body(name, parent, place, turn, mass, place + turn @ shift, inertia)
@@ -151,17 +151,17 @@ class Robot:
     ) -> None:
         name, kind = node.get("name", ""), node.get("type", "")
         if node.find("mimic") is not None:
-            raise self.refuse(called(node), "<mimic> is a gear, which a linkage does not have")
+            raise self.refuse(call_name(node), "<mimic> is a gear, which a linkage does not have")
         if kind not in MOVING:
-            raise self.refuse(called(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
+            raise self.refuse(call_name(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
         if not MOVING[kind]:
             return
         axis = turn @ self.numbers(node.find("axis"), "xyz", 3, (1, 0, 0))
         if not np.linalg.norm(axis) > 0:
-            raise self.refuse(called(node), "an axis without direction")
+            raise self.refuse(call_name(node), "an axis without direction")
         dynamics = node.find("dynamics")
         if self.numbers(dynamics, "friction", 1, (0,))[0]:
-            raise self.refuse(called(node), "friction that does not depend on the joint's load as that of a linkage does")
+            raise self.refuse(call_name(node), "friction that does not depend on the joint's load as that of a linkage does")
         joints.append(Joint(name, MOVING[kind], k, place, axis / np.linalg.norm(axis)))
         if damping := float(self.numbers(dynamics, "damping", 1, (0,))[0]):
             acting.append(OnJoint(f"damping_{name}", len(joints) - 1, Straight(c=damping)))

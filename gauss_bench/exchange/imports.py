@@ -36,7 +36,7 @@ class Imported:
     dof: int
 
 
-def imported(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
+def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     """A model of MuJoCo or a URDF as a linkage file called `name`.
 
     Args:

@@ -105,7 +105,7 @@ class Flattened:
         for k, g in enumerate(self.group):
             self.members.setdefault(g, []).append(k)
         self.index = [g for g in self.members if g != WORLD]  # groups that are links, in order of their first bodies
-        taken = named([spatial.bodies[g].name for g in self.index], ["ground"])
+        taken = name_parts([spatial.bodies[g].name for g in self.index], ["ground"])
         self.names = dict(zip(self.index, taken, strict=True)) | {WORLD: "ground"}
         self.points: dict[int, dict[str, Array]] = {g: {} for g in self.members}
 
@@ -182,7 +182,7 @@ class Flattened:
         own = spot.name if name is None else name
         for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:
             own = own.removeprefix(prefix)
-        (key,) = named([own], list(there))
+        (key,) = name_parts([own], list(there))
         there[key] = at
         return f"{owner}.{key}"
 
@@ -239,7 +239,7 @@ class Flattened:
                     f"body {body.name}", f"has the joints {kinds}, which a linkage has with a link between them alone"
                 )
             for joint in own:
-                (name,) = named([joint.name], list(tables))
+                (name,) = name_parts([joint.name], list(tables))
                 self.joint_names[self.joints_of[k][0]] = name
                 near, far = Spot(name, body.parent, joint.anchor), Spot(name, k, joint.anchor)
                 ends = [self.point(near, name), self.point(far, name)]
@@ -249,7 +249,7 @@ class Flattened:
                 self.told.append(f"closure {name}, whose bodies are one link")
                 continue
             self._check_closure(name, a, b)
-            (key,) = named([name], list(tables))
+            (key,) = name_parts([name], list(tables))
             tables[key] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
         return tables
 
@@ -282,7 +282,7 @@ class Flattened:
         tables: dict[str, dict[str, Any]] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):
-                (name,) = named([acting.name], list(tables))
+                (name,) = name_parts([acting.name], list(tables))
                 tables[name] = table
         return tables
 
@@ -527,7 +527,7 @@ def plane_of(spatial: Spatial) -> Plane:
     return Plane(x, y, np.cross(x, y))
 
 
-def named(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
+def name_parts(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
     """Names of letters, digits and underscores, each new."""
     names: list[str] = []
     for name in wanted:

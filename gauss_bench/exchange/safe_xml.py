@@ -79,7 +79,7 @@ def _inspect(content: bytes, path: Path) -> None:
     parser.Parse(content, True)
 
 
-def called(node: Element) -> str:
+def call_name(node: Element) -> str:
     """An element, as a message names it."""
     name = node.get("name")
     return f"<{node.tag}>" if name is None else f'<{node.tag} name="{name}">'
@@ -94,10 +94,10 @@ def refuse_files(root: Element, path: Path) -> None:
     for node in root.iter():
         tag = str(node.tag)
         if tag in OPENS or ":" in tag or "{" in tag:
-            raise ExchangeError(f"{path}: {called(node)}: includes, plug-ins, flexible and composed bodies are not read")
+            raise ExchangeError(f"{path}: {call_name(node)}: includes, plug-ins, flexible and composed bodies are not read")
         for key, x in node.items():
             if key.startswith("file") or key == "content_type":
-                raise ExchangeError(f"{path}: {called(node)}: {key}={x!r}: other files are not read")
+                raise ExchangeError(f"{path}: {call_name(node)}: {key}={x!r}: other files are not read")
 
 
 def refuse_bulk(root: Element, path: Path) -> None:
@@ -112,7 +112,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
         elements += times
         times *= _largest(node, "count") if node.tag == "replicate" else 1.0
         if max(elements, times) > ELEMENTS:
-            raise ExchangeError(f"{path}: {called(node)}: more than {ELEMENTS} elements, copies counted, are not read")
+            raise ExchangeError(f"{path}: {call_name(node)}: more than {ELEMENTS} elements, copies counted, are not read")
         left += ((child, times) for child in reversed(node))
     for node in root.iter("size"):
         for key in ("memory", *ARENA):
@@ -127,7 +127,9 @@ def refuse_bulk(root: Element, path: Path) -> None:
                 made += prod(_largest(node, key) for key in keys) * (elements if keys in each else 1.0)
             if made > MADE:
                 asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
-                raise ExchangeError(f"{path}: {called(node)}: {asked} makes more than {MADE} numbers that the file does not hold")
+                raise ExchangeError(
+                    f"{path}: {call_name(node)}: {asked} makes more than {MADE} numbers that the file does not hold"
+                )
 
 
 def _arena(node: Element, key: str) -> float:

@@ -65,7 +65,7 @@ int main(int argc, char **argv)
 """
 
 
-def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
+def write_c(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The source.
 
     Raises:

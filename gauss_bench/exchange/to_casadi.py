@@ -63,7 +63,7 @@ METHODS = {
 }
 
 
-def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
+def write_casadi(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The script.
 
     Raises:

@@ -98,7 +98,7 @@ class Written:
     in_python: str
 
 
-def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
+def write_exudyn(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The script.
 
     Raises:

@@ -71,7 +71,7 @@ def simulate(end=END, step=STEP):
 '''
 
 
-def written(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
+def write_mujoco(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The script.
 
     Raises:

@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.linkage.cylinders import written_out
 from gauss_bench.linkage.errors import NotPlaced
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.mechanism.numbers import turned
+from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.terms import Array
 
 
@@ -30,7 +30,7 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     centre: dict[int, Array] = {GROUND: np.zeros(2)}
 
     def world(point: Point) -> Array:
-        return np.asarray(centre[point.link] + turned(point.local, theta[point.link]))
+        return np.asarray(centre[point.link] + turn_vector(point.local, theta[point.link]))
 
     todo = list(range(len(mechanism.links)))
     while todo:
@@ -91,7 +91,7 @@ def _place(
     if near is not None:  # the sketch fixes angles only up to whole turns; slides do not
         turn += 2 * np.pi * round((near - turn) / (2 * np.pi))
     theta[i] = turn
-    centre[i] = at - turned(link.points[first] - link.com, turn)
+    centre[i] = at - turn_vector(link.points[first] - link.com, turn)
     return True
 
 

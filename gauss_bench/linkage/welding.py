@@ -16,7 +16,7 @@ import numpy as np
 
 from gauss_bench.linkage.errors import BuildError
 from gauss_bench.mechanism.model import Link, Part, Point, Weld
-from gauss_bench.mechanism.numbers import Number, angle_of, length, pair, turned
+from gauss_bench.mechanism.numbers import Number, angle_of, length, pair, turn_vector
 from gauss_bench.terms import Array
 
 Welds = Mapping[str, Mapping[str, Any]]  # tables by name
@@ -62,7 +62,7 @@ def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number:
         del waiting[key]
         origin, turn = _on(links[weld["to"]], links[weld["link"]], key, weld, number)
         base = own[weld["to"]]
-        own[weld["link"]] = Pose(base.root, base.origin + turned(origin, base.turn), base.turn + turn)
+        own[weld["link"]] = Pose(base.root, base.origin + turn_vector(origin, base.turn), base.turn + turn)
     poses = dict(own)
     for root in {x.root for x in own.values()}:
         members = [name for name, x in own.items() if x.root == root]
@@ -70,7 +70,7 @@ def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number:
         if chosen != root:
             base = own[chosen]
             for name in members:
-                poses[name] = Pose(chosen, turned(own[name].origin - base.origin, -base.turn), own[name].turn - base.turn)
+                poses[name] = Pose(chosen, turn_vector(own[name].origin - base.origin, -base.turn), own[name].turn - base.turn)
             poses[chosen] = Pose(chosen, pair(number, (0, 0)), zero)
     return poses
 
@@ -88,7 +88,7 @@ def _on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number)
             raise BuildError(f"welds.{key}.points", f"two pairs of points cannot coincide: {apart}")
         turn = np.arctan2(there[1], there[0]) - np.arctan2(here[1], here[0])
     a, b = pairs[0]
-    return a - turned(b, turn), turn
+    return a - turn_vector(b, turn), turn
 
 
 def bodies(links: Mapping[str, Link], placed: Mapping[str, Pose]) -> tuple[Link, ...]:
@@ -105,9 +105,9 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
     for name, pose in members.items():
         link = links[name]
         said = {key: key if name == root.name else f"{name}.{key}" for key in link.points}
-        points |= {said[key]: pose.origin + turned(x, pose.turn) for key, x in link.points.items()}
+        points |= {said[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
         bars += [(said[a], said[b]) for a, b in link.bars]
-        masses.append(Mass(link.mass, pose.origin + turned(link.com, pose.turn), link.inertia))
+        masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
     whole = together(masses)
     return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
 
@@ -119,7 +119,7 @@ def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], bodies: Sequenc
     for name, link in links.items():
         pose = placed[name]
         i = index[pose.root]
-        told.append(Part(name, i, pose.origin + turned(link.com, pose.turn) - bodies[i].com, pose.turn))
+        told.append(Part(name, i, pose.origin + turn_vector(link.com, pose.turn) - bodies[i].com, pose.turn))
     return tuple(told)
 
 

@@ -63,7 +63,7 @@ def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constr
     return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
 
 
-def generalised(at: Placement, load: Load) -> dict[int, Real]:
+def generalise(at: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load, by generalised speed."""
     match load:
         case Law():

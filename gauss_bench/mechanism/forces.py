@@ -47,7 +47,7 @@ class AppliedForces:
         """Q (n,) of everything that does not vary, as symbols."""
         Q: list[Real] = [at.program.symbol(x) for x in self.gravity]
         for load in self.loads:
-            for k, x in equations.generalised(at, load).items():
+            for k, x in equations.generalise(at, load).items():
                 Q[k] = Q[k] + x
         return Q
 

@@ -12,19 +12,19 @@ from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.terms import Array
 
 
-def lined(mechanism: Mechanism) -> list[tuple[str, Factor]]:
+def line_up(mechanism: Mechanism) -> list[tuple[str, Factor]]:
     """The forces whose factors of time are lines with kinks, by name."""
     return [(f.name, factor) for f in mechanism.varying if (factor := factor_of(f)) and factor.kinks]
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The open numbers that stand for them, in order."""
-    return tuple(f"forces.{name}.{key}" for name, _ in lined(mechanism) for key in ("level", "slope"))
+    return tuple(f"forces.{name}.{key}" for name, _ in line_up(mechanism) for key in ("level", "slope"))
 
 
 def line_values(mechanism: Mechanism, t: float | Array) -> Array:
     """Their values (..., n) at times (...) [s]; at a kink those after it."""
-    lines = [factor.line(t) for _, factor in lined(mechanism)]
+    lines = [factor.line(t) for _, factor in line_up(mechanism)]
     return np.concatenate([np.zeros((*np.shape(t), 0)), *lines], axis=-1)
 
 

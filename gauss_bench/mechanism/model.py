@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.mechanism.factors import Factor, read_factor
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.numbers import turned
+from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.terms import Array
 
 GROUND = -1
@@ -246,7 +246,7 @@ class PointForce:
         point, frame = names.point(table["point"]), table.get("frame", "ground")
         frame = table["point"].partition(".")[0] if frame == "body" else frame
         value, turn = names.pair(table["value"]), names.turn(frame)
-        return cls(name, point, turned(value, turn) if turn else value, names.link(frame), read_factor(table))
+        return cls(name, point, turn_vector(value, turn) if turn else value, names.link(frame), read_factor(table))
 
     def lowered(self) -> tuple["Load", ...]:
         return (self,)

@@ -36,10 +36,10 @@ class MotionLaw:
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
         """On its way to another process a law in floats is what it is made of."""
-        return made_of, (self.name, dict(self.numbers))
+        return make_law, (self.name, dict(self.numbers))
 
 
-def made_of(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
+def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
     """The law of this name that is made of these floats."""
     match name:
         case "constant":

@@ -40,7 +40,7 @@ def direction(theta: Any) -> Any:
     return np.array([np.cos(theta), np.sin(theta)])
 
 
-def turned(vector: Any, theta: Any) -> Any:
+def turn_vector(vector: Any, theta: Any) -> Any:
     """A vector (2,), turned by an angle [rad]."""
     c, s = np.cos(theta), np.sin(theta)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

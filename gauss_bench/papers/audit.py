@@ -139,18 +139,18 @@ def lines_of(path: Path) -> tuple[Line, ...]:
     """
     paper = read(path)
     for chapter in paper.chapter:
-        used(path, "chapter.measure", chapter.measure, (entry.measure for entry in chapter.line))
+        list_used(path, "chapter.measure", chapter.measure, (entry.measure for entry in chapter.line))
     entries = [entry for chapter in paper.chapter for entry in chapter.line]
-    used(path, "tolerance", paper.tolerance, (entry.tolerance for entry in entries))
-    used(path, "cause", paper.cause, (entry.cause for entry in entries if entry.cause))
-    used(path, "number", paper.number, (entry.example.number for entry in entries if entry.example))
+    list_used(path, "tolerance", paper.tolerance, (entry.tolerance for entry in entries))
+    list_used(path, "cause", paper.cause, (entry.cause for entry in entries if entry.cause))
+    list_used(path, "number", paper.number, (entry.example.number for entry in entries if entry.example))
     names = [entry.name for entry in entries]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"{path.name}: chapter.line: name: two lines are called {twice[0]!r}")
     return tuple(line_of(path, paper, chapter, entry) for chapter in paper.chapter for entry in chapter.line)
 
 
-def used(path: Path, table: str, given: Iterable[str], named: Iterable[str]) -> None:
+def list_used(path: Path, table: str, given: Iterable[str], named: Iterable[str]) -> None:
     """Every key of a table is named by a line, and every name is a key."""
     given, named = set(given), set(named)
     for names, fault in ((named - given, "no such key, though a line names it"), (given - named, "no line names it")):

@@ -104,11 +104,11 @@ class Judgement:
 
 def discrepancy(line: Line, form: Form) -> float:
     """The measured discrepancy of a form; infinite where the form cannot even be evaluated, such as by its shape."""
-    return measured(line.measure, form)
+    return measure_line(line.measure, form)
 
 
 @cache
-def measured(measure: Callable[[Form], float], form: Form) -> float:
+def measure_line(measure: Callable[[Form], float], form: Form) -> float:
     try:
         return float(measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):

@@ -33,7 +33,7 @@ VALUES = (
 )
 
 
-def published(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
+def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
     """A row per printed value: itself, the certified one, their difference, the bar and the floor of the certified one.
 
     Raises:

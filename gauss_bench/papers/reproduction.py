@@ -15,7 +15,7 @@ from scipy.interpolate import BPoly
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import GRAVITY, KEPT, linkage
-from gauss_bench.papers.rest import Bound, bound, equilibria, settles, torque_range
+from gauss_bench.papers.rest import Bound, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.running import balance_speed, regime, swept
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
@@ -60,11 +60,19 @@ class Quantity:
 def reproduction() -> dict[str, Any]:
     """{"reproduction": rows}: see `Quantity` for their columns."""
     motion = motion_of(linkage())
-    rows = [*given(motion), *running(motion), *statics(motion), *settling(motion), *formulas(motion), *claims(motion), *left_out()]
+    rows = [
+        *list_given(motion),
+        *running(motion),
+        *statics(motion),
+        *settling(motion),
+        *formulas(motion),
+        *claims(motion),
+        *list_gaps(),
+    ]
     return {"reproduction": [quantity.row() for quantity in rows]}
 
 
-def given(motion: CrankMotion) -> list[Quantity]:
+def list_given(motion: CrankMotion) -> list[Quantity]:
     """The data that the paper gives and everything below is about."""
     return [
         Quantity("given", "torque", "torque on the crank", motion.torque, "N m"),
@@ -125,22 +133,22 @@ def settling(motion: CrankMotion) -> list[Quantity]:
         return replace(motion, c=c)
 
     low, high = torque_range(motion)
-    lower = bound(twisted, 0.0, 2 * -high.torque)
-    upper = bound(twisted, 0.0, 2 * -low.torque, STATIC_WIDTH)
-    least = bound(damped, 32.0, motion.c)
+    lower = find_bound(twisted, 0.0, 2 * -high.torque)
+    upper = find_bound(twisted, 0.0, 2 * -low.torque, STATIC_WIDTH)
+    least = find_bound(damped, 32.0, motion.c)
     quantities = [
-        bounded("settles_above", "settles from rest at theta = 0 for torques above", lower, "N m"),
-        bounded("settles_below", "settles from rest at theta = 0 for torques below", upper, "N m"),
-        bounded("damping", f"settles at {motion.torque:g} N m for dampers above", least, "N s/m"),
+        limit("settles_above", "settles from rest at theta = 0 for torques above", lower, "N m"),
+        limit("settles_below", "settles from rest at theta = 0 for torques below", upper, "N m"),
+        limit("damping", f"settles at {motion.torque:g} N m for dampers above", least, "N s/m"),
     ]
-    others = [bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
+    others = [find_bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     for word, chosen in (("lowest", min), ("highest", max)):
         words = f"the {word} of these bounds with the least or the most inertia of crank and rod"
-        quantities.append(bounded(f"settles_above_{word}", words, chosen(others, key=lambda x: x.value), "N m"))
+        quantities.append(limit(f"settles_above_{word}", words, chosen(others, key=lambda x: x.value), "N m"))
     return [*quantities, *(resting(twisted(torque)) for torque in ASKED)]
 
 
-def bounded(key: str, quantity: str, at: Bound, unit: str) -> Quantity:
+def limit(key: str, quantity: str, at: Bound, unit: str) -> Quantity:
     return Quantity("settling", key, quantity, at.value, unit, at.bracket)
 
 
@@ -244,7 +252,7 @@ LEFT_OUT = {
 }
 
 
-def left_out() -> list[Quantity]:
+def list_gaps() -> list[Quantity]:
     """Data that the paper does not give, and what is taken here."""
     return [Quantity("left out", key, words, statement=taken) for key, (words, taken) in LEFT_OUT.items()]
 

@@ -101,7 +101,7 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     return bool(abs(course.theta[-1]) < np.pi * 2 * (1 - 1e-6))
 
 
-def bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> Bound:
+def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> Bound:
     """The bound between a value with which the crank comes to rest and one with which it runs on; `width` is relative.
 
     Raises:

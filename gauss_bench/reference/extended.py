@@ -29,7 +29,7 @@ import numpy as np
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
 from gauss_bench.reference.extended_linkage import LONG, Linkage, check_platform, start
 from gauss_bench.reference.motion import Motion, Progress
-from gauss_bench.reference.refinement import EPS, Unsolved, corrected
+from gauss_bench.reference.refinement import EPS, Unsolved, correct
 from gauss_bench.terms import Array
 
 STAGES = 10
@@ -176,7 +176,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) ->
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
         if solved is None or size > MOVED:
             solved = linkage.inverse(times, linkage.rows(times, q, v).J)
-        step = corrected(solved.inverse, linkage.imbalance(times, q, v, x))
+        step = correct(solved.inverse, linkage.imbalance(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
         pace = size / before if k else 1.0

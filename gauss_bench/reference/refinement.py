@@ -65,7 +65,7 @@ def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
     return np.concatenate([force, gamma - (J @ a[..., None])[..., 0]], axis=-1)
 
 
-def corrected(inverse: Array, residual: Array) -> Array:
+def correct(inverse: Array, residual: Array) -> Array:
     """P r in double precision for a residual r (..., k) in long double; a correction needs no more digits."""
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
@@ -78,7 +78,7 @@ def chord(residual: Callable[[Array], Array], inverse: Array, x: Array) -> Array
     """
     before = np.inf
     for _ in range(CORRECTIONS):
-        step = corrected(inverse, residual(x))
+        step = correct(inverse, residual(x))
         x = x - step
         size = float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(x).max(initial=0.0)))
         if size <= EPS or (size < STALLED and size > before / 2):

@@ -26,9 +26,9 @@ def reference_key(mechanism: Mechanism, t_end: float) -> str:
     return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
 
 
-def stored_reference(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
+def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
     """The reference from 0 to t_end: certified if a certificate has a sample there, else kept in `folder`."""
-    certified = certified_reference(mechanism, t_end)
+    certified = find_certified(mechanism, t_end)
     if certified:
         return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
@@ -66,7 +66,7 @@ def _digest(reference: Reference) -> str:
     return told.hexdigest()
 
 
-def certified_reference(mechanism: Mechanism, t_end: float) -> Reference | None:
+def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
     """The certified motion up to t_end, or None; a certificate that no longer holds is named on stderr."""
     path = certificate_path(mechanism)
     if path is None or not path.exists():

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from gauss_bench.report import sections as room
-from gauss_bench.report.content import AUTHORS, Finding, Findings, Section, Text, count, listed
+from gauss_bench.report.content import AUTHORS, Finding, Findings, Section, Text, count, itemise
 from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
@@ -61,11 +61,13 @@ def sections(run: Run) -> tuple[Section, ...]:
 def _section(module: ModuleType, run: Run) -> Section | None:
     """A section, or a chapter with the sections of its room."""
     if not hasattr(module, "__path__"):
-        return _made(module.section(run)) if hasattr(module, "section") else None
+        return _making(module.section(run)) if hasattr(module, "section") else None
     if module.__name__.endswith(".linkage"):
         chapters = []
         for name in run.linkages:
-            inside = [part for m in parts_of(module) if hasattr(m, "section") and (part := _made(m.section(run, name))) is not None]
+            inside = [
+                part for m in parts_of(module) if hasattr(m, "section") and (part := _making(m.section(run, name))) is not None
+            ]
             chapters.append(Section(name, name, parts=tuple(inside)))
     else:
         chapters = [part for m in parts_of(module) if (part := _section(m, run)) is not None]
@@ -74,7 +76,7 @@ def _section(module: ModuleType, run: Run) -> Section | None:
     return Section(module.TITLE, module.ANCHOR, () if chapters else (Text(module.NOTHING),), tuple(chapters))
 
 
-def _made(section: Any) -> Section | None:
+def _making(section: Any) -> Section | None:
     assert section is None or isinstance(section, Section)
     return section
 
@@ -85,7 +87,7 @@ def first(run: Run) -> Section:
     fine = sum(ok(row) for row in run.results)
     scope = (
         f"The run has {count(len(run.results), 'case')} of {count(len(engines), 'engine')} on {count(len(run.linkages), 'linkage')}"
-        f" ({listed(f'`{name}`' for name in run.linkages)}); {fine} ended ok."
+        f" ({itemise(f'`{name}`' for name in run.linkages)}); {fine} ended ok."
         if run.results
         else "The run has no cases."
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from gauss_bench.report.rows import KEYS, Row, grouped, known, label, number, ok, own_steps
+from gauss_bench.report.rows import KEYS, Row, group_rows, is_known, label, number, ok, own_steps
 
 NOTHING = "-"
 RANGE = "range"
@@ -121,10 +121,10 @@ class Chart:
 
     def data(self) -> dict[str, Any]:
         """The data that the page draws."""
-        return {"spec": self.spec, "lines": packed(self.rows), "shown": list(self.shown)}
+        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown)}
 
 
-def packed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Rows as a page keeps them: of rows in sequence that differ in numbers alone, what is the same, and each number's column."""
     lines: list[dict[str, Any]] = []
     for row in rows:
@@ -156,7 +156,7 @@ def _figure(x: Any) -> Cell:
     if isinstance(x, bool):
         return Cell("yes" if x else "no")
     if isinstance(x, (int, float)):
-        return Cell(f"{x:.4g}", float(x)) if known(x) else Cell(NOTHING)
+        return Cell(f"{x:.4g}", float(x)) if is_known(x) else Cell(NOTHING)
     return Cell(str(x) if x not in ("", None) else NOTHING, str(x or ""))
 
 
@@ -178,25 +178,25 @@ Line = Callable[[Row], tuple[Cell, ...]]
 
 def error(x: float) -> str:
     """Two digits of an error."""
-    return f"{x:.1e}" if known(x) else NOTHING
+    return f"{x:.1e}" if is_known(x) else NOTHING
 
 
 def times(x: float) -> str:
     """A ratio with three digits."""
-    if not known(x):
+    if not is_known(x):
         return NOTHING
     decimals = next((n for limit, n in ((0.01, 5), (0.1, 4), (1, 3), (10, 2), (100, 1)) if x < limit), 0)
     return f"{x:.{decimals}f}"
 
 
 def microseconds(seconds: float) -> str:
-    if not known(seconds):
+    if not is_known(seconds):
         return NOTHING
     x = 1e6 * seconds
     return f"{x:.2f}" if x < 10 else f"{x:.1f}" if x < 100 else f"{x:.0f}"
 
 
-def listed(words: Iterable[str]) -> str:
+def itemise(words: Iterable[str]) -> str:
     """a, b and c."""
     parts = list(words)
     return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
@@ -218,7 +218,7 @@ def engine_cell(row: Row) -> Cell:
 def error_cell(row: Row, column: str, bar: float = 0.0) -> Cell:
     """An error, or the reference's error bar where it is below that."""
     x, limit = number(row, column), bar
-    if not known(x):
+    if not is_known(x):
         return Cell(NOTHING)
     if abs(x) < limit:
         return Cell(f"< {limit:.0e}", limit, "below")
@@ -228,13 +228,13 @@ def error_cell(row: Row, column: str, bar: float = 0.0) -> Cell:
 def ratio_cells(row: Row, name: str) -> tuple[Cell, Cell]:
     """A ratio and its spread low..high."""
     x, low, high = (number(row, f"{name}{end}") for end in ("", "_low", "_high"))
-    spread = f"{times(low)}..{times(high)}" if known(low) and known(high) else NOTHING
-    return Cell(times(x), x if known(x) else ""), Cell(spread, low if known(low) else "")
+    spread = f"{times(low)}..{times(high)}" if is_known(low) and is_known(high) else NOTHING
+    return Cell(times(x), x if is_known(x) else ""), Cell(spread, low if is_known(low) else "")
 
 
 def time_cell(row: Row, column: str) -> Cell:
     x = number(row, column)
-    return Cell(microseconds(x), x if known(x) else "")
+    return Cell(microseconds(x), x if is_known(x) else "")
 
 
 def step_cell(row: Row) -> Cell:
@@ -270,29 +270,29 @@ def texts(row: Row, *keys: str) -> tuple[Cell, ...]:
 
 def counts(row: Row, *keys: str) -> tuple[Cell, ...]:
     """Whole numbers, and others as short as they are."""
-    return tuple(Cell(f"{number(row, key):g}", number(row, key)) if known(row.get(key)) else Cell("-") for key in keys)
+    return tuple(Cell(f"{number(row, key):g}", number(row, key)) if is_known(row.get(key)) else Cell("-") for key in keys)
 
 
 def duration(seconds: float) -> str:
     """Three digits with a unit."""
     unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
-    return f"{times(seconds * factor)} {unit}" if known(seconds) else "-"
+    return f"{times(seconds * factor)} {unit}" if is_known(seconds) else "-"
 
 
 def time_of(row: Row, column: str = "seconds") -> Cell:
     x = number(row, column)
-    return Cell(duration(x), x if known(x) else "")
+    return Cell(duration(x), x if is_known(x) else "")
 
 
 def span(row: Row, low: str = "seconds_low", high: str = "seconds_high") -> Cell:
     a, b = number(row, low), number(row, high)
-    return Cell(f"{duration(a)}..{duration(b)}", a) if known(a) and known(b) else Cell("-")
+    return Cell(f"{duration(a)}..{duration(b)}", a) if is_known(a) and is_known(b) else Cell("-")
 
 
 def goal(row: Row, written: Callable[[float], str] = times) -> tuple[Cell, Cell]:
     """A target and whether it is met; nothing where there is none."""
     x = number(row, "target")
-    if not known(x):
+    if not is_known(x):
         return Cell("-"), Cell("-")
     return Cell(written(x), x), Cell("yes", "yes", "good") if row.get("met") else Cell("no", "no", "bad")
 
@@ -328,12 +328,12 @@ def part(
     return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
 
 
-def unmeasured(rows: Sequence[Row], column: str) -> str:
+def list_unmeasured(rows: Sequence[Row], column: str) -> str:
     """A sentence about the linkages that a figure leaves out, each with its reason; nothing where it leaves out none."""
-    told = {str(r["mechanism"]) for r in rows if known(r.get(column))}
+    told = {str(r["mechanism"]) for r in rows if is_known(r.get(column))}
     missing = [r for r in rows if r.get("mechanism") and str(r["mechanism"]) not in told]
-    reasons = grouped(missing, lambda r: str(r.get("message") or "no reason was told"))
-    said = [f"{listed(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
+    reasons = group_rows(missing, lambda r: str(r.get("message") or "no reason was told"))
+    said = [f"{itemise(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
     return f" Left out: {'; '.join(said)}." if said else ""
 
 
@@ -342,9 +342,9 @@ def run_of_numbers(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def tied(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
+def tie(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
     """A case in words, with the engines that come within 5 percent of it by the same choices."""
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= 0.05 * abs(value(best))})
     choices = label(best, "settings", "integrator", "stabilization", "step").partition("` ")[2]
-    return f"{listed(f'`{name}`' for name in engines)} {choices}".strip()
+    return f"{itemise(f'`{name}`' for name in engines)} {choices}".strip()

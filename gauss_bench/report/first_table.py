@@ -13,7 +13,7 @@ from statistics import median
 from gauss_bench.reach import Requirement, reach, trial_of
 from gauss_bench.report.content import NOTHING, Cell, Table, columns, duration, error, small, text_cell, times
 from gauss_bench.report.pages import markdown_cell
-from gauss_bench.report.rows import Row, Run, grouped, over_time
+from gauss_bench.report.rows import Row, Run, group_rows, over_time
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
 from gauss_bench.tables import write_text
 
@@ -44,7 +44,7 @@ def cheapest_ways(run: Run, mechanism: str, settings: Sequence[Setting], positio
     return found
 
 
-def marked(run: Run, way: str) -> str:
+def mark(run: Run, way: str) -> str:
     return f"{way} (own)" if way.partition(",")[0] in run.own_engines else way
 
 
@@ -52,18 +52,18 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
     """Return a row for each way: error, time and multiple on the linkages SHOWN, and its multiples on all that were searched."""
     settings = all_settings(run)
     ran = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladder = grouped((r for r in run.table("search_ladder") if r["engine"] in ran), lambda r: str(r["mechanism"]))
+    ladder = group_rows((r for r in run.table("search_ladder") if r["engine"] in ran), lambda r: str(r["mechanism"]))
     held = {x: cheapest_ways(run, x, [s for s in settings if s.mechanism == x], position) for x in ladder}
     if not any(held.values()):
         return None
     over = {x: multiples({way: one.seconds for way, one in found.items()}) for x, found in held.items()}
-    tried = {x: grouped(rows, lambda r: way_of(str(r["engine"]), str(r["settings"]))) for x, rows in ladder.items()}
+    tried = {x: group_rows(rows, lambda r: way_of(str(r["engine"]), str(r["settings"]))) for x, rows in ladder.items()}
     shown = [x for x in SHOWN if x in held] or list(held)[:2]
     names = {way for some in tried.values() for way in some} | {way for some in held.values() for way in some}
     ways = {way: [x[way] for x in over.values() if way in x] for way in names}
     lines = []
     for way in sorted(ways, key=lambda w: (median(ways[w] or [math.inf]), w)):
-        cells = [text_cell(marked(run, way))]
+        cells = [text_cell(mark(run, way))]
         for name in shown:
             one = held[name].get(way)
             if one is None:
@@ -81,7 +81,7 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
 
 def why_not(rows: Sequence[Row], position: float) -> str:
     """Return the answer for a way that has no time, without its reason: from its rows of `search_ladder` on a linkage."""
-    variants = grouped(rows, lambda r: (r["settings"], r["integrator"], r["stabilization"])).values()
+    variants = group_rows(rows, lambda r: (r["settings"], r["integrator"], r["stabilization"])).values()
     answer = reach([[trial_of(r) for r in some] for some in variants], [Requirement("position", position)], "no race took it in")
     return answer.words.partition(":")[0]
 

@@ -108,5 +108,5 @@ def _grown(figure: Figure, least: float) -> tuple[float, float]:
     return width, max(height, least)
 
 
-def titled(axes: Axes, text: str) -> None:
+def give_title(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=10, fontweight="bold", loc="left", color=INK)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach, trial_of
-from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
 from gauss_bench.trajectory import Status
 
 Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials of each variant
@@ -19,7 +19,7 @@ def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement],
     race = races[0] if races else None
     ladders = _ladders(run).get(mechanism, {}).get(engine, [])
     if not ladders and race is not None:
-        return _told(race)
+        return _describe(race)
     untimed = str(race["message"]) if race is not None and race["status"] not in ("ok", "skip") else "no race took it in"
     raced = race is not None and race["status"] == Status.OK
     return reach(ladders, wanted, None if timed or raced else untimed.removeprefix(f"{Kind.UNTIMED}: "))
@@ -34,20 +34,20 @@ def _asks(row: Row, wanted: Requirement) -> bool:
     return math.isclose(number(row, "accuracy"), wanted.limit, rel_tol=1e-6)
 
 
-def _told(row: Row) -> Reach:
+def _describe(row: Row) -> Reach:
     """Return what a row of `search_winners` says where its ladders are not stored."""
     status, message = str(row["status"]), str(row.get("message") or "")
     if status == Status.OK:
         return Reach(Kind.TIMED)
     if status == Status.SKIP:
         return reach([[Trial(math.nan, {}, 0, Status.SKIP, message)]], [])
-    steps = int(number(row, "steps")) if known(row.get("steps")) else 0
+    steps = int(number(row, "steps")) if is_known(row.get("steps")) else 0
     return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, steps)
 
 
 @lru_cache(maxsize=2)
 def _ladders(run: Run) -> Ladders:
-    methods = grouped(
+    methods = group_rows(
         run.table("search_ladder"), lambda r: (r["mechanism"], r["engine"], r["settings"], r["integrator"], r["stabilization"])
     )
     ladders: Ladders = {}
@@ -58,7 +58,7 @@ def _ladders(run: Run) -> Ladders:
 
 @lru_cache(maxsize=2)
 def _winners(run: Run) -> dict[tuple[str, str, str], list[Row]]:
-    return grouped(
+    return group_rows(
         (r for r in run.table("search_winners") if r["required"]),
         lambda r: (str(r["mechanism"]), str(r["engine"]), str(r["required"])),
     )

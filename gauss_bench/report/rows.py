@@ -58,7 +58,7 @@ class Run:
         return tuple(row for row in self.results if mechanism in (None, row["mechanism"]))
 
 
-def known(x: Any) -> bool:
+def is_known(x: Any) -> bool:
     """Tell whether a value is a finite number."""
     return isinstance(x, (int, float)) and math.isfinite(x)
 
@@ -66,10 +66,10 @@ def known(x: Any) -> bool:
 def number(row: Row, column: str) -> float:
     """The value of a column, NaN where there is none."""
     x = row.get(column, math.nan)
-    return float(x) if known(x) else math.nan
+    return float(x) if is_known(x) else math.nan
 
 
-def grouped(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Row]]:
+def group_rows(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Row]]:
     """Rows by key, keys in order of their first row."""
     groups: dict[Key, list[Row]] = {}
     for row in rows:
@@ -82,12 +82,12 @@ def ok(row: Row) -> bool:
     return row["status"] in ("ok", "invalid")
 
 
-def ranked(row: Row) -> bool:
+def may_rank(row: Row) -> bool:
     """Tell whether a row may count: it ended, may be used, and is no negative control."""
     return ok(row) and bool(row["valid"]) and not row["control"]
 
 
-def measured(rows: Iterable[Row]) -> str:
+def quantity(rows: Iterable[Row]) -> str:
     """The coordinate that rows of one linkage measure errors by, as the file of results names it."""
     return next((x for row in rows if (x := str(row.get("measured") or ""))), "measured coordinate")
 
@@ -101,12 +101,12 @@ def unit(rows: Iterable[Row]) -> str:
 def measure(rows: Iterable[Row]) -> str:
     """Both, as a table shows them."""
     rows = list(rows)
-    return f"{measured(rows)} [{unit(rows)}]"
+    return f"{quantity(rows)} [{unit(rows)}]"
 
 
 def end_column(row: Row) -> str:
     """The column of the measured coordinate's error at the last of 0.5, 1 and 2 s the row has."""
-    return next((c for c in reversed(MEASURED_ERRORS) if known(row.get(c))), "measured_error_t05")
+    return next((c for c in reversed(MEASURED_ERRORS) if is_known(row.get(c))), "measured_error_t05")
 
 
 def end_error(row: Row) -> float:
@@ -117,7 +117,7 @@ def end_error(row: Row) -> float:
 def measure_bar(row: Row, column: str) -> float:
     """The reference's bar of a measured coordinate's error, or its worst of any position over the run; 0 where neither is known."""
     bars = number(row, column.replace("error", "error_bar")), number(row, "position_error_bar")
-    return next((x for x in bars if known(x)), 0.0)
+    return next((x for x in bars if is_known(x)), 0.0)
 
 
 def end_bar(row: Row) -> float:
@@ -125,7 +125,7 @@ def end_bar(row: Row) -> float:
 
 
 def below_reference(row: Row) -> bool:
-    return known(end_error(row)) and end_error(row) < end_bar(row)
+    return is_known(end_error(row)) and end_error(row) < end_bar(row)
 
 
 def plain(row: Row) -> bool:
@@ -133,29 +133,29 @@ def plain(row: Row) -> bool:
     return row["stabilization"] in ("none", "")
 
 
-def searched_until(run: Run, mechanism: str = "") -> float:
+def until_searched(run: Run, mechanism: str = "") -> float:
     """End [s] of the runs that were searched, on one linkage or on all: the longest where they differ, NaN where none was."""
     rows = (r for r in run.table("search_ladder") if mechanism in ("", r["mechanism"]))
-    return max((x for r in rows if known(x := number(r, "until"))), default=math.nan)
+    return max((x for r in rows if is_known(x := number(r, "until"))), default=math.nan)
 
 
 def over_time(run: Run) -> str:
     """The length of the runs that were searched, in words."""
-    until = searched_until(run)
-    return f"over {until:g} s" if known(until) else "over the whole run"
+    until = until_searched(run)
+    return f"over {until:g} s" if is_known(until) else "over the whole run"
 
 
 def own_steps(row: Row) -> bool:
     """Tell whether the integrator chose its steps itself, so that the row's step is only a spacing of samples."""
     step = number(row, "step")
     given = number(row, "t_end") / step if step > 0 else math.nan
-    return not known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
+    return not is_known(given) or abs(number(row, "steps") - given) > max(OWN_STEPS * given, 1.0)
 
 
 def run_time(row: Row) -> float:
     """Cost [s] of the whole trajectory: steps times the time of one, in the engine's own loop where it has one."""
     own = number(row, "native_step_time")
-    return (own if known(own) else number(row, "step_time")) * number(row, "steps")
+    return (own if is_known(own) else number(row, "step_time")) * number(row, "steps")
 
 
 def method(row: Row) -> tuple[str, str, str, str]:
@@ -174,25 +174,25 @@ def label(row: Row, *columns: str) -> str:
 
 def accelerations(rows: Sequence[Row]) -> list[Row]:
     """One row per mechanism, engine and settings that has an acceleration error: it is the same for all their cases."""
-    measured = [row for row in rows if known(row.get("acceleration_error_median"))]
-    return [_merge(group) for group in grouped(measured, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
+    measured = [row for row in rows if is_known(row.get("acceleration_error_median"))]
+    return [_merge(group) for group in group_rows(measured, lambda r: (r["mechanism"], r["engine"], r["settings"])).values()]
 
 
 def costs(rows: Sequence[Row]) -> list[Row]:
     """One row per mechanism and method whose step was timed, or only an acceleration where no step was."""
     keys = ("mechanism", "engine", "settings", "integrator", "stabilization")
-    stepped = [r for r in rows if known(r.get("step_time")) or known(r.get("native_step_time"))]
+    stepped = [r for r in rows if is_known(r.get("step_time")) or is_known(r.get("native_step_time"))]
     have = {tuple(r[k] for k in keys[:3]) for r in stepped}
-    timed = stepped + [r for r in rows if known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
-    return [_merge(group) for group in grouped(timed, lambda r: tuple(r[k] for k in keys)).values()]
+    timed = stepped + [r for r in rows if is_known(r.get("acceleration_time")) and tuple(r[k] for k in keys[:3]) not in have]
+    return [_merge(group) for group in group_rows(timed, lambda r: tuple(r[k] for k in keys)).values()]
 
 
 def _merge(group: Sequence[Row]) -> Row:
     """The first row, with every number it lacks taken from the next that has it."""
-    return {k: next((r[k] for r in group if known(r.get(k))), x) if not known(x) else x for k, x in group[0].items()}
+    return {k: next((r[k] for r in group if is_known(r.get(k))), x) if not is_known(x) else x for k, x in group[0].items()}
 
 
-def named(row: Row) -> str:
+def name_row(row: Row) -> str:
     """Engine and settings as a figure names them."""
     mark = " (control)" if row["control"] else ""
     return f"{row['engine']} {row['settings'] if row['settings'] != 'default' else ''}".strip() + mark

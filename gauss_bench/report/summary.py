@@ -23,26 +23,26 @@ from gauss_bench.report.content import (
     engine_cell,
     error_cell,
     exact_cell,
-    listed,
+    itemise,
     status_cell,
     step_cell,
     text_cell,
     times,
 )
-from gauss_bench.report.first_table import SAID, first_table, marked
+from gauss_bench.report.first_table import SAID, first_table, mark
 from gauss_bench.report.rows import (
     Row,
     Run,
     end_bar,
     end_column,
     end_error,
-    grouped,
-    known,
+    group_rows,
+    is_known,
+    may_rank,
     measure,
     number,
     ok,
     over_time,
-    ranked,
 )
 from gauss_bench.report.sections.search import TRIED, answer_of
 from gauss_bench.report.site.settings import multiples
@@ -80,7 +80,7 @@ EXPLAINED = (
 
 def _about(run: Run) -> tuple[Block, ...]:
     fine = sum(ok(row) for row in run.results)
-    scope = f"{count(len(run.results), 'case')} on {listed(f'`{x}`' for x in run.linkages)}; {fine} ended with a motion."
+    scope = f"{count(len(run.results), 'case')} on {itemise(f'`{x}`' for x in run.linkages)}; {fine} ended with a motion."
     where = (
         f"Beside this page lie the rows: a table a file, what a clock decides in `times`, columns with units and meanings in "
         f"`tables.json`, where and when in `environment.json`. The site, `{SITE}/index.html`, is built from them by "
@@ -115,20 +115,20 @@ def _linkage(run: Run, name: str) -> Section:
         "drift [m, rad]",
         "energy [J]",
     )
-    lines = [_best(some) for some in grouped(rows, lambda r: (r["engine"], r["settings"])).values()]
+    lines = [_best(some) for some in group_rows(rows, lambda r: (r["engine"], r["settings"])).values()]
     names, numeric = columns(head, 2)
     return Section(name, name, (Table(", ".join(sorted({str(r["scenario"]) for r in rows})), names, tuple(lines), numeric - {4}),))
 
 
 def _best(rows: Sequence[Row]) -> tuple[Cell, ...]:
-    usable = [r for r in rows if ranked(r)]
-    best = min((r for r in usable if known(end_error(r))), key=end_error, default=None)
-    accelerations = [x for r in rows if known(x := number(r, "acceleration_error_median"))]
+    usable = [r for r in rows if may_rank(r)]
+    best = min((r for r in usable if is_known(end_error(r))), key=end_error, default=None)
+    accelerations = [x for r in rows if is_known(x := number(r, "acceleration_error_median"))]
     same = {"x": min(accelerations, default=math.nan)}
     first = (engine_cell(rows[0]), text_cell(rows[0]["settings"]), error_cell(same, "x"), Cell(f"{len(usable)} of {len(rows)}"))
     if best is None:
         ended = dict.fromkeys(status_cell(r).text for r in rows)
-        return (*first, Cell(listed(ended)), *[Cell("-")] * 4)
+        return (*first, Cell(itemise(ended)), *[Cell("-")] * 4)
     choice = " ".join(str(best[k]) for k in ("integrator", "stabilization") if best[k] not in ("", "none"))
     error = error_cell(best, end_column(best), end_bar(best))
     return (*first, Cell(choice), step_cell(best), error, exact_cell(best, "position_drift"), exact_cell(best, "energy_error"))
@@ -141,12 +141,12 @@ def _cheapest(run: Run) -> Section | None:
         return None
     names = sorted({str(r["mechanism"]) for r in rows})
     blocks: list[Block] = [Text(SEARCHED)]
-    for (required, accuracy, unit), some in sorted(grouped(rows, lambda r: (r["required"], r["accuracy"], r["unit"])).items()):
+    for (required, accuracy, unit), some in sorted(group_rows(rows, lambda r: (r["required"], r["accuracy"], r["unit"])).items()):
         by = {(r["engine"], r["mechanism"]): r for r in some}
-        ended = {name: {r["engine"]: number(r, "seconds") for r in some if _ended_on(r, name)} for name in names}
+        ended = {name: {r["engine"]: number(r, "seconds") for r in some if _end_date(r, name)} for name in names}
         over = {name: multiples(seconds) for name, seconds in ended.items()}
         lines = [
-            (text_cell(marked(run, engine)), *(_multiple(run, by.get((engine, name)), over[name].get(engine)) for name in names))
+            (text_cell(mark(run, engine)), *(_multiple(run, by.get((engine, name)), over[name].get(engine)) for name in names))
             for engine in sorted({r["engine"] for r in some if r["status"] != "skip"})
         ]
         head, numeric = columns(("engine", *names), 1)
@@ -163,7 +163,7 @@ SEARCHED = (
 )
 
 
-def _ended_on(row: Row, mechanism: str) -> bool:
+def _end_date(row: Row, mechanism: str) -> bool:
     return bool(row["mechanism"] == mechanism and row["status"] == "ok")
 
 

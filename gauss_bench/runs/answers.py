@@ -22,7 +22,7 @@ class NoAnswer(ValueError):
     """Bytes that are no answer, or an object that cannot be one."""
 
 
-def packed(item: object) -> bytes:
+def pack_answer(item: object) -> bytes:
     """The bytes of an answer.
 
     Raises:
@@ -42,7 +42,7 @@ def packed(item: object) -> bytes:
     return b"".join((LENGTH.pack(len(text)), text, *parts))
 
 
-def unpacked(content: bytes) -> Any:
+def unpack_answer(content: bytes) -> Any:
     """The answer that the bytes hold.
 
     Raises:

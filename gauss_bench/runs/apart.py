@@ -15,9 +15,9 @@ import numpy as np
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import isolated
-from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, received
-from gauss_bench.runs.worker import Worker, WorkerFailure, kept
+from gauss_bench.runs.offers import is_isolated
+from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
+from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
 TEXT = 1 << 20  # bytes that sentences and names may take beside the samples
@@ -25,7 +25,7 @@ LEVELS = ("q", "v", "a")
 Alteration = Callable[[Mechanism], Mechanism]
 
 
-def unaltered(mechanism: Mechanism) -> Mechanism:
+def is_unaltered(mechanism: Mechanism) -> Mechanism:
     return mechanism
 
 
@@ -48,7 +48,7 @@ class Request:
     ask: Asked = nothing
     shortest: float = 0.0
     answers: int = 0
-    alter: Alteration = unaltered
+    alter: Alteration = is_unaltered
 
     def largest(self, n: int) -> int:
         """Bytes of an answer: t, and q, v, a of n coordinates at every sample."""
@@ -64,8 +64,8 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
         worker: to use; the one that is kept for the engine where not given.
         again: whether the process may keep the model for the next request.
     """
-    if isolated(request.engine):
-        return run_apart(request, mechanism, limit, worker or kept(request.engine), again)
+    if is_isolated(request.engine):
+        return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
     altered = request.alter(mechanism)
     return _run_again(request, altered) if again else _run(request, get(request.engine), altered)
 
@@ -81,14 +81,14 @@ def run_apart(
     """
     try:
         answer = worker.call(
-            perform_again if again else performed_there, (request, mechanism), limit, request.largest(mechanism.n), longest
+            perform_again if again else perform_there, (request, mechanism), limit, request.largest(mechanism.n), longest
         )
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
-    return received(outcome_of(answer), request.wanted, mechanism.n)
+    return receive(outcome_of(answer), request.wanted, mechanism.n)
 
 
-def performed_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
+def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """The run as plain data, in the process of the engine; what is no sample is left out here already."""
     return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 

@@ -72,7 +72,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
     return tuple(sorted(set(steps), reverse=True))
 
 
-def checked_budget(seconds: float | None, usual: float) -> float:
+def check_budget(seconds: float | None, usual: float) -> float:
     """Seconds that one case may take.
 
     Raises:

@@ -16,7 +16,7 @@ from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.own_options import Known, OptionError, is_own
 from gauss_bench.engines.variants import CHOSEN, Variant
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.worker import Worker, WorkerFailure, kept
+from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
@@ -129,7 +129,7 @@ def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     return str(engine.in_python(mechanism, choice)) if engine is not None else NOT_TOLD
 
 
-def isolated(name: str) -> bool:
+def is_isolated(name: str) -> bool:
     """Tell whether an engine runs in a worker process: all but the suite's own formulations."""
     return name not in (*OWN, *COMPILED)
 
@@ -163,16 +163,16 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
         if len(others) == 1:  # it is asked because it is to run next
-            _known.update({name: _asked(kept(name), name) for name in others})
+            _known.update({name: _ask(keep(name), name) for name in others})
         elif others:
             with Worker() as worker:
-                _known.update({name: _asked(worker, name) for name in others})
+                _known.update({name: _ask(worker, name) for name in others})
         return [_known[name] for name in wanted]
 
 
-def _asked(worker: Worker, name: str) -> Offer:
+def _ask(worker: Worker, name: str) -> Offer:
     try:
-        return _told(name, worker.call(_describe, (name,), LIMIT))
+        return _tell(name, worker.call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
 
@@ -182,7 +182,7 @@ def _describe(name: str) -> dict[str, Any]:
     return asdict(describe(name))
 
 
-def _told(name: str, answer: object) -> Offer:
+def _tell(name: str, answer: object) -> Offer:
     """The offer that a worker's answer is, taken for names and sentences alone."""
     from pydantic import TypeAdapter, ValidationError  # which an engine's process, where offers are made, does not need
 

@@ -23,7 +23,7 @@ from gauss_bench.engines.extras import not_installed
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import relative_acceleration_error
-from gauss_bench.runs.processor_time import timed
+from gauss_bench.runs.processor_time import measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
 
@@ -161,10 +161,10 @@ def one_run(
         ask: is given the model before it runs; what it returns is the run's `answer`.
         shortest: [s] a run that takes less is repeated and timed anew: the first one finds the processor's caches full of others.
     """
-    return received(performed(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
+    return receive(perform(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
 
 
-def performed(
+def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Outcome:
     """The part of `one_run` that happens where the engine is: nothing that it says is believed yet.
@@ -189,10 +189,10 @@ def _perform(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampl
         answer = ask(model)
         model.prepare(wanted.times)
         running = model
-        seconds = timed(model.run)
+        seconds = measure_seconds(model.run)
         if seconds < shortest:
             model.prepare(wanted.times)
-            seconds = timed(model.run)
+            seconds = measure_seconds(model.run)
         running = None
         return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
@@ -221,7 +221,7 @@ def _read(model: Model | None) -> object:
         return None
 
 
-def received(outcome: Outcome, wanted: Sampling, n: int) -> Run:
+def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     """Take the samples of an outcome: of a run that ended well all of n coordinates, of another those that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 
-def timed(go: Callable[[], object]) -> float:
+def measure_seconds(go: Callable[[], object]) -> float:
     """Seconds of the processor, in all threads of this process, that a call takes."""
     start = time.process_time_ns()
     go()

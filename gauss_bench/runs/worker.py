@@ -31,7 +31,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from gauss_bench.runs.answers import NoAnswer, packed, unpacked
+from gauss_bench.runs.answers import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
@@ -174,7 +174,7 @@ class Worker:
 _kept: dict[str, Worker] = {}
 
 
-def kept(engine: str) -> Worker:
+def keep(engine: str) -> Worker:
     """A worker that is asked about this engine and no other, until this process ends: libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()
@@ -220,7 +220,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     if len(buffer) > needed:
         raise SpoiltAnswer(f"{len(buffer) - needed} bytes too many")
     try:
-        return unpacked(bytes(memoryview(buffer)[HEADER.size :]))
+        return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
     except NoAnswer as error:
         raise SpoiltAnswer(in_a_sentence(error)) from error
 
@@ -328,11 +328,11 @@ def _limit() -> None:
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
     """The answer in bytes; one that is no plain data is a failure of the task."""
     try:
-        return packed(("ok", function(*arguments)))
+        return pack_answer(("ok", function(*arguments)))
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         said = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
-        return packed(("raised", said))
+        return pack_answer(("raised", said))
 
 
 def main() -> None:

@@ -109,7 +109,7 @@ class Autosave:
         return max(saved, key=lambda x: x[0])[1] if saved else None
 
 
-def kept(paths: Iterable[Path]) -> list[str]:
+def keep_text(paths: Iterable[Path]) -> list[str]:
     """Names of those files of which a process that is no more left what it had not saved."""
     with suppress(OSError):
         keys = {path.name.partition(".")[0] for path in folder().glob("*.json")}

@@ -30,7 +30,7 @@ gravity = [0.0, -9.81]
 """
 
 
-def parsed(text: str) -> Document:
+def parse_text(text: str) -> Document:
     """The tables of a text.
 
     Raises:
@@ -50,7 +50,7 @@ def parsed(text: str) -> Document:
     return document
 
 
-def written(text: str, document: Document) -> str:
+def write_document(text: str, document: Document) -> str:
     """The text with the tables of `document`: what is the same in both stays as it is written."""
     try:
         kept = tomlkit.parse(text)

@@ -34,7 +34,7 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
     Raises:
         Refused: it is fixed, or the linkage does not assemble.
     """
-    mechanism = assembled(reading, "dragged")
+    mechanism = assemble(reading, "dragged")
     d = Drawing(reading.document, reading)
     wanted = str(message.get("point") or message.get("pin"))
     members = d.pins[wanted].members if wanted in d.pins else (wanted,)
@@ -56,7 +56,7 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
     return Dragging(drag, reading)
 
 
-def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
+def drag_linkage(dragging: Dragging, message: Message) -> dict[str, Any]:
     """Drag the linkage with the pointer; `ms` of the processor's own time."""
     target, began = np.array(place(message.get("at"))), time.thread_time()
     with np.errstate(all="ignore"):
@@ -66,7 +66,7 @@ def dragged(dragging: Dragging, message: Message) -> dict[str, Any]:
     return {"poses": poses, "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": moved.note or None}
 
 
-def assembled(reading: Reading, word: str) -> Mechanism:
+def assemble(reading: Reading, word: str) -> Mechanism:
     """The mechanism of a drawing that is closed.
 
     Raises:
@@ -100,7 +100,7 @@ def find_branches(reading: Reading) -> list[Array]:
     Raises:
         Refused: the inputs leave something free.
     """
-    mechanism = assembled(reading, "assembled in another way")
+    mechanism = assemble(reading, "assembled in another way")
     drivers = []
     for name in inputs(reading):
         body, _ = mechanism.placed(name)

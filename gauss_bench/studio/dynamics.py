@@ -6,8 +6,8 @@ from typing import Any
 
 from gauss_bench.engines import all_names
 from gauss_bench.runs.offers import SAFE, offer, offers
-from gauss_bench.studio.document import written
-from gauss_bench.studio.dragging import assembled
+from gauss_bench.studio.document import write_document
+from gauss_bench.studio.dragging import assemble
 from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
@@ -36,7 +36,7 @@ def text_of(session: Session, message: Message, until: float | None) -> tuple[st
         if not isinstance(name, str) or name not in scenarios:
             raise Refused(f"there is no scenario {str(name)[:60]!r}", field="scenario")
         return session.text, name, until or float(scenarios[name].get("duration") or FREE)
-    assembled(session.reading, "let go")
+    assemble(session.reading, "let go")
     kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})
     lasts = until or float(kept.get("duration") or FREE)
     start = message.get("start")
@@ -45,7 +45,7 @@ def text_of(session: Session, message: Message, until: float | None) -> tuple[st
         "forces": kept.get("forces", []),
         "start": start if isinstance(start, dict) else free_start(session.reading, []),
     }
-    return written(session.text, document), RELEASED, lasts
+    return write_document(session.text, document), RELEASED, lasts
 
 
 def _until(message: Message) -> float | None:

@@ -3,8 +3,8 @@
 import base64
 from typing import Any
 
-from gauss_bench.api.exchange import STEP, written
-from gauss_bench.api.history import observed, table, turned
+from gauss_bench.api.exchange import STEP, write_file
+from gauss_bench.api.history import observe, table, turn
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
@@ -13,17 +13,17 @@ from gauss_bench.mechanism.parts import spread
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.dragging import assembled
+from gauss_bench.studio.dragging import assemble
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
-from gauss_bench.studio.motion import moved
+from gauss_bench.studio.motion import move
 from gauss_bench.studio.reading import Reading, of_links
 from gauss_bench.trajectory import History, Told, Trajectory
 
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
-def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
+def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
     """A file of the kind that a message asks for: its name, with its `text` or its bytes in `base64`.
 
     Raises:
@@ -34,10 +34,10 @@ def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
         case "toml":
             return {"name": f"{name}.toml", "text": text}
         case "svg":
-            mechanism = assembled(reading, "drawn as a picture")
+            mechanism = assemble(reading, "drawn as a picture")
             return {"name": f"{name}.svg", "text": draw(mechanism.whole, of_links(mechanism, reading.q))}
         case "csv" | "gif":
-            mechanism, x, _ = moved(text, reading, message)
+            mechanism, x, _ = move(text, reading, message)
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
             told = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
@@ -51,7 +51,7 @@ def exported(text: str, reading: Reading, message: Message) -> dict[str, Any]:
 def curves(mechanism: Mechanism, x: Trajectory) -> History:
     """Angles of all links and places of observed points, with their rates."""
     whole, links = mechanism.whole, spread(mechanism, x)
-    return History(x.t, (*turned(whole, links, range(len(whole.links))), *observed(whole, links)))
+    return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 
 def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> 
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:
         try:
-            model = written(str(path), chosen, kind, STEP)
+            model = write_file(str(path), chosen, kind, STEP)
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
         return {"name": f"{name}{KINDS[kind].suffix}", "text": str(model["text"]).replace(str(path), path.name)}

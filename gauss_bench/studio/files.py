@@ -4,7 +4,7 @@ import base64
 import zlib
 from pathlib import Path
 
-from gauss_bench.api.exchange import READING, answered, read_there
+from gauss_bench.api.exchange import READING, answer_in_worker, read_there
 from gauss_bench.engines.extras import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import MAX_BYTES, built_in
@@ -38,7 +38,7 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-def listed(folder: Path) -> list[str]:
+def list_files(folder: Path) -> list[str]:
     """Linkage files of the working folder, by name."""
     try:
         return sorted(x.name for x in folder.glob("*.toml") if x.is_file())[:SHOWN]
@@ -46,7 +46,7 @@ def listed(folder: Path) -> list[str]:
         return []
 
 
-def opened(folder: Path, name: str) -> tuple[str, Path | None]:
+def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
     """Text and path of a file of the folder; of a built-in linkage or a template its text alone.
 
     Raises:
@@ -74,7 +74,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
         raise Refused(f"{path.name} is there already", field="replace")
     if path.exists() and not path.stat().st_mode & 0o222:
         raise Refused(f"{path.name} may only be read: choose another name", field="path")
-    if path == own and not replace and changed(path, known):
+    if path == own and not replace and has_changed(path, known):
         raise Refused(f"{path.name} has been changed by someone else since it was opened", field="replace")
     try:
         write_text(path, text)
@@ -82,7 +82,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
         raise Refused(f"{path.name} cannot be written: {error.strerror}", field="path") from error
 
 
-def changed(path: Path, known: str) -> bool:
+def has_changed(path: Path, known: str) -> bool:
     """Tell whether a file says something else than what is known of it; one that is gone does not."""
     try:
         return path.read_text(encoding="utf-8") != known
@@ -92,7 +92,7 @@ def changed(path: Path, known: str) -> bool:
         return True
 
 
-def imported(text: str) -> tuple[str, list[str]]:
+def import_file(text: str) -> tuple[str, list[str]]:
     """A model in MJCF or URDF as a linkage file, and what that lacks: sentences. Libraries read it in a process of their own.
 
     Raises:
@@ -101,7 +101,7 @@ def imported(text: str) -> tuple[str, list[str]]:
     with workplace(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
-                linkage = answered(worker, read_there, (str(model), "imported", []), READING, "the model")
+                linkage = answer_in_worker(worker, read_there, (str(model), "imported", []), READING, "the model")
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{model}: ", "")) from error
         return str(linkage["text"]).replace(str(model), "model.xml"), [str(x) for x in linkage["left_out"]]

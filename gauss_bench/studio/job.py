@@ -26,7 +26,7 @@ def release(request: Mapping[str, Any], say: Say) -> None:
     """Run a file in one engine after the other, tell each motion with its verdict, and how far the others are from the first."""
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.parts import spread
-    from gauss_bench.studio.motion import posed
+    from gauss_bench.studio.motion import pose_motion
 
     first = None
     for engine in request["engines"]:
@@ -55,15 +55,15 @@ def release(request: Mapping[str, Any], say: Say) -> None:
         every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
         chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
         energy = {k: result.metrics.get(k) for k in ("energy_error", "energy_scale", "position_drift")}
-        say(told | {"times": x.t[chosen], "poses": posed(result.model, x.q[chosen]), "energy": energy})
+        say(told | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen]), "energy": energy})
         links = spread(result.model, x).q
         if first is None:
             first = x.t, links, result.model.whole
         else:
-            say({"event": "compared", "compare": compared(engine, *first, x.t, links)})
+            say({"event": "compared", "compare": compare(engine, *first, x.t, links)})
 
 
-def compared(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
+def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
     """The distance of a motion from another [m], over time, and the link that is furthest."""
     times = t[t <= other_t[-1] + 1e-12]
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)

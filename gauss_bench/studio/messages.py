@@ -11,7 +11,7 @@ from gauss_bench.studio.security import DEEPEST
 Message = Mapping[str, Any]
 
 
-def told(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
+def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
     """A value of a message.
 
     Raises:

@@ -8,7 +8,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.driven import driven, free_at_start
 from gauss_bench.api.history import transmission
-from gauss_bench.api.kinematics import METHODS, observed
+from gauss_bench.api.kinematics import METHODS, observe
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.errors import MotionError
@@ -19,7 +19,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.parts import spread
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.document import Document, written
+from gauss_bench.studio.document import Document, write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.errors import Refused
@@ -44,7 +44,7 @@ def moving(text: str, reading: Reading, message: Message) -> Mechanism:
         raise Refused("a driver is a law, or its coordinate and law in words; a scenario is named", field="driver")
     is_driven = [k for k, x in document.get("scenarios", {}).items() if {"driver", "drivers"} & x.keys()]
     if isinstance(given, dict) or (given is None and scenario is None and not is_driven):
-        text = written(text, _driven_so(document, reading, given))
+        text = write_document(text, _driven_so(document, reading, given))
         given, scenario = None, DRIVEN
     name = document.get("name")
     with workplace(text, name if isinstance(name, str) else "drawing") as path:
@@ -68,7 +68,7 @@ def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | 
     return d.document
 
 
-def moved(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
+def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
     """The mechanism that was moved, its motion over the law's duration, and why it stopped before the end, if it did.
 
     Raises:
@@ -96,15 +96,15 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
     Raises:
         Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
     """
-    mechanism, x, stopped = moved(text, reading, message)
+    mechanism, x, stopped = move(text, reading, message)
     named = message.get("points")
-    points = observed(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
+    points = observe(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
     whole = spread(mechanism, x)
     first = mechanism.drivers[0]
     reply = {
         "scenario": mechanism.scenario,
         "times": x.t,
-        "poses": posed(mechanism, x.q),
+        "poses": pose_motion(mechanism, x.q),
         "points": {
             p.name: {
                 "p": position(whole.q, p),
@@ -122,10 +122,10 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
         "limits": stopped,
         "note": None,
     }
-    return mechanism, reply | forces(mechanism, x) | gained(mechanism, x.q)
+    return mechanism, reply | forces(mechanism, x) | gain(mechanism, x.q)
 
 
-def posed(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
+def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
     """Link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
     told = [poses(mechanism.whole, state) for state in of_links(mechanism, q)]
     return {link.name: [x[link.name] for x in told] for link in mechanism.whole.links}
@@ -147,7 +147,7 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     return {"torque": {"name": mechanism.drivers[0].name, "unit": unit, "values": exerted[:, 0]}, "pins": pins}
 
 
-def gained(mechanism: Mechanism, q: Array) -> dict[str, Any]:
+def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     """Velocity ratios and mechanical advantages; none, where more than one coordinate is driven."""
     try:
         with np.errstate(all="ignore"):

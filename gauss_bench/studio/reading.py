@@ -128,7 +128,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     if mechanism is None:
         problems += [Problem("hint", "nothing is drawn yet: a bar between two places is a beginning")] if not problems else []
         return Reading(document, rest, None, np.zeros(0), False, (), (*problems, *_lone(document)))
-    q, unplaced = _placed(mechanism, rest)
+    q, unplaced = _place(mechanism, rest)
     problems += [
         Problem("warning", f"{name} is not placed: the drawing says too little of where it lies", (f"links.{name}",))
         for name in unplaced
@@ -266,7 +266,7 @@ def leave_out(document: Document, fault: Fault) -> None:
     del holder[key]
 
 
-def _placed(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
+def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
     """Places of the links by the sketch; those that it does not place stand at the origin, or hang from the one point known."""
     unplaced: list[str] = []
     document = copy.deepcopy(document)

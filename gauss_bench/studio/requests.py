@@ -11,12 +11,12 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio import dragging, dynamics, exports, files, motion, templates
-from gauss_bench.studio.autosave import kept
-from gauss_bench.studio.document import EMPTY, written
+from gauss_bench.studio.autosave import keep_text
+from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, sound, told
+from gauss_bench.studio.messages import Message, sound, tell_kind
 from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
@@ -27,63 +27,63 @@ Reply = dict[str, Any]
 def hello(session: Session, message: Message) -> Reply:
     return {
         "version": __version__,
-        "templates": templates.listed(),
+        "templates": templates.list_templates(),
         "linkages": [*built_in()],
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
-        "recovered": left_of(session),
+        "recovered": remains_of(session),
         "scene": session.scene(),
     } | in_folder(session, message)
 
 
 def in_folder(session: Session, message: Message) -> Reply:
     """The files of the folder, and those of which more was drawn than was saved."""
-    here = files.listed(session.folder)
-    return {"files": here, "kept": kept(session.folder / name for name in here)}
+    here = files.list_files(session.folder)
+    return {"files": here, "kept": keep_text(session.folder / name for name in here)}
 
 
-def left_of(session: Session) -> dict[str, str] | None:
+def remains_of(session: Session) -> dict[str, str] | None:
     """The unsaved changes of this document by a process that is no more."""
     left = session.autosave.left()
     return None if left is None else {"text": left.text}
 
 
-def shown(session: Session) -> Reply:
+def show(session: Session) -> Reply:
     return {"scene": session.scene()}
 
 
 def new(session: Session, message: Message) -> Reply:
     session.open(EMPTY)
-    return shown(session)
+    return show(session)
 
 
 def template(session: Session, message: Message) -> Reply:
-    session.open(templates.text_of(told(message, "name", str)))
-    return shown(session)
+    session.open(templates.text_of(tell_kind(message, "name", str)))
+    return show(session)
 
 
 def drawing(session: Session, message: Message) -> Reply:
-    return {"svg": templates.drawing(told(message, "name", str))}
+    return {"svg": templates.drawing(tell_kind(message, "name", str))}
 
 
 def open_file(session: Session, message: Message) -> Reply:
     if "text" in message:
-        session.open(told(message, "text", str))
+        session.open(tell_kind(message, "text", str))
     elif "fragment" in message:
-        session.open(files.of_fragment(told(message, "fragment", str)))
+        session.open(files.of_fragment(tell_kind(message, "fragment", str)))
     else:
-        session.open(*files.opened(session.folder, told(message, "name", str)))
-    return {"recovered": left_of(session)} | shown(session)
+        session.open(*files.open_document(session.folder, tell_kind(message, "name", str)))
+    return {"recovered": remains_of(session)} | show(session)
 
 
 def undo(session: Session, message: Message) -> Reply:
     session.undo()
-    return shown(session)
+    return show(session)
 
 
 def redo(session: Session, message: Message) -> Reply:
     session.redo()
-    return shown(session)
+    return show(session)
 
 
 def text(session: Session, message: Message) -> Reply:
@@ -92,21 +92,21 @@ def text(session: Session, message: Message) -> Reply:
 
 def save(session: Session, message: Message) -> Reply:
     """Write the file; the linkage is called as the file is."""
-    name = told(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
+    name = tell_kind(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
     path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
         raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
-    content = written(session.text, session.document | {"name": path.stem})
+    content = write_document(session.text, session.document | {"name": path.stem})
     files.save(path, content, bool(message.get("replace")), session.path, session.saved)
     session.save_as(path, content)
-    return {"path": path.name} | shown(session)
+    return {"path": path.name} | show(session)
 
 
 def bring_in(session: Session, message: Message) -> Reply:
-    content, left_out = files.imported(told(message, "text", str))
+    content, left_out = files.import_file(tell_kind(message, "text", str))
     with session.lock:
         session.open(content)
-    return {"left_out": left_out} | shown(session)
+    return {"left_out": left_out} | show(session)
 
 
 def recover(session: Session, message: Message) -> Reply:
@@ -117,13 +117,13 @@ def recover(session: Session, message: Message) -> Reply:
             session.put(left.text, frozenset(left.locks))
             session.lay(left.picture)
         left.forget()
-    return shown(session)
+    return show(session)
 
 
 def export(session: Session, message: Message) -> Reply:
     with session.lock:
         text, reading = session.text, session.reading
-    return exports.exported(text, reading, message)
+    return exports.export_drawing(text, reading, message)
 
 
 def share(session: Session, message: Message) -> Reply:
@@ -132,22 +132,22 @@ def share(session: Session, message: Message) -> Reply:
 
 def make_edit(session: Session, message: Message) -> Reply:
     if message.get("do") == "move" and message.get("trial"):
-        return {"trial": session.scene() | scene(steps.tried(session, message), session.locks)}
+        return {"trial": session.scene() | scene(steps.try_edit(session, message), session.locks)}
     before = session.text
     made = steps.edit(session, {k: x for k, x in message.items() if k != "continues"})
     if message.get("continues") is True and session.text != before:
         session.join()
-    return {"made": made} | shown(session)
+    return {"made": made} | show(session)
 
 
 def lock(session: Session, message: Message) -> Reply:
     steps.lock(session, message)
-    return shown(session)
+    return show(session)
 
 
 def picture(session: Session, message: Message) -> Reply:
     steps.picture(session, message)
-    return shown(session)
+    return show(session)
 
 
 def behind(session: Session, message: Message) -> Reply:
@@ -163,7 +163,7 @@ def drag_begin(session: Session, message: Message) -> Reply:
 def drag(session: Session, message: Message) -> Reply:
     if session.drag is None:
         raise Refused("nothing is being dragged")
-    moved = dragging.dragged(session.drag, message)
+    moved = dragging.drag_linkage(session.drag, message)
     if message.get("centres") is True:
         with contextlib.suppress(Refused):  # where several motions are free there are none
             moved["centres"] = motion.instant_centres(session.drag.reading, moved["poses"])
@@ -173,8 +173,8 @@ def drag(session: Session, message: Message) -> Reply:
 def drag_end(session: Session, message: Message) -> Reply:
     held, session.drag = session.drag, None
     if held is not None and message.get("keep", True):
-        steps.posed(session, held.drag.q)
-    return shown(session)
+        steps.pose_sketch(session, held.drag.q)
+    return show(session)
 
 
 def branches(session: Session, message: Message) -> Reply:
@@ -190,8 +190,8 @@ def branch(session: Session, message: Message) -> Reply:
         session.branches = session.reading, dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
         raise Refused("there is no such branch", field="index")
-    steps.posed(session, session.branches[1][index])
-    return shown(session)
+    steps.pose_sketch(session, session.branches[1][index])
+    return show(session)
 
 
 def move_by_law(session: Session, message: Message) -> Reply:
@@ -225,7 +225,7 @@ def centres(session: Session, message: Message) -> Reply:
 
 
 def stop(session: Session, message: Message) -> Reply:
-    session.jobs.stop(told(message, "job", int))
+    session.jobs.stop(tell_kind(message, "job", int))
     return {}
 
 

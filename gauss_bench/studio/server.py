@@ -125,12 +125,12 @@ class Studio:
     async def index(self, request: Request) -> Response:
         if not self.guard.knows(request.query_params.get("token")):
             return PlainTextResponse("the studio opens with the address that it printed", 403)
-        return served(PAGE / "index.html")
+        return serve_page(PAGE / "index.html")
 
     async def file(self, request: Request) -> Response:
         name = str(request.path_params["name"])
         known = {x.name: x for x in PAGE.iterdir() if x.is_file()}
-        return served(known[name]) if name in known else PlainTextResponse("there is no such file", 404)
+        return serve_page(known[name]) if name in known else PlainTextResponse("there is no such file", 404)
 
     async def socket(self, socket: WebSocket) -> None:
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
@@ -237,7 +237,7 @@ def _no_number(word: str) -> float:
     raise ValueError(f"{word} is no number")
 
 
-def served(path: Path) -> Response:
+def serve_page(path: Path) -> Response:
     """A file of the page, as what it is."""
     return FileResponse(path, media_type=KINDS.get(path.suffix, "application/octet-stream"))
 
@@ -258,7 +258,7 @@ def session_of(linkage: str | None, folder: Path) -> Session:
         linkage = path.name
     else:
         session = Session(folder)
-    session.open(*files.opened(session.folder, linkage))
+    session.open(*files.open_document(session.folder, linkage))
     return session
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.studio.autosave import Autosave, Picture
-from gauss_bench.studio.document import EMPTY, Document, parsed
+from gauss_bench.studio.document import EMPTY, Document, parse_text
 from gauss_bench.studio.dragging import Dragging
 from gauss_bench.studio.jobs import Jobs
 from gauss_bench.studio.reading import Reading, read
@@ -59,7 +59,7 @@ class Session:
         Raises:
             Refused: it is no linkage file.
         """
-        parsed(text)
+        parse_text(text)
         self.autosave.forget()
         self._begin(text, text if path or text == EMPTY else "")
         self.path = path
@@ -81,7 +81,7 @@ class Session:
     @property
     def document(self) -> Document:
         """The tables of the text, for whoever changes them: a new copy each time."""
-        return parsed(self.text)
+        return parse_text(self.text)
 
     @property
     def reading(self) -> Reading:
@@ -98,7 +98,7 @@ class Session:
         """
         if (text, locks) == (self.text, self.locks):
             return
-        parsed(text)
+        parse_text(text)
         self.done = [*self.done, (self.text, self.locks)][-STEPS:]
         self.undone = []
         self.text, self.locks = text, locks

@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.studio.errors import Refused
 
 FOLDER = Path(__file__).parent / "templates"
@@ -41,7 +41,7 @@ def text_of(name: str) -> str:
 
 
 @cache
-def listed() -> tuple[dict[str, Any], ...]:
+def list_templates() -> tuple[dict[str, Any], ...]:
     """Every template with its title and whether it is built in; drawings are asked for one by one."""
     templates = []
     for name, path in files().items():
@@ -59,6 +59,6 @@ def drawing(name: str) -> str:
     """
     path = path_of(name)
     try:
-        return draw(*posed(path))
+        return draw(*pose_links(path))
     except (LinkageError, ArithmeticError, ValueError):
         return ""

@@ -50,7 +50,7 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
         first = error.errors()[0]
         place = ".".join(str(x) for x in first["loc"]) or "the file"
         raise SuiteError(f"{path}: {place}: {first['msg']}") from error
-    return joined([*(_read(part, (*above, name)) for part in suite.parts), _with_own_linkages(suite, path.parent)])
+    return join_entries([*(_read(part, (*above, name)) for part in suite.parts), _with_own_linkages(suite, path.parent)])
 
 
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
@@ -65,7 +65,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     return suite.model_copy(update={name: tuple(locate(x) for x in getattr(suite, name)) for name in SECTIONS})
 
 
-def joined(suites: Sequence[Suite]) -> Suite:
+def join_entries(suites: Sequence[Suite]) -> Suite:
     """One suite of all sections, each once, with the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:

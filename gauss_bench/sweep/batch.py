@@ -25,8 +25,8 @@ from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import TEXT, outcome_of, plain_run
-from gauss_bench.runs.offers import isolated
-from gauss_bench.runs.one_run import one_run, received, sampling_at
+from gauss_bench.runs.offers import is_isolated
+from gauss_bench.runs.one_run import one_run, receive, sampling_at
 from gauss_bench.runs.scrutiny import seen
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.sweep.errors import SweepError
@@ -175,13 +175,13 @@ def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
             rows[name][there[part]] = x
         for k, one in zip(part.tolist(), evidence, strict=True):
             motion = Trajectory(t, q[k], v[k], np.zeros_like(q[k]), count)
-            rows["status"][there[k]], rows["message"][there[k]] = _judged(
+            rows["status"][there[k]], rows["message"][there[k]] = _judge(
                 one, partial(some.mechanism_of, values[there[k]].tolist()), motion
             )
     return rows
 
 
-def _judged(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
+def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
     """Status and sentence of a motion; its linkage is read where what damping took between samples may have to be told apart."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
@@ -229,14 +229,14 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     h, _, _, t = times(choice.step, asked.until)
     h = h / parts
     wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
-    if isolated(engine):
+    if is_isolated(engine):
         largest = 8 * len(t) * (1 + 3 * mechanism.n) + TEXT
         arguments = (document, asked.scenario, asked.source, engine, taken, t)
         try:
-            answer = _worker(engine).call(performed_there, arguments, asked.limit, largest)
+            answer = _worker(engine).call(perform_there, arguments, asked.limit, largest)
         except WorkerFailure as failure:
             return str(failure.status), str(failure), {}
-        run = received(outcome_of(answer), wanted, mechanism.n)
+        run = receive(outcome_of(answer), wanted, mechanism.n)
     else:
         run = one_run(get(engine), mechanism, taken, wanted)
     if run.trajectory is None:
@@ -248,11 +248,11 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
         multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
     by_name, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
-    status, sentence = _judged(evidence, lambda: mechanism, x)
+    status, sentence = _judge(evidence, lambda: mechanism, x)
     return status, "; ".join(filter(None, (run.message, sentence))), by_name
 
 
-def performed_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:
+def perform_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:
     """A run as plain data, in the process of the engine."""
     return plain_run(one_run(get(engine), load_document(document, scenario, source), choice, sampling_at(choice.step, t)))
 

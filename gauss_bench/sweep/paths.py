@@ -79,16 +79,16 @@ def changed(document: Document, values: Mapping[str, float]) -> Document:
 def _own(document: Document, head: tuple[str, ...]) -> None:
     """Make the table that a path begins with the document's own."""
     document[head[0]] = (
-        _copied(document[head[0]])
+        _copy(document[head[0]])
         if len(head) == 1 or not isinstance(document[head[0]], dict)
-        else {key: _copied(value) if key == head[1] else value for key, value in document[head[0]].items()}
+        else {key: _copy(value) if key == head[1] else value for key, value in document[head[0]].items()}
     )
 
 
-def _copied(item: Any) -> Any:
+def _copy(item: Any) -> Any:
     if isinstance(item, dict):
-        return {key: _copied(value) for key, value in item.items()}
-    return [_copied(value) for value in item] if isinstance(item, list) else item
+        return {key: _copy(value) for key, value in item.items()}
+    return [_copy(value) for value in item] if isinstance(item, list) else item
 
 
 def _place(document: Document, path: str) -> tuple[Any, Any]:

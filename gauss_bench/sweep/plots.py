@@ -17,7 +17,7 @@ ROUNDING, SMALLEST = 1e-12, 1e-300  # of the largest value, and anyhow
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
     """SVG: a row for each figure, with its distribution and one panel for every number that varies; colours are engines."""
     from gauss_bench.report.palette import engine_colours
-    from gauss_bench.report.plotting import panels, svg, titled
+    from gauss_bench.report.plotting import give_title, panels, svg
 
     told = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()][:MOST]
     if not told:
@@ -37,7 +37,7 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
                 axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
         for axis in line:
             axis.locator_params(nbins=TICKS)
-        titled(line[0], name)
+        give_title(line[0], name)
         line[0].set_ylabel("samples")
         if len(engines) > 1:
             line[0].legend(frameon=False, fontsize=7)

@@ -16,8 +16,8 @@ import numpy as np
 from gauss_bench.bench.journal import fingerprint
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
-from gauss_bench.runs.asked import checked_budget, duration
-from gauss_bench.runs.offers import isolated, offer
+from gauss_bench.runs.asked import check_budget, duration
+from gauss_bench.runs.offers import is_isolated, offer
 from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, checked
@@ -99,14 +99,14 @@ def sweep(
     if not engines or len(set(engines)) < len(engines):
         raise SweepError("--engine: name each engine once")
     some = plan(vary, samples, sampling, seed)
-    asked = _asked(linkage, some, engines, how, where.jobs)
+    asked = _ask(linkage, some, engines, how, where.jobs)
     nominal = family(asked).nominal
     figures = columns_of(nominal, [])
     columns = columns_of(nominal, some.paths)
     stamp = _stamp(asked, vary, some, sampling, seed)
     checked(out, stamp)
     for engine in filter(in_batches, engines):
-        tell(f"{engine}: generating and compiling, with {', '.join(_opened(asked, engine)) or 'nothing'} left open")
+        tell(f"{engine}: generating and compiling, with {', '.join(_open(asked, engine)) or 'nothing'} left open")
     with Folder(out, stamp, columns) as folder:
         _run(folder, asked, some, engines, where, tell)
         rows = folder.read()
@@ -129,12 +129,12 @@ def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: lis
     write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
 
 
-def _opened(asked: Asked, engine: str) -> tuple[str, ...]:
+def _open(asked: Asked, engine: str) -> tuple[str, ...]:
     """What a kernel leaves open; it is compiled here, so that nobody else need."""
     return kernel(asked, engine).parameters
 
 
-def _asked(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
+def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
     document, _, path = document_of(linkage)
     scenario = chosen_scenario(document, how.scenario, str(path), path.stem)
     mechanism, document = load(linkage, scenario), of_one_scenario(document, scenario)
@@ -148,9 +148,9 @@ def _asked(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int
         asked_for = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{asked_for}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
     for name, choice in choices.items():
-        if not isolated(name) and (reason := _skip(name, mechanism, choice)):
+        if not is_isolated(name) and (reason := _skip(name, mechanism, choice)):
             raise SweepError(f"--engine {name}: {reason}")
-    limit = checked_budget(how.limit, LIMIT)
+    limit = check_budget(how.limit, LIMIT)
     return Asked(document, scenario, str(path), some.paths, until, choices, limit, jobs)
 
 
@@ -271,7 +271,7 @@ def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
     from joblib import parallel_config
 
     if where.backend == "local":
-        if all(in_batches(x) or isolated(x) for x in engines):
+        if all(in_batches(x) or is_isolated(x) for x in engines):
             backend = parallel_config(backend="threading")
         else:
             backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))

@@ -9,12 +9,12 @@ import numpy as np
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measure import measure, mechanism_of, reference_of
-from gauss_bench.bench.poses import kept, played, true_poses
+from gauss_bench.bench.poses import keep, play, true_poses
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.metrics import CHECKPOINTS, observed_order
+from gauss_bench.metrics import CHECKPOINTS, order_observed
 from gauss_bench.runs.apart import Alteration
-from gauss_bench.runs.offers import isolated
+from gauss_bench.runs.offers import is_isolated
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
@@ -25,7 +25,7 @@ JUDGING = 20.0  # [s] for what comes before and after a run that has its own lim
 def exact(suite: Suite, context: Context) -> list[Task]:
     """The references first, which the cases then share."""
     chosen = as_asked(cases(suite), context.until, context.steps)
-    return tasks(chosen, context, played(chosen))
+    return tasks(chosen, context, play(chosen))
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
@@ -36,7 +36,7 @@ def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
         arguments = (case, context.store, context.alter, context.limit, case in posed)
         task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
-        planned.append(task._replace(limit=task.limit + JUDGING) if isolated(case.engine) else task)
+        planned.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
     return planned
 
 
@@ -75,7 +75,7 @@ def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: boo
 def complete(suite: Suite, tables: Tables) -> None:
     """Sort the rows by their key, fill in the observed orders, and keep the poses that are played."""
     tables["results"] = with_orders(sorted(tables.get("results", []), key=in_order))
-    tables["poses"] = kept(tables["results"], tables.get("poses", []))
+    tables["poses"] = keep(tables["results"], tables.get("poses", []))
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -93,7 +93,7 @@ def with_orders(rows: Rows) -> Rows:
         told = (_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05"))
         errors = next((x for x in told if not np.isnan(x).all()), None)
         if errors is not None and len(group) > 1:
-            for row, order in zip(group, observed_order(steps, errors, floors), strict=True):
+            for row, order in zip(group, order_observed(steps, errors, floors), strict=True):
                 row["observed_order"] = float(order)
     return rows
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, Row, at_least, lasting, over_processes, row
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -27,20 +27,20 @@ QUANTITY = "batch of different states"
 CHECKED = 32  # trajectories that are run again alone
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_batch(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return [
-        patient(context.task("kernel_batch", raced, (*place, part), *place), part.processes)
+        patient(context.task("kernel_batch", race_batch, (*place, part), *place), part.processes)
         for part in suite.batch
         for place in part.linkages.items()
     ]
 
 
-def raced(linkage: str, scenario: str, part: Batch) -> Tables:
+def race_batch(linkage: str, scenario: str, part: Batch) -> Tables:
     """The row of a linkage; where an engine crashes or hangs in a process, that is the reason."""
     mechanism, answers = load(linkage, scenario or None), []
     for _ in range(part.processes):
-        answer, lost = survived(_race_of, (linkage, scenario, part), (part.own, part.rival))
+        answer, lost = list_survivors(_race_of, (linkage, scenario, part), (part.own, part.rival))
         for failure in lost.values():
             return {"kernel_batch": [_aim(_start(mechanism, part) | failure.told, mechanism, part)]}
         answers.append(answer)

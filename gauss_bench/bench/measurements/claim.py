@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench.bench.clock import Key, Race, Row, foreseen, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, entries
-from gauss_bench.bench.survived import patient, survived, watching
+from gauss_bench.bench.survived import list_survivors, patient, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.errors import KernelError
@@ -44,10 +44,10 @@ def pairs(part: Claim) -> dict[str, tuple[Key, Key]]:
 def exact(suite: Suite, context: Context) -> list[Task]:
     """Counts of operations on every linkage that both formulations race on."""
     places = [x for part in suite.claim for x in part.linkages.items()]
-    return [context.task("kernel_claim", counted, x, *x) for x in dict.fromkeys(places)]
+    return [context.task("kernel_claim", count, x, *x) for x in dict.fromkeys(places)]
 
 
-def counted(linkage: str, scenario: str) -> Tables:
+def count(linkage: str, scenario: str) -> Tables:
     """Unknowns and operations of both formulations, as far as they can be compiled."""
     mechanism = load(linkage, scenario or None)
     rows = mechanism.n - mechanism.dof
@@ -62,10 +62,10 @@ def counted(linkage: str, scenario: str) -> Tables:
     return {"kernel_claim": [start]}
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_claim(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process; those of a linkage lie apart in time."""
     tasks = [
-        context.task("claim_races", raced, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
+        context.task("claim_races", race_claim, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
         for part in suite.claim
         for number in range(part.processes)
         for place in part.linkages.items()
@@ -73,9 +73,9 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return list(map(patient, tasks))
 
 
-def raced(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
+def race_claim(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
     """The rows of one race, in a process of its own."""
-    tables, lost = survived(race, (linkage, scenario, part, number), part.compiled)
+    tables, lost = list_survivors(race, (linkage, scenario, part, number), part.compiled)
     for r in tables["claim_races"]:
         for key in pairs(part)[r["what"]]:
             if key.engine in lost:

@@ -15,13 +15,13 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import offer
-from gauss_bench.runs.processor_time import timed as processor_time
+from gauss_bench.runs.processor_time import measure_seconds as processor_time
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import Suite
 from gauss_bench.trajectory import RunFailure
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_build(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage and engine."""
     return [
         context.task("untimed", first_build, (*place, engine, part.step), *place, engine=engine, quantity=COLD)

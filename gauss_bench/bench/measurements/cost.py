@@ -18,7 +18,7 @@ from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, lasting, over_processes, ratio, stepping, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import processor
-from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
@@ -38,7 +38,7 @@ BATCH_STEPS = 200  # of each of them
 Make = Callable[[], Block]
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_cost(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process, of the engines that can share one: they have neither crashed nor hung on it.
 
     Those of a linkage lie apart in time, so that what disturbs the machine for a minute is in few of them.
@@ -50,14 +50,14 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             name = load(linkage, scenario or None).name
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
-            task = context.task("untimed", raced, (linkage, scenario, chosen, number), linkage, scenario)
+            task = context.task("untimed", race_cost, (linkage, scenario, chosen, number), linkage, scenario)
             tasks.append(patient(task))
     return tasks
 
 
-def raced(linkage: str, scenario: str, part: Cost, number: int) -> Tables:
+def race_cost(linkage: str, scenario: str, part: Cost, number: int) -> Tables:
     """Run `race`; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
-    tables, lost = survived(_race_of, (linkage, scenario, part, number), part.engines)
+    tables, lost = list_survivors(_race_of, (linkage, scenario, part, number), part.engines)
     mechanism = load(linkage, scenario or None)
     start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     for engine, failure in lost.items():

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, foreseen, interleaved, lasting, spread
+from gauss_bench.bench.clock import Block, Key, foreseen, interleave, lasting, spread
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.bench.tasks import Task as Request
 from gauss_bench.compiler.errors import KernelError
@@ -31,7 +31,7 @@ from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.exact import closed_form
+from gauss_bench.reference.exact import form_in_closed
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -48,10 +48,10 @@ Row = dict[str, Any]
 Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
+def time_growth(suite: Suite, context: Context, tables: Tables) -> list[Request]:
     """A race for each process and size; those of a size lie apart in time."""
     tasks = [
-        context.task("scaling_races", raced, (size, part.rounds, number), size=size, process=number)
+        context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)
         for part in suite.growth
         for number in range(part.processes)
         for size in part.sizes
@@ -91,9 +91,9 @@ class Contender:
     compile_seconds: float
 
 
-def raced(size: int, rounds: int, number: int = 0) -> Tables:
+def race_growth(size: int, rounds: int, number: int = 0) -> Tables:
     """The rows of one race; an engine that crashes or hangs in it is a row with that reason."""
-    tables, lost = survived(_race_of, (size, rounds, number), tuple(CONTENDERS))
+    tables, lost = list_survivors(_race_of, (size, rounds, number), tuple(CONTENDERS))
     mechanism = load(f"n_four_bar_{size}")
     tables["scaling_races"] += [_start(engine, size, number, mechanism) | failure.told for engine, failure in lost.items()]
     return tables
@@ -105,9 +105,9 @@ def _race_of(size: int, rounds: int, number: int, engines: Sequence[str], path: 
 
 def scaling(size: int, rounds: int, number: int = 0, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
     """Rows of some engines, or of all, at a size; what cannot be had leaves a row with a status and the reason."""
-    rows, blocks = entered(right(size), size, number, engines or tuple(CONTENDERS), watch)
+    rows, blocks = enter(right(size), size, number, engines or tuple(CONTENDERS), watch)
     samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
-    for block, _, seconds in interleaved(blocks, rounds, watch=watch):
+    for block, _, seconds in interleave(blocks, rounds, watch=watch):
         samples[block.entry].append(seconds)
     places = {(r["quantity"], r["engine"]): k for k, r in enumerate(rows)}
     for key, x in samples.items():
@@ -118,7 +118,7 @@ def scaling(size: int, rounds: int, number: int = 0, engines: Sequence[str] = ()
 def right(size: int) -> Right:
     """The N-four-bar of a size."""
     mechanism = load(f"n_four_bar_{size}")
-    motion = closed_form(mechanism, [MOMENT])
+    motion = form_in_closed(mechanism, [MOMENT])
     assert motion is not None
     return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
@@ -128,7 +128,7 @@ def _start(engine: str, size: int, number: int, mechanism: Mechanism) -> Row:
     return start | {"status": "ok", "message": ""}
 
 
-def entered(wanted: Right, size: int, number: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
+def enter(wanted: Right, size: int, number: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
     """A row for each of some engines and way to ask it, and the blocks to be timed."""
     rows: list[Row] = []
     blocks: list[Block] = []

@@ -9,10 +9,10 @@ fused with, and a division, which counts as one here, takes the place of eight o
 Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
 
-from gauss_bench.bench.clock import Key, Measured, Row, padded, row, spread
+from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
-from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, named, processor_rows
+from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, name_machine, processor_rows
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
@@ -35,10 +35,10 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
-    return [context.task("kernel_bounds", counted, x, *x) for x in places]
+    return [context.task("kernel_bounds", count_operations, x, *x) for x in places]
 
 
-def counted(linkage: str, scenario: str) -> Tables:
+def count_operations(linkage: str, scenario: str) -> Tables:
     """One row for each kind of bound, without its times; none where the linkage cannot be compiled to a step written out."""
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
@@ -59,14 +59,14 @@ def complete(suite: Suite, tables: Tables) -> None:
         rows = tables.get("kernel_bounds", [])
         for number, start in enumerate(rows):
             measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
-            rows[number] = row(start, bounded, start, part.own, measured) | (
+            rows[number] = row(start, limit, start, part.own, measured) | (
                 {"message": start["message"]} if "message" in start else {}
             )
         samples = {k: [row for m in races.values() if k in m.samples for row in m.samples[k]] for k in (LATENCY_KEY, RATE_KEY)}
-        tables["kernel_machine"] = processor_rows(Measured({k: padded(x) for k, x in samples.items() if x}, {})) + named()
+        tables["kernel_machine"] = processor_rows(Measured({k: pad(x) for k, x in samples.items() if x}, {})) + name_machine()
 
 
-def bounded(start: Row, own: str, measured: Measured) -> Row:
+def limit(start: Row, own: str, measured: Measured) -> Row:
     """Times of a step, and the share of the least time that they leave.
 
     Raises:

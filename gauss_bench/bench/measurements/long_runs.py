@@ -45,14 +45,14 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
         for step in (part.step, part.step / 2):
             start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation, "step": step}
             energies: list[float] = []
-            told = row(start | {"t_end": part.duration}, measured, mechanism, formulation, step, part.duration, energies)
-            rows.append(judged(told, coarse, part))
+            told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration, energies)
+            rows.append(judge_row(told, coarse, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
             coarse = told
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
-def measured(mechanism: Mechanism, formulation: str, step: float, duration: float, energies: list[float]) -> Row:
+def measure(mechanism: Mechanism, formulation: str, step: float, duration: float, energies: list[float]) -> Row:
     """Drift and energy of one run; the largest errors of the energy [J] in each window are put into `energies`.
 
     Raises:
@@ -77,7 +77,7 @@ def measured(mechanism: Mechanism, formulation: str, step: float, duration: floa
     }
 
 
-def judged(fine: Row, coarse: Row, part: LongRuns) -> Row:
+def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
     """The row with the order of the energy's error, from the run at twice the step, and whether drift and order are as wanted."""
     if fine["status"] != Status.OK:
         return fine | {"target": part.drift, "met": False}

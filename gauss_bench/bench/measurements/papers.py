@@ -7,9 +7,9 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.linkage.load import load
 from gauss_bench.papers.audit import audit
-from gauss_bench.papers.published import SQUEEZER, published
+from gauss_bench.papers.published import SQUEEZER, list_published_values
 from gauss_bench.papers.reproduction import SPAN, paper_motion, reproduction
-from gauss_bench.reference.store import certified_reference, stored_reference
+from gauss_bench.reference.store import find_certified, load_stored
 from gauss_bench.suites.schema import Suite
 
 
@@ -18,7 +18,7 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     makers: dict[str, Callable[..., Tables]] = {
         "audit": audit,
         "reproduction": reproduction,
-        "published": published_values,
+        "published": list_published,
         "paper_motion": example_motion,
     }
     given = {"paper_motion": (context.store,)}
@@ -28,12 +28,12 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 def example_motion(store: str) -> Tables:
     """The motion of the first paper's example."""
     mechanism = load("crank_slider", "paper")
-    return paper_motion(mechanism, stored_reference(mechanism, SPAN, Path(store)))
+    return paper_motion(mechanism, load_stored(mechanism, SPAN, Path(store)))
 
 
-def published_values() -> Tables:
+def list_published() -> Tables:
     """Published values against certified ones; none without the certificate."""
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
-    reference = certified_reference(mechanism, t)
-    return {"published": published(mechanism, reference) if reference else []}
+    reference = find_certified(mechanism, t)
+    return {"published": list_published_values(mechanism, reference) if reference else []}

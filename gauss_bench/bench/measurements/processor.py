@@ -63,7 +63,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
     return lasting(None, lambda: (out, code.call(None, None, None, address, TURNS)), chains * LINKS * TURNS)
 
 
-def named() -> Rows:
+def name_machine() -> Rows:
     """The names that the machine and the libraries give themselves."""
     where = environment()
     rows: Rows = [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]

@@ -9,7 +9,7 @@ parts of different stages are computed once: that is part of what compiling a lo
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Measured, Row, at_least, compared, row
+from gauss_bench.bench.clock import Key, Measured, Row, at_least, compare, row
 from gauss_bench.bench.measurements.cost import ACCELERATION, BARE, EMPTY, NATIVE, gather_by_linkage
 from gauss_bench.bench.tasks import Rows, Tables
 from gauss_bench.integrate.fixed_step import EVALUATIONS
@@ -37,14 +37,14 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
             for rival in (AS_CALLED, NET):
                 start: Row = {"mechanism": place[0], "scenario": place[1], "own": own, "rival": rival}
                 start |= {"engine": part.rival, "settings": settings}
-                comparison = row(start, _compared, measured, part, settings, own, rival)
+                comparison = row(start, _compare, measured, part, settings, own, rival)
                 aimed = own == LOOP and rival == NET and place[0] in part.target_of
                 rows.append(at_least(comparison, "ratio", part.target if aimed else None))
     return rows
 
 
-def _compared(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
-    return compared(_own(measured, part, own), _rival(measured, part, settings, rival))
+def _compare(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
+    return compare(_own(measured, part, own), _rival(measured, part, settings, rival))
 
 
 def _own(measured: Measured, part: RightHandSide, how: str) -> Array:

@@ -34,7 +34,7 @@ from gauss_bench.bench.clock import (
 )
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
-from gauss_bench.bench.survived import patient, survived, watching
+from gauss_bench.bench.survived import list_survivors, patient, watching
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.bench.ways import (
     BEATS,
@@ -42,7 +42,7 @@ from gauss_bench.bench.ways import (
     Run,
     Way,
     choice_of,
-    evaluated,
+    evaluate_run,
     has_samples,
     is_adaptive,
     loop_of,
@@ -55,7 +55,7 @@ from gauss_bench.engines.variants import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.reference.store import stored_reference
+from gauss_bench.reference.store import load_stored
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
@@ -68,7 +68,7 @@ def requirements(part: Search) -> list[Requirement]:
     return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
 
 
-def searched(part: Search) -> list[Offer]:
+def search_linkage(part: Search) -> list[Offer]:
     """The engines of a part that can be asked."""
     return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
 
@@ -84,7 +84,7 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     for part in suite.search:
         asked = part.model_copy(update={"linkages": {}, "engines": ()})
         for linkage, scenario in part.linkages.items():
-            for engine in searched(part):
+            for engine in search_linkage(part):
                 for variant in space(engine):
                     chosen = {"settings": variant.name, "integrator": variant.integrator, "stabilization": variant.stabilization}
                     arguments = (linkage, scenario, engine.name, variant, asked, context.store)
@@ -92,12 +92,12 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     return tasks
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_found(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The first process of every race: what is worth it, given the ladders, and its times."""
     return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
-def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The further processes, of what the first one found to be near the fastest; each goes over all linkages before the next."""
     most = max((part.processes for part in suite.search), default=1)
     return [
@@ -136,9 +136,9 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Fill in winners and times, write down what was searched, and where every knob comes from."""
     for part, place in _races(suite):
         ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
-        for table, rows in raced(*place, part, ladders, races).items() if races else ():
+        for table, rows in race_found(*place, part, ladders, races).items() if races else ():
             tables.setdefault(table, []).extend(rows)
-    engines = {x.name: x for part in suite.search for x in searched(part) if x.usable}
+    engines = {x.name: x for part in suite.search for x in search_linkage(part) if x.usable}
     if engines:
         tables["search_space"] = [r for x in engines.values() for r in space_rows(x)]
         tables["search_knobs"] = [r for x in engines for r in knob_rows(x)]
@@ -169,7 +169,7 @@ def knob_rows(engine: str) -> Rows:
 
 @lru_cache(maxsize=4)
 def reference_of(linkage: str, scenario: str, until: float, store: str) -> Reference:
-    return stored_reference(load(linkage, scenario or None), until, Path(store))
+    return load_stored(load(linkage, scenario or None), until, Path(store))
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
@@ -189,7 +189,7 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     judge, most = Evaluator(run.mechanism), 0 if adaptive else most_steps
 
     def evaluate(size: float) -> Trial:
-        return evaluated(run, judge, truth, way._replace(size=size), adaptive, beats)
+        return evaluate_run(run, judge, truth, way._replace(size=size), adaptive, beats)
 
     trials, ended = explore(evaluate, scale, requirements(part), part.budget, most)
     rows = [start | trial_row(trial, adaptive) for trial in trials]
@@ -211,7 +211,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     run, ladders = over(linkage, scenario, part), Ladders(rows)
     passing = [some for ways in passing_ways(ladders, part).values() for some in by_loop(ways)]
     ways = list(dict.fromkeys(way for some in passing for way in some))
-    estimates, lost = _survivors(estimated, run, ladders, ways, part)
+    estimates, lost = _survivors(estimate, run, ladders, ways, part)
     costs = {Way(*r["way"]): float(r["seconds"]) for r in estimates}
     chosen = dict.fromkeys(way for some in passing for way in finalists({w: costs[w] for w in some if w in costs}))
     told, more = _survivors(race, run, ladders, list(chosen), part, lost, costs, part.lead, part.rounds)
@@ -224,7 +224,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     measured = gather_measured(first)
     near = [way for ways in passing_ways(ladders, part).values() for some in by_loop(ways) for way in near_ways(some, measured)]
     costs = {way: time_of(x) for way, x in measured.samples.items()}
-    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, lost_in(first), costs, part.lead, part.rounds)
+    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, list_lost(first), costs, part.lead, part.rounds)
     return {"search_races": race_rows(run, number, told, lost)}
 
 
@@ -241,13 +241,13 @@ def _survivors(
     """Run a function of several ways in a new process: its results, and the engines that crash or hang in it."""
     asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in ways if way.engine not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, asked, *numbers)
-    tables, more = survived(function, arguments, [x.name for x in searched(part) if x.name not in lost])
+    tables, more = list_survivors(function, arguments, [x.name for x in search_linkage(part) if x.name not in lost])
     return tables["ways"], more
 
 
 def passing_ways(ladders: "Ladders", part: Search) -> dict[tuple[Requirement, str], list[Way]]:
     """For every requirement and engine what is exact enough."""
-    return {(w, e.name): ladders.passing(e.name, w) for w in requirements(part) for e in searched(part)}
+    return {(w, e.name): ladders.passing(e.name, w) for w in requirements(part) for e in search_linkage(part)}
 
 
 def by_loop(ways: Sequence[Way]) -> list[list[Way]]:
@@ -273,14 +273,14 @@ def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailur
     return rows + [start | {"engine": e} | failure.told for e, failure in lost.items()]
 
 
-def raced(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
+def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
     """Winners of every engine for every requirement, and the times of all that was raced.
 
     An engine that crashed or hung in one of the processes has that reason in the place of a winner.
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), gather_measured(races), lost_in(races)
+    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), gather_measured(races), list_lost(races)
     passing = passing_ways(ladders, part)
     start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
     winners: Rows = []
@@ -310,14 +310,12 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
     return told | {"seconds_low": math.nan, "seconds_high": math.nan} if alone else told
 
 
-def lost_in(races: Rows) -> dict[str, Row]:
+def list_lost(races: Rows) -> dict[str, Row]:
     """Engine -> why it was lost in a race."""
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in races if r.get("engine") and r.get("integrator") is None}
 
 
-def estimated(
-    linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str
-) -> Tables:
+def estimate(linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str) -> Tables:
     """Estimated seconds of ways, each with its steps."""
     steps = {Way(*r[:5]): int(r[5]) for r in rows if r[0] in engines}
     costs = steps_timed(Run(linkage, load(linkage, scenario or None), until), list(steps), steps, watching(path))

@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.bench.clock import Block, Key, Race, Row, at_least, lasting, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import pylinkage
-from gauss_bench.bench.survived import Watch, patient, survived, watching
+from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
 from gauss_bench.bench.tasks import Tables, Task
 from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
@@ -28,20 +28,20 @@ PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all 
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def time_turns(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return [
-        patient(context.task("kernel_kinematics", raced, (*place, part), *place), part.processes)
+        patient(context.task("kernel_kinematics", race_turns, (*place, part), *place), part.processes)
         for part in suite.turns
         for place in part.linkages.items()
     ]
 
 
-def raced(linkage: str, scenario: str, part: Turns) -> Tables:
+def race_turns(linkage: str, scenario: str, part: Turns) -> Tables:
     """A row for each way, over the processes; one that crashes or hangs in a process has that reason in its row."""
     answers = []
     for _ in range(part.processes):
-        tables, lost = survived(_race_of, (linkage, scenario, part), METHODS)
+        tables, lost = list_survivors(_race_of, (linkage, scenario, part), METHODS)
         rows = tables["kernel_kinematics"]
         answers.append([r | lost[r["method"]].told if r["method"] in lost else r for r in rows])
     return {"kernel_kinematics": [over_processes(rows, part) for rows in zip(*answers, strict=True)]}
@@ -51,10 +51,10 @@ def over_processes(rows: Sequence[Row], part: Turns) -> Row:
     """One way's row with the median of the times that processes found, or the first that failed; `rows` are its own."""
     if failed := next((r for r in rows if r["status"] != Status.OK), None):
         return failed
-    return aimed(rows[0] | (rates(np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else {}), part)
+    return aim(rows[0] | (rates(np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else {}), part)
 
 
-def aimed(row: Row, part: Turns) -> Row:
+def aim(row: Row, part: Turns) -> Row:
     """With the target of its linkage for the compiled way, which wrong kinematics do not meet."""
     if row["method"] != NATIVE:
         return row
@@ -94,10 +94,10 @@ def turn(linkage: str, scenario: str, part: Turns, methods: Sequence[str] = METH
         return rates(measured.of(Key("turn", method)))
 
     own = row(start | {"method": NATIVE}, lambda: rate_steps(NATIVE) | errors(mechanism, closures[0].turn(samples)))
-    own = aimed(own, part)
+    own = aim(own, part)
     rest = row(start | {"method": LINK_UNITS, "samples": PLAIN_SAMPLES}, lambda: rate_steps(LINK_UNITS))
     watch(Key("turn", RIVAL))
-    other = row(start | {"method": RIVAL}, lambda: rate_steps(RIVAL) | named(pylinkage.errors(mechanism, turns[0]())))
+    other = row(start | {"method": RIVAL}, lambda: rate_steps(RIVAL) | name_row(pylinkage.errors(mechanism, turns[0]())))
     if other["status"] == Status.OK:
         other["message"] = pylinkage.version()
     return {"kernel_kinematics": [own, rest, other]}
@@ -116,9 +116,9 @@ def errors(mechanism: Mechanism, turn: Sweep) -> Row:
     one = np.ones(1)
     parts = [motion.state(x, one, 0 * one) for x in theta[:, None]]
     exact = [np.concatenate([part[k] for part in parts]) for k in range(3)]
-    return named(float(np.abs(x - y).max() / np.abs(y).max()) for x, y in zip((turn.q, turn.v, turn.a), exact, strict=True))
+    return name_row(float(np.abs(x - y).max() / np.abs(y).max()) for x, y in zip((turn.q, turn.v, turn.a), exact, strict=True))
 
 
-def named(off: Iterable[float]) -> Row:
+def name_row(off: Iterable[float]) -> Row:
     """Errors of positions, velocities and accelerations as columns."""
     return dict(zip(LEVELS, off, strict=True))

@@ -36,7 +36,7 @@ from typing import Protocol
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
-from gauss_bench.compiler.equations.constraints import Row, combined, rate_of, rows_of
+from gauss_bench.compiler.equations.constraints import Row, combine, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
@@ -238,7 +238,7 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: 
     products = []
     for x in range(0, len(weights), 3):
         y = x + 1
-        known = _known_product(graph, left, right, x)
+        known = _find_product(graph, left, right, x)
         if known is not None:
             products.append(weights[x] * known)
         for j in (x + 2,) if known is not None else (x, y, x + 2):
@@ -247,7 +247,7 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: 
     return products
 
 
-def _known_product(graph: ExpressionGraph, left: Right, right: Right, x: int) -> Node | None:
+def _find_product(graph: ExpressionGraph, left: Right, right: Right, x: int) -> Node | None:
     """left_x right_x + left_y right_y where that is a constant or a multiple of a known expression."""
     y = x + 1
     if not (x in left and x in right and y in left and y in right):
@@ -260,7 +260,7 @@ def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
     """Summands of N^T (Q - M a0)."""
     products = []
     for x in range(0, len(terms.mass), 3):
-        known = _known_product(terms.graph, N, a0, x)
+        known = _find_product(terms.graph, N, a0, x)
         if known is not None:
             products.append(-(terms.mass[x] * known))
         for j in (x, x + 1, x + 2):
@@ -461,7 +461,7 @@ class Workspace:
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
         """gamma - 2 alpha phi' - beta^2 phi by kept row."""
-        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bent(self.links, row, alpha, beta)).zero}
+        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bend(self.links, row, alpha, beta)).zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
         """phi of all holonomic rows, phi' of all rows, and energy, which hold off the constraints too: every angle for itself."""
@@ -479,10 +479,10 @@ class Workspace:
 
 def _keeping(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> dict[int, Row]:
     taken = {k: [(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept}
-    return {k: combined(graph, [(rows[k], 1.0), *taken[k]]) if taken[k] else rows[k] for k in kept}
+    return {k: combine(graph, [(rows[k], 1.0), *taken[k]]) if taken[k] else rows[k] for k in kept}
 
 
-def bent(links: Links, row: Row, alpha: float, beta: float) -> Node:
+def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
     """Baumgarte's gamma - 2 alpha phi' - beta^2 phi of a row."""
     bias = row.gamma - rate_of(links, row) * (2 * alpha)
     return bias if row.phi is None else bias - row.phi * beta**2

@@ -200,10 +200,10 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
         shared: uses of nodes in all functions whose code will be merged, so that all of them have the same form of each; None where
             every node is to stay as it is.
     """
-    return numbered(inputs, outputs, shared)[0]
+    return number_nodes(inputs, outputs, shared)[0]
 
 
-def numbered(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None = None) -> tuple[Function, dict[int, int]]:
+def number_nodes(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None = None) -> tuple[Function, dict[int, int]]:
     """The function of some nodes, and the number of each of its nodes' values by the node's index."""
     ends = [x for nodes in outputs for x in nodes]
     reader = _Reader(shared, ends)

@@ -149,7 +149,7 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
     if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
     drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
-    mixed = _mixed(left, allowed) if len(drops) > 1 else None
+    mixed = _mix(left, allowed) if len(drops) > 1 else None
     return Study(mechanism, states[regular], tuple([mixed] if mixed else drops), mechanism.n - rank, left, null)
 
 
@@ -160,7 +160,7 @@ def _soundness(left: Array, drop: Drop) -> Array:
     return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
 
 
-def _mixed(left: Array, allowed: Iterable[int]) -> Drop | None:
+def _mix(left: Array, allowed: Iterable[int]) -> Drop | None:
     """Combinations of two rows of the left null spaces (k, m, redundant) to drop at all samples, or None."""
     m, redundant = left.shape[1:]
     pairs = [(i, j, x) for (i, j), x in product(combinations(allowed, 2), RATIOS)]

@@ -257,7 +257,7 @@ def generate(
         best = cheapest(known, *asked)
         if name:
             user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
-    program = _written(known, best, baumgarte)
+    program = _write(known, best, baumgarte)
     check(program, mechanism)
     return program
 
@@ -280,7 +280,7 @@ def costs(program: Program) -> Costs:
     return program.acceleration.costs
 
 
-def _written(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
+def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
     """All functions of the plan that was found best."""
     work, algebra = best.work, best.work.algebra(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph

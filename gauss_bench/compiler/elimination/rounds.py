@@ -23,12 +23,12 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.formulations import Plan, Workspace, bent, refuse, workspace
-from gauss_bench.compiler.elimination.function import Function, numbered
+from gauss_bench.compiler.elimination.formulations import Plan, Workspace, bend, refuse, workspace
+from gauss_bench.compiler.elimination.function import Function, number_nodes
 from gauss_bench.compiler.elimination.lu import GUARD, RELATIVE, SMALLEST, Matrix, Right, fewer
 from gauss_bench.compiler.elimination.partition import Study, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_on_constraints
-from gauss_bench.compiler.equations.constraints import Row, combined, rate_of, rows_of
+from gauss_bench.compiler.equations.constraints import Row, combine, rate_of, rows_of
 from gauss_bench.compiler.equations.links import open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
@@ -113,9 +113,9 @@ class _Rounds:
         for k, solution in enumerate(x):
             terms = [step.right[k]] if k in step.right else []
             terms += [-(u * solution[c]) for c, u in sorted(step.row.items()) if c in solution]
-            value = added(self.graph, terms)
+            value = add_to(self.graph, terms)
             if not value.zero:
-                solution[step.column] = settled(self.graph, value if step.inverse is None else value * step.inverse)
+                solution[step.column] = settle(self.graph, value if step.inverse is None else value * step.inverse)
 
     def _round(self) -> None:
         chosen = self._chosen()
@@ -125,10 +125,10 @@ class _Rounds:
             self._eliminate(r, c, changes, right)
         for (r, c), terms in changes.items():
             old = self.rows[r].get(c)
-            self._put(r, c, added(self.graph, terms if old is None else [old, *terms]))
+            self._put(r, c, add_to(self.graph, terms if old is None else [old, *terms]))
         for (r, k), terms in right.items():
             old = self.right[r].get(k)
-            self.right[r][k] = added(self.graph, terms if old is None else [old, *terms])
+            self.right[r][k] = add_to(self.graph, terms if old is None else [old, *terms])
 
     def _put(self, r: int, c: int, node: Node) -> None:
         self.sizes.pop(r, None)
@@ -212,7 +212,7 @@ class _Rounds:
         self.steps.append(EliminatedRow(c, inverse, row, b))
 
 
-def added(graph: ExpressionGraph, terms: list[Node]) -> Node:
+def add_to(graph: ExpressionGraph, terms: list[Node]) -> Node:
     """A sum in the order of its terms, whenever they are ready: equal sums of different loops remain equal."""
     total = graph.constant(0.0)
     for x in terms:
@@ -220,7 +220,7 @@ def added(graph: ExpressionGraph, terms: list[Node]) -> Node:
     return total
 
 
-def settled(graph: ExpressionGraph, x: Node) -> Node:
+def settle(graph: ExpressionGraph, x: Node) -> Node:
     """A solution as a value of its own, whatever its sign and form: those of different loops are then used alike."""
     return x if x.number is not None else graph.opaque("IS", (x,), x.at)
 
@@ -382,7 +382,7 @@ def generate_in_rounds(known: Study, plan: Plan, wanted: Wanted = PLAIN) -> Roun
     rates = {r: x for r, row in enumerate(rows) if not (x := rate_of(work.links, row)).zero}
     gamma = {r: row.gamma for r, row in enumerate(rows) if not row.gamma.zero}
     damped = (
-        {r: x for r, row in enumerate(rows) if not (x := bent(work.links, row, *wanted.baumgarte)).zero} if wanted.baumgarte else {}
+        {r: x for r, row in enumerate(rows) if not (x := bend(work.links, row, *wanted.baumgarte)).zero} if wanted.baumgarte else {}
     )
     numbers = work.links.parameters
     return RoundsProgram(
@@ -429,7 +429,7 @@ class _Functions:
         self.phases.append(graph.count)
         ends = [result.get(j, graph.constant(0.0)) for j in range(n)]
         sizes = tuple((x, len(names) if x == "p" else 1 if x[0] == "t" else n) for x in inputs)
-        function, number = numbered(sizes, [ends, [total(graph, holds)]])
+        function, number = number_nodes(sizes, [ends, [total(graph, holds)]])
         made = sorted(number)
         homes = {
             number[node.index]: _home(k, c, n)
@@ -457,7 +457,7 @@ def total(graph: ExpressionGraph, terms: Sequence[Node]) -> Node:
     """A sum; a long one stays one operation."""
     terms = [x for x in terms if not x.zero]
     if len(terms) <= LONG:
-        return added(graph, terms)
+        return add_to(graph, terms)
     return graph.opaque("SUM", tuple(terms), sum((x.at for x in terms), start=0.0 * terms[0].at))
 
 
@@ -487,7 +487,7 @@ def _gauss(work: Workspace, J: Matrix, gamma: Right, m: int, loaded: bool = True
     a: Right = {}
     for j in range(len(terms.mass)):
         parts = [N[j] * h[k] for k, N in enumerate(motions) if j in N and k in h]
-        a[j] = added(graph, [*([a0[j]] if j in a0 else []), *parts])
+        a[j] = add_to(graph, [*([a0[j]] if j in a0 else []), *parts])
     return [first, second], a
 
 
@@ -550,5 +550,5 @@ def _relative(graph: ExpressionGraph, chain: list[Row], centre: int) -> list[Row
     for k in range(len(chain) + 1):
         if k != centre:
             part, sign = (chain[centre:k], 1.0) if k > centre else (chain[k:centre], -1.0)
-            rows.append(combined(graph, [(row, sign) for row in part]))
+            rows.append(combine(graph, [(row, sign) for row in part]))
     return rows

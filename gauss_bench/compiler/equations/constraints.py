@@ -35,7 +35,7 @@ def rows_of(links: Links) -> list[Row]:
     return rows
 
 
-def combined(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
+def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
     """The sum of some rows, each times a factor, under the name of the first; all have a position level."""
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:

@@ -28,7 +28,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
     """Q by coordinate; what is missing is zero."""
     terms: dict[int, list[Node]] = {}
     steady, varying = (
-        (equations.generalised(links, load) for load in links.loads()),
+        (equations.generalise(links, load) for load in links.loads()),
         (_vary(links, *force) for force in links.varying()),
     )
     for entries in (*_weights(links), *steady, *varying):
@@ -48,7 +48,7 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
     """The generalised force of one that varies: its speed is its power over its size."""
     (load,) = force.lowered()
     graph = links.graph
-    entries = {k: graph.node(x) for k, x in equations.generalised(links, load).items()}
+    entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value
     square = links.space.dot(value, value) if isinstance(value, Vec) else value * value
     size = maximum(graph.sqrt(square), graph.constant(SMALLEST))

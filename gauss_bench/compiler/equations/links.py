@@ -109,7 +109,7 @@ class Tie:
     offset: float
 
 
-def tied_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
+def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     """For every link the angle it follows through slides."""
     ties = [Tie(i, 0.0) for i in range(len(mechanism.links))]
     for slide in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -149,7 +149,7 @@ class Links:
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
-        self.ties = free_angles(mechanism) if exact else tied_angles(mechanism)
+        self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.zero = graph.constant(0.0)
         self._frames: dict[int, Frame] = {}

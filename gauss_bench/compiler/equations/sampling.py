@@ -69,7 +69,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
             J = constraints(0.0, q, np.zeros_like(q)).J[: constraints.holonomic]
             drift = 0.4 * scale * rng.normal(size=mechanism.n) * (freedom > 1)
             ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
-            following = _closed(constraints, 0.0, q + STEP * ahead, scale)
+            following = _close(constraints, 0.0, q + STEP * ahead, scale)
             if following is None or np.abs((following - q) / scale).max() > 3 * STEP:
                 break
             q = following
@@ -93,7 +93,7 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
     for before, t in pairwise(times):
         rows = constraints(before, q, np.zeros_like(q))
         ahead = q - (t - before) * scale * shortest(rows.J[:h] * scale, rows.phi_t[:h])
-        closed = _closed(constraints, float(t), ahead, scale)
+        closed = _close(constraints, float(t), ahead, scale)
         if closed is None:
             break
         q = closed
@@ -101,7 +101,7 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
     return path
 
 
-def _closed(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
+def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
     """The nearest position on the constraints, or None where Newton does not find one."""
     for _ in range(12):
         rows = constraints(t, q, np.zeros_like(q))

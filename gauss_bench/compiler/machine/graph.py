@@ -637,7 +637,7 @@ def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
                 yield from nest(s.body)
 
 
-def needed(r: Routine) -> set[int]:
+def list_needed(r: Routine) -> set[int]:
     """Values that anything depends on: what is loaded or carried and not among them may be left out."""
     roots = [r.sound]
     for s in nest(r.body):
@@ -678,7 +678,7 @@ class Emitter:
     """
 
     def __init__(self, routine: Routine) -> None:
-        self.graph, self.needed = routine.graph, needed(routine)
+        self.graph, self.needed = routine.graph, list_needed(routine)
         self.names: dict[int, str] = {}
         self.first: list[str] = []
 

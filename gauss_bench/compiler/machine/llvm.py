@@ -70,11 +70,11 @@ def listing(routine: Routine, lanes: int, across: int = 1) -> Listing:
     text, packed = Writer(routine, lanes, across).text(), ""
     if lanes == 1:
         packed = f"{routine.name}_packed"
-        text += "\n" + _packed(packed, routine.name, routine.signature)
+        text += "\n" + _pack(packed, routine.name, routine.signature)
     return Listing(text, routine.name, routine.signature, routine.operations, packed)
 
 
-def _packed(name: str, called: str, signature: str) -> str:
+def _pack(name: str, called: str, signature: str) -> str:
     """A function whose only argument is the address of the arguments of another: a single one costs a host language the least."""
     kinds = [{"p": "ptr", "d": "double", "i": "i64"}[kind] for kind in signature]
     lines = [f"define void @{name}(ptr %block) {{"]

@@ -208,7 +208,7 @@ def _group(operation: str, members: list[Member]) -> LaneGroup:
     return LaneGroup(operation, tuple(value for value, _ in members), operands, tuple(column[0].negative for column in columns))
 
 
-def grouped(program: RoundsFunction) -> LaneGroups:
+def group_values(program: RoundsFunction) -> LaneGroups:
     """The groups that compute a function and its guard."""
     return _Grouping(program).made()
 
@@ -218,7 +218,7 @@ LONGEST = 64  # groups in a loop: beyond, registers run out
 WIDEST = 8  # doubles in a vector
 
 
-def padded(count: int) -> int:
+def pad(count: int) -> int:
     """Room for so many elements and whole vectors."""
     return -(-count // WIDEST) * WIDEST
 
@@ -246,7 +246,7 @@ class Layout:
     @property
     def stride(self) -> int:
         """From one coordinate of all links to the next."""
-        return padded(self.links)
+        return pad(self.links)
 
     @property
     def starts(self) -> dict[str, int]:
@@ -254,13 +254,13 @@ class Layout:
         names = ("q", "v", "q_new", "q_begin", "v_begin", "q_sum", "v_sum", "out")
         starts = {name: 3 * self.stride * k for k, name in enumerate(names)}
         t = starts["out"] + 3 * self.stride + WIDEST
-        stages = t + WIDEST + padded(self.parameters)
+        stages = t + WIDEST + pad(self.parameters)
         return starts | {"t": t, "t_new": t + 1, "p": t + WIDEST, "stages": stages, "weights": stages + 3 * self.stride * STAGES}
 
     @property
     def top(self) -> int:
         """First element to work in."""
-        return self.starts["weights"] + padded((STAGES + 1) * (2 * STAGES + 1))
+        return self.starts["weights"] + pad((STAGES + 1) * (2 * STAGES + 1))
 
     def coordinate(self, j: int) -> int:
         """Place of coordinate j of the mechanism in an array of coordinates; that of the guard behind the last."""
@@ -302,8 +302,8 @@ class Memory:
 
     def room(self, places: list[int]) -> bool:
         """Tell whether nothing is lost behind the last of some neighbouring places."""
-        behind = places[0] + padded(len(places))
-        return behind == places[-1] + 1 or (places[-1] in self.ends and behind <= padded(places[-1] + 1))
+        behind = places[0] + pad(len(places))
+        return behind == places[-1] + 1 or (places[-1] in self.ends and behind <= pad(places[-1] + 1))
 
 
 def loops(groups: LaneGroups) -> list[Loop]:
@@ -336,7 +336,7 @@ def _fitting(made: list[Loop], group: LaneGroup, first: int) -> int:
     return len(made) - 1
 
 
-def needed_outside(program: Iterable[Loop]) -> set[int]:
+def list_needed_outside(program: Iterable[Loop]) -> set[int]:
     """Values that some loop needs that does not make them in the same lane."""
     needed: set[int] = set()
     for loop in program:
@@ -358,9 +358,9 @@ def memory(layout: Layout, program: RoundsFunction, groups: LaneGroups, order: l
         homes.setdefault(name, {})[x] = lane
     for array in homes.values():
         _put(shape, top, array)
-        top += padded(max(array.values()) + 1)
+        top += pad(max(array.values()) + 1)
     top = _results(shape, order, top)
-    return Memory(layout, place, ends, padded(top) + WIDEST)
+    return Memory(layout, place, ends, pad(top) + WIDEST)
 
 
 def _put(where: Memory, start: int, array: dict[int, int]) -> None:
@@ -375,7 +375,7 @@ def _results(where: Memory, order: list[Loop], top: int) -> int:
     Returns:
         the end of memory.
     """
-    needed, read = needed_outside(order), _last_readers(order)
+    needed, read = list_needed_outside(order), _last_readers(order)
     free: dict[int, list[int]] = {}
     ending: dict[int, list[tuple[int, int]]] = {}
     for number, loop in enumerate(order):
@@ -383,9 +383,9 @@ def _results(where: Memory, order: list[Loop], top: int) -> int:
             own = [x for x in group.results if x not in where.place] if group.operation != "OUT" else []
             if needed.isdisjoint(own):
                 continue
-            size = padded(len(own)) if len(own) > 1 else 1
+            size = pad(len(own)) if len(own) > 1 else 1
             if not free.get(size):
-                room = padded(size)  # single values share one vector's
+                room = pad(size)  # single values share one vector's
                 free[size] = list(range(top, top + room, size))[::-1]
                 top += room
             start = free[size].pop()
@@ -493,13 +493,13 @@ class LoopedFunction:
 
     def statements(self, library: bool) -> list[Over]:
         """With `library`, sines are left to the target's own functions, and the rest to its compiler."""
-        needed = needed_outside(self.loops)
+        needed = list_needed_outside(self.loops)
         return [Block(loop, self.groups, needed, library).over(self.memory) for loop in self.loops]
 
 
-def looped(program: RoundsFunction, layout: Layout) -> LoopedFunction:
+def loop_over(program: RoundsFunction, layout: Layout) -> LoopedFunction:
     """The loops of a function."""
-    groups = grouped(program)
+    groups = group_values(program)
     order = loops(groups)
     return LoopedFunction(program.guards, groups, order, memory(layout, program, groups, order))
 
@@ -526,10 +526,10 @@ class LoopedProgram:
         return max(f.memory.size for f in made if f is not None)
 
 
-def looped_program(source: RoundsProgram) -> LoopedProgram:
+def loop_program(source: RoundsProgram) -> LoopedProgram:
     """The loops of a program."""
     layout = Layout(len(source.acceleration.function.outputs[0]) // 3, len(source.parameters))
-    plain = looped(source.acceleration, layout)
+    plain = loop_over(source.acceleration, layout)
     more = (source.stabilized, source.position, source.velocity)
-    stabilized, position, velocity = (None if f is None else looped(f, layout) for f in more)
+    stabilized, position, velocity = (None if f is None else loop_over(f, layout) for f in more)
     return LoopedProgram(source, layout, plain, stabilized or plain, position, velocity)

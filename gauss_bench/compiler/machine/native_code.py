@@ -100,7 +100,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         code = bytes(machine.emit_object(module))
         if cached:
             user_cache.store(f"{key}.o", code)
-    call, packed, owner = (_kept if cached else _loaded)(code, listing.name, listing.packed, listing.signature)
+    call, packed, owner = (_kept if cached else _load)(code, listing.name, listing.packed, listing.signature)
     return NativeCode(call, packed, listing.signature, time.perf_counter() - start, cached_already, owner)
 
 
@@ -123,7 +123,7 @@ def _linker() -> Any:
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
-def _loaded(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any, Any]:
+def _load(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any, Any]:
     """The function of object code, the one that takes its arguments packed, and what keeps both in memory."""
     unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(name)
     if packed:
@@ -135,7 +135,7 @@ def _loaded(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, A
     return prototype(owner[name]), compact, owner
 
 
-_kept = lru_cache(KEPT)(_loaded)
+_kept = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
@@ -151,7 +151,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
     return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
 
 
-def shared(part: Callable[[int, int], None], groups: int, threads: int) -> None:
+def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
     """Call part(low, high) for all groups, cut into as many runs as there are threads."""
     if min(threads, groups) < 2:  # to divide nothing by numpy takes as long as following a hundred samples
         part(0, groups)
@@ -165,7 +165,7 @@ def address(x: Array) -> int:
     return int(x.__array_interface__["data"][0])
 
 
-def aligned(size: int) -> Array:
+def align(size: int) -> Array:
     """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
     room = np.zeros(size + 8)
     start = -(address(room) // room.itemsize) % 8
@@ -185,8 +185,8 @@ class Single:
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
-        self.arrays = [aligned(size) for size in sizes]
-        block = aligned(len(code.signature))
+        self.arrays = [align(size) for size in sizes]
+        block = align(len(code.signature))
         at, count = len(sizes), code.signature.count("d")
         block.view(np.int64)[:at] = [address(x) for x in self.arrays]
         self.numbers, self.counts = block[at : at + count], block.view(np.int64)[at + count :]

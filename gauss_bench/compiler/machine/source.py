@@ -249,7 +249,7 @@ def in_python(routine: Routine) -> Callable[..., None]:
     s.statements(routine.body)
     given = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
     space: dict[str, Any] = {"np": np}
-    exec("\n".join([f"def {routine.name}({given}):", *freed(s.lines), "    return"]), space)
+    exec("\n".join([f"def {routine.name}({given}):", *free(s.lines), "    return"]), space)
     one: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
@@ -261,7 +261,7 @@ def in_python(routine: Routine) -> Callable[..., None]:
     return call
 
 
-def freed(lines: list[str]) -> list[str]:
+def free(lines: list[str]) -> list[str]:
     """Lines of Python in which a value that is used between two branches alone is freed after it, for the cache's sake."""
     run, where = 0, dict[str, list[tuple[int, int]]]()
     for k, line in enumerate(lines):

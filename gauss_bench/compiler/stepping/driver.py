@@ -395,7 +395,7 @@ def _sum(a: Tally, b: Tally) -> Tally:
     return Tally(a.switches + b.switches, a.fallbacks + b.fallbacks, a.lost + b.lost)
 
 
-def stopped(stop: Stop) -> Outcome:
+def stop_at(stop: Stop) -> Outcome:
     """One trajectory that stopped before its only sample."""
     return Outcome(stop.state[None], np.full((1, 1, len(stop.state)), np.nan), np.array([stop.done]), np.zeros(1, bool))
 

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, aligned, in_lanes, in_plain_c, out_of_lanes, shared
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, align, in_lanes, in_plain_c, out_of_lanes, share
 from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
@@ -55,11 +55,11 @@ class Stepper:
         call = self.loaded.call(lanes)
 
         def part(low: int, high: int) -> None:
-            work = [aligned(size * lanes) for size in self.work]
+            work = [align(size * lanes) for size in self.work]
             arrays = self.loaded.given([y[low:high], p[low:high], *work, samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
-        shared(part, groups, threads)
+        share(part, groups, threads)
         done, complete, far = out_of_lanes(report, count).T
         stored = out_of_lanes(samples.reshape(groups, batch.slots, rows, lanes), count)
         return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0), bool(far.any())
@@ -117,7 +117,7 @@ class Evaluator:
         lanes = self.loaded.lanes(count)
         y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
         out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-        work = [aligned(size * lanes) for size in self.work]
+        work = [align(size * lanes) for size in self.work]
         self.loaded.call(lanes)(*self.loaded.given([y, p, *work, at, out]), len(y))
         rows = out_of_lanes(out, count)
         return rows[:, :-1], rows[:, -1] > 0

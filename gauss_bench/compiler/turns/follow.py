@@ -52,7 +52,7 @@ from gauss_bench.compiler.machine.graph import (
     order,
     rewrite,
 )
-from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes, out_of_lanes, shared
+from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes, out_of_lanes, share
 from gauss_bench.terms import Array as Floats
 
 REACH = 0.0065  # [rad, lengths] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
@@ -106,7 +106,7 @@ class ClosingCode:
         return ClosingCode(graph, start, score, square, moved, near, turn, regular, guards, guess, list(new))
 
 
-def written(program: ClosureProgram, outputs: Outputs, library: bool = False) -> ClosingCode:
+def write_function(program: ClosureProgram, outputs: Outputs, library: bool = False) -> ClosingCode:
     """A program as code that stores states, or the unknowns x alone ("path"); with `library`, sines are left to the target."""
     g = Graph()
 
@@ -154,7 +154,7 @@ LIMIT = 8  # corrections; quadratic convergence needs four from the farthest gue
 
 def follow(program: ClosureProgram, outputs: Outputs, plain: bool = False) -> Routine:
     """The routine that follows a group of lanes; `plain` where sines and the order of operations are left to the target."""
-    code = written(program, outputs, plain)
+    code = write_function(program, outputs, plain)
     code = code if plain else code.replaced(*rewrite(code.graph, code.roots()))
     g, K = code.graph, program.inputs
     values, always = live(g, code.roots()), g.all(True)
@@ -279,7 +279,7 @@ class Follower:
             arrays += [course.rows.reshape(-1), where[low:high], report[low:high]]
             call(*self.loaded.given(arrays), course.tolerance, samples, shift, high - low)
 
-        shared(part, len(x), threads)
+        share(part, len(x), threads)
         reports = out_of_lanes(report, count)
         last = out_of_lanes(x, count) if x.size else course.x  # an open chain has no unknowns
         return Followed(reports[:, 0].astype(int), last, reports[:, 1:])

@@ -80,7 +80,7 @@ class Judge:
         """
         mechanism = replace(self.mechanism_with(p), q0=step.q)
         levels = zip(step.u + self.phases, step.w, step.b, strict=True)
-        given = [replace(x, law=_held(*level)) for x, level in zip(self.inputs, levels, strict=True)]
+        given = [replace(x, law=_hold(*level)) for x, level in zip(self.inputs, levels, strict=True)]
         try:
             motion = loop_motion(mechanism, given, np.array([1.0]))
         except MotionError as error:
@@ -90,7 +90,7 @@ class Judge:
         return np.concatenate([q, v, a, *(_point(mechanism, point, q, v, a) for point in self.points)])
 
 
-def _held(*levels: Any) -> MotionLaw:
+def _hold(*levels: Any) -> MotionLaw:
     return MotionLaw("held", lambda t: levels)
 
 
@@ -419,7 +419,7 @@ class Tracker:
 
     def state(self, motion: Motion, x: Array) -> Array:
         """q (n,) at the start."""
-        one = replace(motion, levels=held(motion.start))
+        one = replace(motion, levels=hold(motion.start))
         rows = np.empty((1, self.program.width))
         self._follow_one(one, x, 0, 1, rows)
         return rows[0, : self.program.n]
@@ -434,7 +434,7 @@ class Tracker:
             raise ValueError(f"too many samples or turns in one sweep: {count} samples of a part")
 
 
-def held(start: Start) -> Array:
+def hold(start: Start) -> Array:
     """Levels (1, 3 K) of inputs that rest at the start."""
     return np.concatenate([start.u, 0.0 * start.u, 0.0 * start.u])[None]
 
@@ -461,7 +461,7 @@ def deform_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> l
 
 def _deform(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
     """Unknowns (linkages, U), NaN where lost."""
-    inputs = held(start).repeat(2, axis=0)[None]
+    inputs = hold(start).repeat(2, axis=0)[None]
     signs = start.signs[None].repeat(len(p), axis=0)
     before = x = start.x[None].repeat(len(p), axis=0)
     last = 1.0

@@ -97,11 +97,11 @@ class CasadiModel:
 
     def _system(self, e: Any, solution: Any) -> dict[str, Any]:
         """The system with its start time as parameter: one integrator then serves every interval of a length."""
-        from gauss_bench.engines.casadi.equations import stabilized
+        from gauss_bench.engines.casadi.equations import stabilize
 
         ca, n = self.ca, self.mechanism.n
         if self.choice.stabilization == "baumgarte":
-            e = stabilized(e, self.options["baumgarte_alpha_beta_per_s"])
+            e = stabilize(e, self.options["baumgarte_alpha_beta_per_s"])
         if self.choice.integrator.startswith("cvodes"):
             system = {"ode": ca.vertcat(e.v, solution(e)[0])}
         else:

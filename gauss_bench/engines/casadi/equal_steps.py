@@ -36,14 +36,14 @@ class EqualSteps:
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
         import casadi
 
-        from gauss_bench.engines.casadi.equations import equations, solution, stabilized
+        from gauss_bench.engines.casadi.equations import equations, solution, stabilize
 
         self.ca: Any = casadi
         self.mechanism, self.choice = mechanism, choice
         e = equations(mechanism)
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
         if choice.stabilization == "baumgarte":
-            e = stabilized(e, options["baumgarte_alpha_beta_per_s"])
+            e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
         self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
         self.advance = self._compile() if generated else self._map()

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import unit
-from gauss_bench.mechanism.equations import Motion, Row, energies, generalised, rows
+from gauss_bench.mechanism.equations import Motion, Row, energies, generalise, rows
 from gauss_bench.mechanism.frames import Direction, End, Frame
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -79,7 +79,7 @@ class Symbols:
         return value
 
     def law(self, law: MotionLaw) -> Motion:
-        x = prescribed(law, self.t)
+        x = prescribe(law, self.t)
         rate = ca.jacobian(x, self.t)
         return x, rate, ca.jacobian(rate, self.t)
 
@@ -100,7 +100,7 @@ def equations(mechanism: Mechanism) -> Equations:
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
     at = Symbols(t, q, v)
     every = list(rows(mechanism, at))
-    J, gamma = jacobian(every, n), stacked([row.gamma for row in every])
+    J, gamma = jacobian(every, n), stack([row.gamma for row in every])
     Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
     for i, link in enumerate(mechanism.links):
         for k in range(2):
@@ -108,13 +108,13 @@ def equations(mechanism: Mechanism) -> Equations:
             Q[3 * i + k] = weight
             potential -= weight * q[3 * i + k]
     for load in loads(mechanism.forces):
-        for k, x in generalised(at, load).items():
+        for k, x in generalise(at, load).items():
             Q[k] += x
         held, gained = energies(at, load)
         potential, power = potential + held, power + gained
-    mass = stacked([x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)])
-    phi = stacked([row.phi for row in every if row.phi is not None])
-    c = J @ v + stacked([row.phi_t for row in every])
+    mass = stack([x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)])
+    phi = stack([row.phi for row in every if row.phi is not None])
+    c = J @ v + stack([row.phi_t for row in every])
     return Equations(t, q, v, phi, c, mass, J, gamma, Q, potential, power)
 
 
@@ -127,7 +127,7 @@ def jacobian(every: Sequence[Row], n: int) -> Symbol:
     return ca.sparsify(J)
 
 
-def stabilized(e: Equations, rate: float) -> Equations:
+def stabilize(e: Equations, rate: float) -> Equations:
     """The equations with Baumgarte's terms, alpha = beta = rate [1/s]."""
     held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
     return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
@@ -141,17 +141,17 @@ def solution(e: Equations) -> tuple[Symbol, Symbol]:
     return (e.Q - e.J.T @ multipliers) / e.mass, multipliers
 
 
-def stacked(rows: list[Symbol]) -> Symbol:
+def stack(rows: list[Symbol]) -> Symbol:
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
-def prescribed(law: MotionLaw, t: Symbol) -> Symbol:
+def prescribe(law: MotionLaw, t: Symbol) -> Symbol:
     """A motion law's value at t; its rates are left to differentiation. The ends of a law belong to its motion."""
     made = law.numbers
     if law.name == "constant":
         return made["start"] + made["speed"] * t
     if law.name == "table":
-        return made["start"] + splined(made["times"], made["angles"], t)
+        return made["start"] + cubic_spline(made["times"], made["angles"], t)
     s = t / made["time"]
     risen = {
         "sine": s - ca.sin(2 * np.pi * s) / (2 * np.pi),
@@ -161,7 +161,7 @@ def prescribed(law: MotionLaw, t: Symbol) -> Symbol:
     return made["start"] + made["travel"] * ca.if_else(s < 0, 0, ca.if_else(s > 1, 1, risen))
 
 
-def splined(times: Any, values: Any, t: Symbol) -> Symbol:
+def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
     """Cubic spline at rest at both ends and outside."""
     from scipy.interpolate import CubicSpline  # its import takes longer than most runs
 

@@ -43,13 +43,13 @@ def absolute(mechanism: Mechanism, stretch: Stretch, angles: Array) -> tuple[Arr
     directions = place.reshape(len(states), -1, 4)
     q[:, 0::3], q[:, 1::3] = directions[..., 0], directions[..., 1]
     exact = np.arctan2(directions[..., 3], directions[..., 2])
-    roughly = _followed(mechanism, equation, float(stretch.start[0]), states[:, 0], angles)
+    roughly = _follow(mechanism, equation, float(stretch.start[0]), states[:, 0], angles)
     q[:, 2::3] = exact + TURN * np.round((roughly - exact) / TURN)
     v, a = slope * w[:, None], slope * w_dot[:, None] + bend * (w * w)[:, None]
     return q[:-1], v[:-1], a[:-1], q[-1, 2::3]
 
 
-def _followed(mechanism: Mechanism, equation: Equation, start: float, at: Array, angles: Array) -> Array:
+def _follow(mechanism: Mechanism, equation: Equation, start: float, at: Array, angles: Array) -> Array:
     """Roughly the angles (k, links) at values (k,) of the coordinate, from those at its start; over turns by those of one turn."""
     slides = isinstance(equation.way.joint, Prismatic)
     fine = FINE * typical_length(mechanism) if slides else FINE

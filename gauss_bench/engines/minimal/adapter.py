@@ -15,7 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
 from gauss_bench.engines.minimal.absolute import Stretch, absolute
 from gauss_bench.engines.minimal.equation import Equation, write_equation
-from gauss_bench.engines.minimal.machine import Machine, compiled
+from gauss_bench.engines.minimal.machine import Machine, compile_machine
 from gauss_bench.engines.minimal.structure import NoWay, ways
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
@@ -169,7 +169,7 @@ class MinimalModel:
 
     @cached_property
     def _evaluate(self) -> Callable[[Array], Array]:
-        return compiled(self._equation(self.first).told)
+        return compile_machine(self._equation(self.first).told)
 
     @cached_property
     def _cuts(self) -> list[int]:

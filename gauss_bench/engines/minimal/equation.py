@@ -76,7 +76,7 @@ class Equation:
         return np.concatenate([q, v])
 
 
-def needed_angles(mechanism: Mechanism) -> list[int]:
+def angles_needed(mechanism: Mechanism) -> list[int]:
     """Links whose angles forces need, in the file's order."""
     sprung = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and isinstance(x.coordinate, Angle) and x.k]
     return sorted({link for x in sprung for link in (x.a, x.b)} - {GROUND})
@@ -112,7 +112,7 @@ def write_equation(
         least: (dyads,) opening of each dyad below which the equation is not to be used.
         others: the ways that are to be seen.
     """
-    needed, roots = needed_angles(mechanism), _roots(way)
+    needed, roots = angles_needed(mechanism), _roots(way)
     followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
     place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
     angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}
@@ -169,25 +169,25 @@ class Body:
         self.square, self.change = omega * omega, omega * alpha
 
     def arm(self, to: Array) -> Vector:
-        return self.e * _fixed(self.omega.graph, *(to - self.at))
+        return self.e * _fix(self.omega.graph, *(to - self.at))
 
     def point(self, local: Array) -> Place:
         r, o = self.arm(local), self.place
         return Place(o.p + r, o.d + r.turned(self.omega), o.b + r.turned(self.alpha) - r * self.square)
 
 
-def _fixed(graph: ExpressionGraph, x: float, y: float) -> Vector:
+def _fix(graph: ExpressionGraph, x: float, y: float) -> Vector:
     size = AXIS * max(abs(x), abs(y))
     return Vector(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
 
 
 def _unit(graph: ExpressionGraph, angle: float) -> Vector:
-    return _fixed(graph, float(np.cos(angle)), float(np.sin(angle)))
+    return _fix(graph, float(np.cos(angle)), float(np.sin(angle)))
 
 
 def _between(graph: ExpressionGraph, a: Point, b: Point) -> Vector:
     """From a to b in the frame of their link."""
-    return _fixed(graph, *(b.local - a.local))
+    return _fix(graph, *(b.local - a.local))
 
 
 class _Motion:
@@ -215,12 +215,12 @@ class _Motion:
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vector(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
-            at = Place(_fixed(graph, *way.fixed.local), still, still)
+            at = Place(_fix(graph, *way.fixed.local), still, still)
             return Body(Vector(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
         guided = joint.guide.link == GROUND  # else the guide moves, against the way of the block in it
         turn = joint.turn if guided else -joint.turn
         along = _unit(graph, joint.angle + (0.0 if guided else turn)) * (1.0 if guided else -1.0)
-        place = _fixed(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
+        place = _fix(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
         return Body(_unit(graph, turn), self.zero, self.zero, way.moved.local, Place(place, along, still))
 
     def at(self, point: Point) -> Place:
@@ -259,7 +259,7 @@ class _Motion:
 
     def _backwards(self, s: Array) -> Vector:
         """1 / s of a vector of a link's frame: what turns it in world axes into the link's direction."""
-        return _fixed(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
+        return _fix(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
 
     def _rrp(self, dyad: RRP, sign: float) -> None:
         """With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link."""
@@ -309,7 +309,7 @@ class _Motion:
         for k, link in enumerate(self.mechanism.links):
             masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *masses], [*h, *halves]
-            Q.append(_fixed(self.graph, *self.mechanism.gravity).dot(moment))
+            Q.append(_fix(self.graph, *self.mechanism.gravity).dot(moment))
         for load in loads(self.mechanism.forces):
             Q.append(self._law(load) if isinstance(load, Law) else self._push(load))
         total, square = self.graph.total, self.v * self.v
@@ -324,7 +324,7 @@ class _Motion:
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * known
 
     def _push(self, force: PointForce) -> Node:
-        F = self.bodies[force.frame].e * _fixed(self.graph, *force.value)
+        F = self.bodies[force.frame].e * _fix(self.graph, *force.value)
         return F.dot(self.at(force.point).d)
 
     def angle(self, link: int) -> Node:

@@ -69,7 +69,7 @@ class Machine:
 
     @cached_property
     def _view(self) -> Callable[[Array], Array]:
-        return compiled(self.equation.seen)
+        return compile_machine(self.equation.seen)
 
     def seen(self, y: Array) -> list[Array]:
         """Evaluate `Equation.seen` at a state, its parts one by one."""
@@ -80,7 +80,7 @@ class Machine:
         return np.cumsum([len(x) for x in self.equation.seen.outputs])[:-1]
 
 
-def compiled(function: Function) -> Callable[[Array], Array]:
+def compile_machine(function: Function) -> Callable[[Array], Array]:
     """All results of a function (t, q, v, p), which depends on neither t nor p, in one row for a state y (2n,)."""
     g, n = Graph(), function.sizes[1]
     leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]

@@ -41,7 +41,7 @@ class DoesNotCompile(ValueError):
     """MuJoCo refuses a document; the message is its own."""
 
 
-def compiled(text: str) -> dict[str, Any]:
+def compile_document(text: str) -> dict[str, Any]:
     """Fields of the compiled model, names by kind, and where everything is at qpos0.
 
     Beside FIELDS: `xpos`, `xmat`, `xipos`, `inertia` (3, 3 in world axes) of bodies, `xanchor`, `xaxis` of joints, `site_xpos`,

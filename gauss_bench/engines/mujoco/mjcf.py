@@ -53,7 +53,7 @@ def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     SubElement(root, "compiler", angle="radian", autolimits="true")
     root.append(_option(built))
     world = SubElement(root, "worldbody")
-    lines = {link: drawn(mechanism, link) for link in range(GROUND, len(mechanism.links))}
+    lines = {link: draw(mechanism, link) for link in range(GROUND, len(mechanism.links))}
     thickness = THICKNESS * max((float(np.linalg.norm(b - a)) for pairs in lines.values() for a, b in pairs), default=1.0)
     links = {draft.bodies[i].name: i for i in range(len(mechanism.links))}
 
@@ -79,7 +79,7 @@ def said(x: Any) -> str:
     return " ".join(repr(float(value)) for value in np.atleast_1d(x))
 
 
-def drawn(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
+def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     """The ends of a link's bars about its centre of mass."""
     bars = () if link == GROUND else mechanism.links[link].bars
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]

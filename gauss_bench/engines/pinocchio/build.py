@@ -109,7 +109,7 @@ def build_loop() -> None:
     """
     if reason := missing():
         raise RunFailure(Status.SKIP, reason)
-    folder = user_cache.trusted()
+    folder = user_cache.is_trusted()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
     with _alone(folder / "pinocchio-loop.lock"):
@@ -130,7 +130,7 @@ def _compile() -> bytes:
                 text=True,
                 timeout=LONGEST,
                 check=False,
-                preexec_fn=_bound,
+                preexec_fn=_limit_memory,
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
             )
@@ -141,7 +141,7 @@ def _compile() -> bytes:
         return target.read_bytes()
 
 
-def _bound() -> None:
+def _limit_memory() -> None:
     """The compiler's memory; a limit is inherited by what it starts."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
 

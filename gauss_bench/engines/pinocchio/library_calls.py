@@ -15,7 +15,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 
-def solved(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+def solve(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
     """The algorithm of a variant."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
@@ -24,6 +24,6 @@ def solved(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCal
 
 
 CALLS = {
-    "constraintDynamics": partial(solved, "one/rk4/least depth"),
-    "lcaba": partial(solved, "articulated/rk4/least depth"),
+    "constraintDynamics": partial(solve, "one/rk4/least depth"),
+    "lcaba": partial(solve, "articulated/rk4/least depth"),
 }

@@ -16,7 +16,7 @@ from gauss_bench.papers.crank_motion import CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.store import certified_reference
+from gauss_bench.reference.store import find_certified
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Reference
 
@@ -113,7 +113,7 @@ def rows_1_2_4(q: Array, v: Array, a: Array) -> Array:
     return crank_slider.bias(q, v)[[0, 1, 3]]
 
 
-def corrected(row: int) -> Rows:
+def correct(row: int) -> Rows:
     return lambda q, v, a: crank_slider.bias(q, v)[[row - 1]]
 
 
@@ -129,7 +129,7 @@ def row_6_as_printed(q: Array, v: Array, a: Array) -> Array:
     return np.array([L2 / 2 * np.sin(q[5]) * a[5] ** 2])
 
 
-row_3, row_5, row_6 = (corrected(row) for row in (3, 5, 6))
+row_3, row_5, row_6 = (correct(row) for row in (3, 5, 6))
 row_3_off, row_5_off, row_6_off = (row_off(row) for row in (3, 5, 6))
 rows_1_2_4_off = row_off(1, 2, 4)
 
@@ -236,13 +236,13 @@ def high_order(motion: CrankMotion) -> float:
 
 
 @cache
-def shown() -> Reference:
+def show() -> Reference:
     """The motion as far as SHOWN from the linkage file: certified, or by two other integrators of high order."""
-    return certified_reference(linkage(), SHOWN) or build_reference(linkage(), SHOWN)
+    return find_certified(linkage(), SHOWN) or build_reference(linkage(), SHOWN)
 
 
 def integrator_off(form: Callable[[CrankMotion], float]) -> float:
-    return abs(form(motion_of(linkage())) - float(shown().q[-1, CRANK]))
+    return abs(form(motion_of(linkage())) - float(show().q[-1, CRANK]))
 
 
 def crank_with_inertias(form: Callable[[], tuple[float, float]]) -> float:

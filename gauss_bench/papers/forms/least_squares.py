@@ -24,7 +24,7 @@ from gauss_bench.papers.forms.problems import (
     in_millimetres,
     random_problems,
     relative,
-    solved,
+    solve_problem,
     worst,
 )
 from gauss_bench.terms import Array
@@ -93,7 +93,7 @@ def stationary_with(form: Callable[[Problem, Array, Number], Number]) -> float:
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         extra = rng.normal(size=p.n)
-        true = solved(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
+        true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
         errors.append(slope(p, lambda a, p=p, extra=extra: form(p, extra, a), true))  # type: ignore[misc]
     return worst(errors)
 
@@ -106,7 +106,7 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
     return -derivative(lambda x: rate(x, v), q, v)
 
 
-def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
+def motions_constrained() -> list[tuple[Rate, Array, Array, Array]]:
     """Rate of the constraint and true q, v, a: the crank-slider, and a blade that is led around a circle."""
 
     def slider(q: Number, v: Number) -> Number:
@@ -123,7 +123,7 @@ def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
     errors = []
-    for rate, q, v, a in constrained_motions():
+    for rate, q, v, a in motions_constrained():
         Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
         errors.append(relative(form(rate, q, v), Ja))
     return worst(errors)

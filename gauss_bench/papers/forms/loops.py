@@ -113,7 +113,7 @@ Blocks = tuple[Array, Array, Array, Array]
 Laws = dict[str, Callable[[Array], Array]]
 
 
-def assembled(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
+def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
     """J_l and B_l of one loop from the Jacobian units of its ways and their effect factors."""
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
@@ -144,7 +144,7 @@ def row_transposed(blocks: Sequence[Array]) -> Array:
     return np.hstack(blocks).T
 
 
-def stacked(blocks: Sequence[Array]) -> Array:
+def stack(blocks: Sequence[Array]) -> Array:
     return np.vstack(blocks)
 
 
@@ -152,7 +152,7 @@ def stack_off(form: Callable[[Sequence[Array]], Array]) -> float:
     """Relative error of the velocities from (4), or the share of rows and columns by which the stack does not fit."""
     errors = []
     for t in turnings():
-        parts = [assembled(*loop) for loop in loops_of(t)]
+        parts = [assemble(*loop) for loop in loops_of(t)]
         J, B = form([part[0] for part in parts]), form([part[1] for part in parts])
         rows, columns = 2 * len(parts), t.unknowns
         misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
@@ -258,7 +258,7 @@ def incidence_off(form: Callable[[Array], Array]) -> float:
 Named = dict[str, tuple[str, ...]]
 
 
-def printed_loops() -> Named:
+def loops_as_printed() -> Named:
     """Linkage -> loops as the paper lists them, by the names of their joints."""
     return {"six_bar": ("a-b-c-d", "d-e-f-g"), "eight_bar": ("1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-10-4")}
 

@@ -171,10 +171,10 @@ def search_off(form: Line3) -> float:
 
     The shaper as drawn, its lever about the vertical, and laid on its side, its lever about the horizontal.
     """
-    return sum(lost(form, [x.turned(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
+    return sum(list_lost(form, [x.turned(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
 
-def lost(form: Line3, places: Sequence[Shaper]) -> int:
+def list_lost(form: Line3, places: Sequence[Shaper]) -> int:
     """Positions of a turn at which the search fails."""
     failed = 0
     for before, x in zip(places, [*places[1:], places[0]], strict=True):

@@ -51,7 +51,7 @@ class Problem:
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
 
-def solved(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
+def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
     """The problem with its solution; the first `independent` rows of J are, and all others follow from them."""
     zero = np.zeros(independent)
     a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
@@ -68,7 +68,7 @@ def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) 
     M = root @ root.T + 0.1 * n * np.eye(n)
     mix = np.vstack([np.eye(m), rng.normal(size=(repeated, m))])
     J, g = mix @ rng.normal(size=(m, n)), mix @ rng.normal(size=m)
-    return solved(M, rng.normal(size=n), rng.normal(size=n), J, g, m)
+    return solve_problem(M, rng.normal(size=n), rng.normal(size=n), J, g, m)
 
 
 @cache
@@ -111,7 +111,7 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
             g = J @ np.linalg.solve(M, p.Q - p.f)
         elif kind == "aligned":
             J = rng.normal(size=(m, m)) @ np.linalg.eigh(M)[1][:, :m].T
-        problems.append(solved(M, p.f, p.Q, J, g, len(J)))
+        problems.append(solve_problem(M, p.f, p.Q, J, g, len(J)))
     return tuple(problems)
 
 

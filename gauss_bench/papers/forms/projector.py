@@ -53,7 +53,7 @@ def inverse_off(form: Accelerations) -> float:
     return worst([relative(form(p), pinv(power(p.M, 0.5) @ projector(p))) for p in all_problems()])
 
 
-def unconstrained(p: Problem) -> Array:
+def free_motion(p: Problem) -> Array:
     return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
 
 
@@ -79,7 +79,7 @@ def nothing(p: Problem) -> Array:
     return np.zeros(p.n)
 
 
-def predicted(p: Problem) -> Array:
+def predict(p: Problem) -> Array:
     return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
 
 
@@ -88,7 +88,7 @@ def difference_off(form: Accelerations) -> float:
     errors = []
     for p in all_problems():
         wrong = euclidean(p)
-        scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(unconstrained(p)).max())
+        scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
         errors.append(float(np.abs(form(p) - (p.a - wrong)).max() / scale))
     return worst(errors)
 

@@ -78,7 +78,7 @@ def minus(a: Vector, b: Vector) -> Vector:
     return sub(a[0], b[0]), sub(a[1], b[1])
 
 
-def scaled(k: Value, a: Vector) -> Vector:
+def scale_by(k: Value, a: Vector) -> Vector:
     return mul(k, a[0]), mul(k, a[1])
 
 

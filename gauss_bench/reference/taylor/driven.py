@@ -21,13 +21,13 @@ from gauss_bench.reference.taylor.solve import (
     RANK_TOLERANCE,
     Long,
     Unsolved,
-    applied,
+    apply,
     columns,
-    corrected,
+    correct,
     dense,
     epsilon,
     pseudo_inverse,
-    stacked,
+    stack_arrays,
 )
 from gauss_bench.terms import Array
 
@@ -52,7 +52,7 @@ class Closures:
 
     def _solve(self, x: Array, b: Sequence[Any]) -> Array:
         """Solution (n,) of A(x) y = b, whose redundant rows agree."""
-        y: Array = np.linalg.lstsq(self.matrix(x), stacked(b, np.zeros(1))[0], rcond=RANK_TOLERANCE)[0]
+        y: Array = np.linalg.lstsq(self.matrix(x), stack_arrays(b, np.zeros(1))[0], rcond=RANK_TOLERANCE)[0]
         return y
 
     def matrix(self, x: Array) -> Array:
@@ -91,11 +91,11 @@ class Closures:
         signs = []
         for place in (x, y):
             pivots = factorise(self.rows.entries(self._instant(place)), chart.order).pivots
-            signs.append(np.sign(stacked(pivots, np.zeros(1))))
+            signs.append(np.sign(stack_arrays(pivots, np.zeros(1))))
         return bool((signs[0] != signs[1]).any())
 
 
-def followed(closures: Closures, times: Array, x: Array) -> Iterator[Array]:
+def follow(closures: Closures, times: Array, x: Array) -> Iterator[Array]:
     """Positions (n,) at the times, on the branch that x (n,) at the first of them lies on.
 
     Raises:
@@ -130,7 +130,7 @@ def driven_states(
     stopped = ""
     t = np.array([number(text) for text in times])
     try:
-        for now, place in zip(times, followed(Closures(double, chart), t.astype(float), x[0].astype(float)), strict=True):
+        for now, place in zip(times, follow(Closures(double, chart), t.astype(float), x[0].astype(float)), strict=True):
             path.append(place)
             if progress:
                 progress(float(now))
@@ -138,10 +138,10 @@ def driven_states(
         stopped = str(error)
         if not path:
             raise
-    return _refined(rows, np.array(path), t[: len(path)], number), stopped
+    return _refine(rows, np.array(path), t[: len(path)], number), stopped
 
 
-def _refined(rows: LoopRows, path: Array, t: Long, number: Number) -> LoopStates:
+def _refine(rows: LoopRows, path: Array, t: Long, number: Number) -> LoopStates:
     """The states at times t (k,) of positions (k, n) in double precision, to the last digit."""
     like, eps, n = t - t, epsilon(number), rows.coordinates.n
     laws: list[Any] = [driver.law(t) for driver in rows.coordinates.mechanism.drivers]
@@ -151,9 +151,9 @@ def _refined(rows: LoopRows, path: Array, t: Long, number: Number) -> LoopStates
         return Instant(columns(x), NUMBERS)
 
     P = pseudo_inverse(dense(rows.entries(instant(x)), len(t), n))
-    x = corrected(lambda y: stacked(rows.residuals(instant(y), laws), like), P, x, eps)
+    x = correct(lambda y: stack_arrays(rows.residuals(instant(y), laws), like), P, x, eps)
     at = instant(x)
-    A, rates = rows.entries(at), stacked(rows.rates(laws), like)
-    v = corrected(lambda y: applied(A, y) - rates, P, np.zeros_like(x), eps)
-    gamma = stacked(rows.biases(at, dict(enumerate(columns(v))), laws), like)
-    return LoopStates(t, x, v, corrected(lambda y: applied(A, y) - gamma, P, np.zeros_like(x), eps))
+    A, rates = rows.entries(at), stack_arrays(rows.rates(laws), like)
+    v = correct(lambda y: apply(A, y) - rates, P, np.zeros_like(x), eps)
+    gamma = stack_arrays(rows.biases(at, dict(enumerate(columns(v))), laws), like)
+    return LoopStates(t, x, v, correct(lambda y: apply(A, y) - gamma, P, np.zeros_like(x), eps))

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.reference.taylor.arithmetic import Value, add, dot, literal, minus, mul, plus, scaled, sub, total
+from gauss_bench.reference.taylor.arithmetic import Value, add, dot, literal, minus, mul, plus, scale_by, sub, total
 from gauss_bench.reference.taylor.elimination import (
     Order,
     Pivots,
@@ -119,7 +119,7 @@ def _reduce(
         mass, inertia = at.arithmetic.of(link.mass), at.arithmetic.of(link.inertia)
         z, w = [at.combined(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
         b = plus(at.combined(centre, linear), at.combined(centre, bias))
-        force = minus(loads.force[i], scaled(mass, b))
+        force = minus(loads.force[i], scale_by(mass, b))
         moment = sub(loads.moment[i], mul(inertia, 0 if angle == NONE else a0.get(angle, 0)))
         for j in range(f):
             r[j] += [dot(z[j], force), mul(w[j], moment)]

@@ -26,9 +26,9 @@ from gauss_bench.mechanism.model import (
     Torque,
 )
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.taylor.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scaled, sub
+from gauss_bench.reference.taylor.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scale_by, sub
 from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merged
+from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDamper, JointDamping)
 
@@ -81,7 +81,7 @@ class Loads:
         self._push(point.link, self.coordinates.turned(point.local, point.link), force)
 
     def _from(self, a: Point, b: Point) -> Sum:
-        return merged(self.coordinates.point(b), self.coordinates.point(a))
+        return merge(self.coordinates.point(b), self.coordinates.point(a))
 
     def _apply(self, f: Force) -> None:
         match f:
@@ -117,7 +117,7 @@ class Loads:
             pull = sub(pull, div(self.of(f.k * f.rest), self.at.arithmetic.sqrt(square)))
         if f.c != 0:
             pull = add(pull, div(mul(self.of(f.c), dot(d, self.at.combined(gap, self.rate))), square))
-        force = scaled(pull, d)
+        force = scale_by(pull, d)
         self._at(f.a, force)
         self._at(f.b, (neg(force[0]), neg(force[1])))
 
@@ -127,10 +127,10 @@ class Loads:
         u = self._value(self.coordinates.turned(direction(angle), origin.link))
         d, rate = self._value(gap), self.at.combined(gap, self.rate)
         turning = mul(self._speed(origin.link), cross(u, d))
-        force = scaled(law(dot(u, d), add(dot(u, rate), turning)), u)
+        force = scale_by(law(dot(u, d), add(dot(u, rate), turning)), u)
         self._at(point, force)
         if origin.link != GROUND:
-            arm = merged(self.coordinates.point(point), self.coordinates.centres[origin.link])
+            arm = merge(self.coordinates.point(point), self.coordinates.centres[origin.link])
             self._push(origin.link, arm, (neg(force[0]), neg(force[1])))
 
     def _damp(self, pair: Joint, c: Any) -> None:

@@ -19,8 +19,8 @@ from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.samples import LoopStates, joined
-from gauss_bench.reference.taylor.solve import Long, columns, corrected, dense, pseudo_inverse, stacked
+from gauss_bench.reference.taylor.samples import LoopStates, join
+from gauss_bench.reference.taylor.solve import Long, columns, correct, dense, pseudo_inverse, stack_arrays
 from gauss_bench.terms import Array
 
 WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order
@@ -97,15 +97,15 @@ class March:
                 if leg.samples:
                     parts.append(self._states(chart, leg.samples))
                 if leg.stopped:
-                    return joined(parts), leg.stopped
+                    return join(parts), leg.stopped
                 if leg.worn:
                     fresh, pivots = self._other_chart(chart, k, state)
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
-                        return joined(parts), self._singular(float(t), pivots)
+                        return join(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
                     state = np.concatenate([self._closed(here)[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
-        return joined(parts), ""
+        return join(parts), ""
 
     def _closed(self, here: LoopStates) -> Long:
         """The position (1, n) with all rows closed to the last digit.
@@ -119,10 +119,10 @@ class March:
             return Instant(columns(x), NUMBERS)
 
         def residual(x: Long) -> Long:
-            return stacked([*self.rows.residuals(instant(x), laws), *edges], here.t)
+            return stack_arrays([*self.rows.residuals(instant(x), laws), *edges], here.t)
 
         P = pseudo_inverse(dense(self.rows.entries(instant(here.x)), 1, n))
-        return corrected(residual, P, here.x, self.eps)
+        return correct(residual, P, here.x, self.eps)
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
         """A better chart at a state, one that is compiled already if it is good enough."""
@@ -183,7 +183,7 @@ class March:
         at = Instant(columns(y[:, :n]), NUMBERS)
         laws = [driver.law(t) for driver in self.rows.coordinates.mechanism.drivers]
         motion = rates(self.rows, chart, at, columns(y[:, n:]), laws)
-        v, a = (stacked([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
+        v, a = (stack_arrays([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
         return LoopStates(t, y[:, :n], v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:

@@ -10,7 +10,7 @@ the rest is `bias`. Values are arrays over states or symbols.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, Vector, mul, neg, plus, product, quarter, scaled, total
+from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, Vector, mul, neg, plus, product, quarter, scale_by, total
 from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
 Vectors = Callable[[Key], Vector]
@@ -29,7 +29,7 @@ class Instant:
         if key not in self.known:
             angle, length = key
             if length != NONE:
-                self.known[key] = scaled(self.x[length], self((angle, NONE)))
+                self.known[key] = scale_by(self.x[length], self((angle, NONE)))
             else:
                 self.known[key] = (self.arithmetic.cos(self.x[angle]), self.arithmetic.sin(self.x[angle]))
         return self.known[key]
@@ -41,8 +41,8 @@ class Instant:
         def of(key: Key) -> Vector:
             if key not in known:
                 angle, length = key
-                turned = scaled(dx.get(angle, 0), quarter(self(key)))
-                known[key] = plus(turned, scaled(dx.get(length, 0), self((angle, NONE))))
+                turned = scale_by(dx.get(angle, 0), quarter(self(key)))
+                known[key] = plus(turned, scale_by(dx.get(length, 0), self((angle, NONE))))
             return known[key]
 
         return of
@@ -55,8 +55,8 @@ class Instant:
             if key not in known:
                 angle, length = key
                 w = v.get(angle, 0)
-                inward = scaled(neg(mul(w, w)), self(key))
-                known[key] = plus(inward, scaled(mul(2, mul(v.get(length, 0), w)), quarter(self((angle, NONE)))))
+                inward = scale_by(neg(mul(w, w)), self(key))
+                known[key] = plus(inward, scale_by(mul(2, mul(v.get(length, 0), w)), quarter(self((angle, NONE)))))
             return known[key]
 
         return of

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, Slide
 from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.taylor.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
 from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merged
+from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
@@ -111,11 +111,11 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
         edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
     names = [f"joint {name}" for name, _ in coordinates.closures for _ in (0, 1)]
     names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]
-    given = tuple(prescribed(coordinates, d) for d in mechanism.drivers)
+    given = tuple(prescribe(coordinates, d) for d in mechanism.drivers)
     return LoopRows(coordinates, tuple(x for _, x in coordinates.closures), given, tuple(edges), tuple(names))
 
 
-def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
+def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
     """The value that a driver prescribes."""
     match driver:
         case AngleDriver():
@@ -123,5 +123,5 @@ def prescribed(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
         case SlideDriver():
             return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
         case LengthDriver():
-            return Prescribed(driver.name, NONE, 0, merged(coordinates.point(driver.b), coordinates.point(driver.a)))
+            return Prescribed(driver.name, NONE, 0, merge(coordinates.point(driver.b), coordinates.point(driver.a)))
     assert_never(driver)

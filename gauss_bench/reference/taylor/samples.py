@@ -13,7 +13,7 @@ from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
 from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.solve import Long, applied, columns, epsilon, stacked
+from gauss_bench.reference.taylor.solve import Long, apply, columns, epsilon, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
 
 BALANCE = 1e-25  # relative residual of the equations of motion in 128 bit: rounding, accelerations and condition of the linkage
@@ -34,7 +34,7 @@ class LoopStates:
     a: Long
 
 
-def joined(parts: Sequence[LoopStates]) -> LoopStates:
+def join(parts: Sequence[LoopStates]) -> LoopStates:
     return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
 
 
@@ -43,10 +43,10 @@ def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, turne
     values: list[Value] = []
     for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
         values += [*at.combined(centre, vectors), 0 if index == NONE else turned.get(index, 0)]
-    return stacked(values, like)
+    return stack_arrays(values, like)
 
 
-def sampled(
+def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
     """The motion of states at times (decimal texts), `redundant` of the rows in absolute coordinates depending on the others.
@@ -66,7 +66,7 @@ def sampled(
     velocity = _absolute(coordinates, at, at.variation(v), v, like)
     acceleration = _absolute(coordinates, at, linear, a, like) + _absolute(coordinates, at, bias, {}, like)
     loads = Loads(coordinates, at, v)
-    Q = stacked([x for force, moment in zip(loads.force, loads.moment, strict=True) for x in (*force, moment)], like)
+    Q = stack_arrays([x for force, moment in zip(loads.force, loads.moment, strict=True) for x in (*force, moment)], like)
     drift = residuals(rows, states, at)
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
     if (
@@ -84,7 +84,7 @@ def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, f
     laws = [driver.law(states.t) for driver in rows.coordinates.mechanism.drivers]
     like = states.t - states.t
     gaps: list[Any] = [gap for _, gap in rows.coordinates.turn_gaps]
-    position = stacked([*rows.residuals(at, laws), *gaps], like)
-    rate = applied(rows.entries(at), states.v) - stacked(rows.rates(laws), like)
+    position = stack_arrays([*rows.residuals(at, laws), *gaps], like)
+    rate = apply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
     off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
     return off, rate_off

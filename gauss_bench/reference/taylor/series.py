@@ -26,7 +26,7 @@ from gauss_bench.reference.taylor.law_pieces import Piece, pieces
 from gauss_bench.reference.taylor.march import SINGULAR, March
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows, loop_rows
-from gauss_bench.reference.taylor.samples import sampled
+from gauss_bench.reference.taylor.samples import sample
 from gauss_bench.reference.taylor.solve import Long, columns, epsilon
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import loop_coordinates
@@ -73,14 +73,14 @@ def taylor_motion(
             eps=epsilon(number),
             pieces=pieces(mechanism.drivers, chosen, number),
             times=[number(t) for t in times],
-            compiled=lambda chart, piece: compiled(rows, chart, piece, number),
+            compiled=lambda chart, piece: compile_series(rows, chart, piece, number),
             progress=progress,
         )
         states, stopped = march.run(chart, x, v)
         way = f"Taylor series (steps: {march.steps}, charts: {len(march.built)})"
     bits = 1 - int(np.log2(epsilon(number)))
     method = f"loop coordinates in {bits} bits; {way}; heyoka {heyoka.__version__}"
-    return sampled(rows, states, times[: len(states.t)], redundant, stopped, method, number)
+    return sample(rows, states, times[: len(states.t)], redundant, stopped, method, number)
 
 
 def _without_override(document: dict[str, Any], scenario: str) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class CompiledSeries:
         return np.asarray(watched / self.chart.scale[[c for _, c in self.chart.order]])
 
 
-def compiled(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
+def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
     """The integrator of a chart within one piece of the motion laws."""
     import heyoka
 

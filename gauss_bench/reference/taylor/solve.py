@@ -36,7 +36,7 @@ def epsilon(number: Number) -> float:
     return float(half * 2)
 
 
-def stacked(values: Sequence[Value], like: Long) -> Long:
+def stack_arrays(values: Sequence[Value], like: Long) -> Long:
     """(k, m) of m values, each an array (k,), a number or a literal; `like` is (k,) and gives shape and type."""
     none = like - like
     return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
@@ -56,13 +56,13 @@ def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
     return A
 
 
-def applied(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
+def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
     """A x (k, m) in the type of x (k, n)."""
     none = x[:, 0] - x[:, 0]
-    return stacked([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
+    return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
 
 
-def corrected(residual: Callable[[Long], Long], P: Array, x: Long, eps: float) -> Long:
+def correct(residual: Callable[[Long], Long], P: Array, x: Long, eps: float) -> Long:
     """x (k, n) with P residual(x) = 0 up to rounding, P (k, n, m) a pseudo-inverse in double.
 
     Raises:

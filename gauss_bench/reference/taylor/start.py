@@ -14,7 +14,7 @@ from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.solve import Long, applied, columns, corrected, dense, epsilon, pseudo_inverse, stacked
+from gauss_bench.reference.taylor.solve import Long, apply, columns, correct, dense, epsilon, pseudo_inverse, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, Sum
 from gauss_bench.terms import Array
 
@@ -41,12 +41,12 @@ class Held(NamedTuple):
         return [x - target for x, target in zip(here, self.target, strict=True)]
 
 
-def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]:
+def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]:
     """The coordinates that the start of a scenario holds, besides its drivers."""
     coordinates, start = rows.coordinates, scenario.get("start", {})
     mechanism = coordinates.mechanism
     holds = []
-    for link, (target, rate) in _held_angles(mechanism, start, number).items():
+    for link, (target, rate) in _angles_held(mechanism, start, number).items():
         holds.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
     for name, target in start.get("slides", {}).items():
         rate = exact(number, start.get("slide_speeds", {}).get(name, 0))
@@ -58,7 +58,7 @@ def held(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list[Held]
     return holds
 
 
-def _held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+def _angles_held(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
@@ -83,7 +83,7 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
         Unsolved: the rows and the held values cannot be met together near the guess.
     """
     n, eps = rows.coordinates.n, epsilon(number)
-    holds = held(rows, scenario, number)
+    holds = hold_start(rows, scenario, number)
     laws = [driver.law(number("0")) for driver in rows.coordinates.mechanism.drivers]
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
     like = np.array([number("0")])
@@ -95,12 +95,12 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     def residual(holds: Sequence[Held], x: Long) -> Long:
         at = Instant(columns(x), NUMBERS)
         residuals = [*rows.residuals(at, laws), *(0 for _ in rows.edges), *(y for hold in holds for y in hold.residual(at))]
-        return stacked(residuals, like)
+        return stack_arrays(residuals, like)
 
     for group in (holds, []):  # what is held may contradict the loops in its last digits; the loops must close to the last
         P = pseudo_inverse(dense(entries(x, group), 1, n))
-        x = corrected(partial(residual, group), P, x, eps)
+        x = correct(partial(residual, group), P, x, eps)
     A = entries(x, holds)
-    rates = stacked([*rows.rates(laws), *(y for hold in holds for y in hold.rate)], like)
+    rates = stack_arrays([*rows.rates(laws), *(y for hold in holds for y in hold.rate)], like)
     P = pseudo_inverse(dense(A, 1, n))
-    return x, corrected(lambda v: applied(A, v) - rates, P, np.zeros((1, n), dtype=like.dtype), eps)
+    return x, correct(lambda v: apply(A, v) - rates, P, np.zeros((1, n), dtype=like.dtype), eps)

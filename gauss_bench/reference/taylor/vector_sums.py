@@ -45,7 +45,7 @@ class VectorTerm(NamedTuple):
 Sum = tuple[VectorTerm, ...]
 
 
-def merged(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
+def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
     """One term per key, without those that cancel; `less` is taken away."""
     sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
@@ -91,14 +91,14 @@ class LoopCoordinates:
     def point(self, point: Point) -> Sum:
         """World position of a link-fixed point."""
         arm = self.turned(point.local, point.link)
-        return arm if point.link == GROUND else merged([*self.centres[point.link], *arm])
+        return arm if point.link == GROUND else merge([*self.centres[point.link], *arm])
 
     def along(self, slide: Prismatic) -> Sum:
         """From the guide point to the block point of a slide."""
         u = direction(slide.angle)
         left = np.array([-u[1], u[0]])
         guide = slide.guide.link
-        return merged([*self.turned(u, guide, self.slides[slide.name]), *self.turned(slide.offset * left, guide)])
+        return merge([*self.turned(u, guide, self.slides[slide.name]), *self.turned(slide.offset * left, guide)])
 
     def start(self, q: Array) -> Array:
         """Loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
@@ -222,7 +222,7 @@ def _with_centres(bare: LoopCoordinates, steps: list[TreeStep], none: Any) -> Lo
             path, less = list(now.point(near)), list(now.turned(far.local, far.link))
             if isinstance(step.joint, Prismatic):
                 (path if forward else less).extend(now.along(step.joint))
-            centres[step.link] = merged(path, less)
+            centres[step.link] = merge(path, less)
         now = replace(now, centres=tuple(centres))
     taken = {id(step.joint) for step in steps}
     closures = []
@@ -230,5 +230,5 @@ def _with_centres(bare: LoopCoordinates, steps: list[TreeStep], none: Any) -> Lo
         if id(joint) not in taken:
             first, second = ends(joint)
             less = [*now.point(first), *(now.along(joint) if isinstance(joint, Prismatic) else ())]
-            closures.append((joint.name, merged(now.point(second), less)))
+            closures.append((joint.name, merge(now.point(second), less)))
     return replace(now, closures=tuple(closures))

@@ -70,7 +70,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     states = q[kept]
     rails = [end for joint in slides(shown) if joint.guide.link != GROUND for end in rail(joint, states, 0.0)]
     canvas = fit(shown, states, (*points, *rails))
-    film, slower = filmed(t[kept], states, canvas)
+    film, slower = film_runs(t[kept], states, canvas)
     swept = np.vstack([obstacles(shown, x, canvas.at, _ground_guides(shown, states, canvas)) for x in states])
     acting = marks(shown, film.states, canvas.at)
     length, bar = scale_line(canvas, swept)
@@ -119,7 +119,7 @@ class Film:
         return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
 
 
-def filmed(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
+def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     """A film of states q (f, n) at times t (f,) on a canvas, and how many times slower than the motion it runs."""
     states = q.copy()
     states[:, 2::3] = np.unwrap(q[:, 2::3], axis=0)
@@ -150,17 +150,17 @@ def moving(mechanism: Mechanism, film: Film, canvas: Canvas, acting: Sequence[Ma
     shapes = [part for line in _ground_guides(mechanism, film.states, canvas) for part in guide_shape(line, grounded=True)]
     blocks = {joint.block.link for joint in slides(mechanism)}
     for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
-        shapes += carried(
+        shapes += carry(
             mechanism.links[i], i, film, canvas, [*slide_parts(mechanism, i, film, canvas), *bars(mechanism, i, canvas)]
         )
-    shapes += [part for mark in acting for part in marked(mark, film)]
+    shapes += [part for mark in acting for part in mark_points(mark, film)]
     pins = {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}
     pin_ways = [canvas.at(position(film.states, p)) for p in pins.values()]
-    shapes += [part for way in pin_ways for part in followed(way, film, [pin_shape(0, 0)])]
+    shapes += [part for way in pin_ways for part in follow(way, film, [pin_shape(0, 0)])]
     for point in mechanism.observed_points:
         way = canvas.at(position(film.states, point))
         on_pin = any(np.abs(way - other).max() < SAME for other in pin_ways)
-        shapes += followed(way, film, [dot_shape(0, 0, on_pin), *_name(point)])
+        shapes += follow(way, film, [dot_shape(0, 0, on_pin), *_name(point)])
     return shapes
 
 
@@ -188,7 +188,7 @@ def _name(point: Point) -> list[str]:
     return [f'<text x="8" y="-8" fill="{INK}" font-style="italic" {halo}>{name}</text>'] if name else []
 
 
-def carried(link: Link, i: int, film: Film, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
+def carry(link: Link, i: int, film: Film, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
     """Shapes in the frame of link i, moved with it."""
     where = [f"{x:.2f} {y:.2f}" for x, y in canvas.at(film.states[:, 3 * i : 3 * i + 2])]
     turns = [f"{x:.2f}" for x in -np.degrees(film.states[:, 3 * i + 2])]
@@ -196,7 +196,7 @@ def carried(link: Link, i: int, film: Film, canvas: Canvas, shapes: Sequence[str
     return [start, film.track("translate", where), film.track("rotate", turns), *shapes, "</g>"]
 
 
-def followed(way: Array, film: Film, shapes: Sequence[str]) -> list[str]:
+def follow(way: Array, film: Film, shapes: Sequence[str]) -> list[str]:
     """Shapes around the origin, moved along pixels (f, 2) without turning."""
     where = [f"{x:.2f} {y:.2f}" for x, y in way]
     start = f'<g transform="translate({where[0]})">'
@@ -204,7 +204,7 @@ def followed(way: Array, film: Film, shapes: Sequence[str]) -> list[str]:
     return [start, *track, *shapes, "</g>"]
 
 
-def marked(mark: Mark, film: Film) -> list[str]:
+def mark_points(mark: Mark, film: Film) -> list[str]:
     """A mark carried, turned and stretched as it acts."""
     where = [f"{x:.2f} {y:.2f}" for x, y in mark.place]
     start = f'<g transform="translate({where[0]}) rotate({mark.turn[0]:.2f})">'

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
-from gauss_bench.report.plotting import legend, panels, svg, titled
+from gauss_bench.report.plotting import give_title, legend, panels, svg
 from gauss_bench.terms import Array
 
 COMPONENTS: Mapping[str, Mapping[str, Any]] = {
@@ -30,7 +30,7 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
     figure, grid = panels(3, len(points), height=3.0, share=False)
     figure.subplots_adjust(hspace=0.42)
     for point, (path, speed, push) in zip(points, grid, strict=True):
-        titled(path, point.name)
+        give_title(path, point.name)
         draw_path(path, position(q, point))
         draw_components(speed, t, velocity(q, v, point), "velocity [m/s]")
         draw_components(push, t, acceleration(q, v, a, point), "acceleration [m/s²]")

@@ -14,9 +14,9 @@ import numpy as np
 from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.report.drawings.forces import Mark, held_by, marks
+from gauss_bench.report.drawings.forces import Mark, holder_of, marks
 from gauss_bench.report.drawings.lettering import box_of, distance, lettering, obstacles
-from gauss_bench.report.drawings.pose import posed
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
@@ -113,7 +113,7 @@ def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Ca
 
 def _ground_ends(mechanism: Mechanism) -> list[Point]:
     ends = [p for j in mechanism.joints for p in ((j.a, j.b) if isinstance(j, Revolute) else (j.guide, j.block))]
-    return [*(p for p in ends if p.link == GROUND), *held_by(mechanism)]
+    return [*(p for p in ends if p.link == GROUND), *holder_of(mechanism)]
 
 
 def _path(points: Array, closed: bool = False) -> str:
@@ -227,7 +227,7 @@ def hatch(a: Array, b: Array) -> list[str]:
 def pivots(mechanism: Mechanism, canvas: Canvas) -> list[str]:
     """A foot under every pin on the ground, and where springs and cylinders take hold of it."""
     shapes = []
-    fixed = [p for p in (*_pins(mechanism), *held_by(mechanism)) if p.link == GROUND]
+    fixed = [p for p in (*_pins(mechanism), *holder_of(mechanism)) if p.link == GROUND]
     for where in dict.fromkeys((float(p.local[0]), float(p.local[1])) for p in fixed):
         x, y = canvas.at(np.array(where))
         foot = _path(np.array([[x, y], [x - 12, y + 22], [x + 12, y + 22]]), closed=True)
@@ -290,6 +290,6 @@ def write_drawings(folder: Path) -> list[Path]:
     written = []
     for name in built_in():
         path = folder / f"{name}.svg"
-        write_text(path, draw(*posed(name)))
+        write_text(path, draw(*pose_links(name)))
         written.append(path)
     return written

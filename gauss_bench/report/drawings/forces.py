@@ -82,7 +82,7 @@ def marks(mechanism: Mechanism, states: Array, at: Pixels) -> list[Mark]:
     return [mark for item in (*mechanism.forces, *mechanism.drivers) for mark in _marks(item, mechanism, places)]
 
 
-def held_by(mechanism: Mechanism) -> list[Point]:
+def holder_of(mechanism: Mechanism) -> list[Point]:
     """The points of the ground that springs, dampers and cylinders take hold of."""
     lines = [x for x in (*mechanism.forces, *mechanism.drivers) if isinstance(x, (SpringDamper, LengthDriver))]
     return [point for x in lines for point in (x.a, x.b) if point.link == GROUND]
@@ -123,10 +123,10 @@ def _marks(item: object, mechanism: Mechanism, x: Places) -> Iterator[Mark]:
                 yield still(item.name, [ring()], centre, np.zeros(len(centre)), 11.0)
         case Torque() if item.value:
             centre = x.of(_pin(mechanism, item.reaction, item.link))
-            yield still(item.name, curved_arrow(item.value > 0), centre, np.zeros(len(centre)), ARC + 3)
+            yield still(item.name, draw_curved_arrow(item.value > 0), centre, np.zeros(len(centre)), ARC + 3)
         case AngleDriver():
             centre = x.of(_pin(mechanism, GROUND, item.link))
-            shapes = [*curved_arrow(_rate(item) >= 0), f'<circle r="9" {PUSH}/>']
+            shapes = [*draw_curved_arrow(_rate(item) >= 0), f'<circle r="9" {PUSH}/>']
             yield still(item.name, shapes, centre, np.zeros(len(centre)), ARC + 3)
         case SlideDriver():
             turn = -np.degrees(x.angle(item.joint.guide.link) + item.joint.angle)
@@ -245,7 +245,7 @@ def arrow(start: float, end: float) -> list[str]:
     return [f'<path d="M{start:.1f} 0H{end - 8 * sense:.1f}" {PUSH}/>', f'<path d="{head}" fill="{CRANK_EDGE}"/>']
 
 
-def curved_arrow(left: bool) -> list[str]:
+def draw_curved_arrow(left: bool) -> list[str]:
     """Three quarters of a circle around the origin with a head, to the left or to the right, open below."""
     first, last = (-40.0, 200.0) if left else (220.0, -20.0)
     turns = np.radians(np.linspace(first, last, 25))

@@ -17,7 +17,7 @@ POSE_DEG = 60.0  # crank angle of the drawings: no linkage of the suite is stret
 TURN = 120  # states of a full turn
 
 
-def posed(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
+def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
     """`pose_document` of a file, or of a built-in linkage."""
     return pose_document(*document_of(name_or_path), crank_deg)
 

@@ -10,7 +10,8 @@ from gauss_bench.report.content import (
     Text,
     count,
     counts,
-    listed,
+    itemise,
+    list_unmeasured,
     ratio_cells,
     remark,
     run_of_numbers,
@@ -18,9 +19,8 @@ from gauss_bench.report.content import (
     text_cell,
     texts,
     times,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, costs, known, number, plain
+from gauss_bench.report.rows import Row, Run, costs, is_known, number, plain
 
 PLACE = 20
 TABLES = ("kernel_claim",)
@@ -49,14 +49,14 @@ def section(run: Run) -> Section:
     if not rows:
         return Section("Is the paper right?", "claim", (Text("The run raced no compiled formulations."),))
     ordered = sorted(rows, key=lambda r: (number(r, "unknowns_gauss"), number(r, "unknowns_lagrange"), str(r["mechanism"])))
-    lines = table_with_title("n - m unknowns against n + m", HEAD, 1, ordered, claimed)
+    lines = table_with_title("n - m unknowns against n + m", HEAD, 1, ordered, list_claims)
     return Section("Is the paper right?", "claim", (Text(CLAIM), lines))
 
 
 VERDICTS = {"holds": "good", "open": "warn", "reversed": "bad"}
 
 
-def claimed(row: Row) -> tuple[Cell, ...]:
+def list_claims(row: Row) -> tuple[Cell, ...]:
     """Both formulations of a linkage."""
     kinds = ("operations", "divisions", "critical")
     costs = counts(row, *(f"{kind}_{x}" for kind in kinds for x in ("gauss", "lagrange")))
@@ -74,7 +74,7 @@ def findings(run: Run) -> Iterator[Finding]:
     """State whether fewer unknowns are faster, compiled: a sentence for every linkage, number of free coordinates and way."""
     by_formula, slower = as_printed(run)
     table = run.table("kernel_claim")
-    rows = [row for row in table if known(row.get("ratio"))]
+    rows = [row for row in table if is_known(row.get("ratio"))]
     if not rows:
         if by_formula:
             yield Finding("The paper's claim", by_formula, "warn" if slower else "")
@@ -87,7 +87,7 @@ def findings(run: Run) -> Iterator[Finding]:
     text = (
         f"{by_formula}{answer}{', by elimination' if by_formula else ''}. "
         f"Compiled by the same eliminator, n - m unknowns against n + m, as the median of {processes} processes: "
-        f"{'; '.join(parts)}.{unmeasured(table, 'ratio')}"
+        f"{'; '.join(parts)}.{list_unmeasured(table, 'ratio')}"
     )
     yield Finding("The paper's claim", text, "" if answer == "Yes" and not slower else "warn")
 
@@ -97,14 +97,14 @@ def as_printed(run: Run) -> tuple[str, bool]:
 
     Steps of `gauss_pinv` and of `lagrange`, both interpreted and in the same loop; no words where they were not timed.
     """
-    rows = [r for r in costs(run.results) if plain(r) and known(r.get("step_ratio"))]
+    rows = [r for r in costs(run.results) if plain(r) and is_known(r.get("step_ratio"))]
     steps = {(r["mechanism"], r["engine"]): number(r, "step_ratio") for r in rows if r["integrator"] == "rk4"}
     ratios = {x: steps[x, "gauss_pinv"] / steps[x, "lagrange"] for x, e in steps if e == "gauss_pinv" and (x, "lagrange") in steps}
     if not ratios:
         return "", False
     slower = sum(x > 1 for x in ratios.values())
     answer = "Yes" if not slower else "No" if slower == len(ratios) else "In part"
-    said = listed(f"{name} {times(x)}" for name, x in ratios.items())
+    said = itemise(f"{name} {times(x)}" for name, x in ratios.items())
     return (
         f"{answer}, by the paper's own formula: a step of `gauss_pinv`, with pseudo-inverses, takes this many times as long as one "
         f"of `lagrange`, both in numpy in the same loop: {said}. ",
@@ -121,12 +121,12 @@ def _race(rows: Sequence[Row]) -> str:
     """Every way in which these linkages were raced, with the ends of its ratios and the linkages where few do not win."""
     parts = []
     for way, words in WAYS.items():
-        raced = [r for r in rows if known(r.get(f"{way}ratio"))]
+        raced = [r for r in rows if is_known(r.get(f"{way}ratio"))]
         if not raced:
             continue
         on = {x: [str(r["mechanism"]) for r in raced if r[f"{way}verdict"] == x] for x in VERDICTS}
         said = f"{words} is faster on {len(on['holds'])} of {count(len(raced), 'linkage')}"
         but = [f"ratio {run_of_numbers([number(r, f'{way}ratio') for r in raced])}"]
-        but += [f"{how} on {listed(on[x])}" for x, how in (("open", "no difference"), ("reversed", "slower")) if on[x]]
+        but += [f"{how} on {itemise(on[x])}" for x, how in (("open", "no difference"), ("reversed", "slower")) if on[x]]
         parts.append(f"{said} ({'; '.join(but)})")
-    return listed(parts)
+    return itemise(parts)

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, listed, text_cell
-from gauss_bench.report.rows import Row, Run, grouped, known, ok
+from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, itemise, text_cell
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, ok
 
 PLACE = 80
 TABLES = ("results", "untimed")
@@ -41,7 +41,7 @@ def reasons(title: str, rows: Sequence[Row], word: str = "") -> Table:
     """One line per engine, status and sentence, whatever its numbers."""
     head, numeric = columns(("engine", "status", "where", "cases", "sentence"), 3, last_text=1)
     lines = []
-    for (engine, status, _), group in grouped(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).items():
+    for (engine, status, _), group in group_rows(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).items():
         message = group[0]["message"] + (" (numbers of the first)" if len({r["message"] for r in group}) > 1 else "")
         tone = "warn" if status == "skip" else "bad"
         cases = Cell(str(len(group)), float(len(group)))
@@ -53,10 +53,10 @@ def reasons(title: str, rows: Sequence[Row], word: str = "") -> Table:
 
 def where(rows: Sequence[Row]) -> str:
     """Linkages and choices in which a group of cases differ."""
-    parts = [listed(sorted({f"{r['mechanism']} {r['scenario']}" for r in rows}))]
+    parts = [itemise(sorted({f"{r['mechanism']} {r['scenario']}" for r in rows}))]
     for key in ("settings", "integrator", "stabilization"):
         parts.append("/".join(sorted({r[key] for r in rows} - {""})))
-    steps = sorted({row["step"] for row in rows if known(row["step"])})
+    steps = sorted({row["step"] for row in rows if is_known(row["step"])})
     parts.append(f"step {', '.join(f'{x:g}' for x in steps)}" if steps else "")
     return "; ".join(part for part in parts if part)
 
@@ -64,7 +64,7 @@ def where(rows: Sequence[Row]) -> str:
 def findings(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
     if rows:
-        groups = grouped(rows, lambda r: (r["engine"], r["status"])).items()
+        groups = group_rows(rows, lambda r: (r["engine"], r["status"])).items()
         why = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)
         text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {why}."
         yield Finding("Failed cases", text, "bad")

@@ -39,10 +39,10 @@ LIMITATIONS = (
 
 
 def section(run: Run) -> Section:
-    return Section("Known limitations", "limitations", (Bullets((*LIMITATIONS, *left_out(run))),))
+    return Section("Known limitations", "limitations", (Bullets((*LIMITATIONS, *list_left_out(run))),))
 
 
-def left_out(run: Run) -> tuple[str, ...]:
+def list_left_out(run: Run) -> tuple[str, ...]:
     """List what the suite did not run, each with its reason."""
     told = []
     for rule in run.environment.get("left_out", []):

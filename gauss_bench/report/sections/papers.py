@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, listed, text_cell
-from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, itemise, text_cell
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
 
 PLACE = 70
 TABLES = ("audit",)
@@ -25,7 +25,7 @@ def section(run: Run) -> Section:
     if not run.table("audit"):
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
     blocks: list[Block] = [Text(WORDS), Text(summary(run.table("audit")))]
-    for paper, rows in grouped(run.table("audit"), lambda row: str(row["paper"])).items():
+    for paper, rows in group_rows(run.table("audit"), lambda row: str(row["paper"])).items():
         off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
         sound = [row for row in rows if row not in off]
         told = [str(rows[0][key]) for key in ("cited", "assumed") if rows[0].get(key)]
@@ -46,10 +46,10 @@ def summary(rows: Sequence[Row]) -> str:
     """Count how many lines and causes of each paper came out how; name each verdict that disagrees with its measurement."""
     parts = [
         f"{paper}: {count(len(group), 'line')}; {verdicts(group)}."
-        for paper, group in grouped(rows, lambda row: str(row["paper"])).items()
+        for paper, group in group_rows(rows, lambda row: str(row["paper"])).items()
     ]
     fallen = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
-    return " ".join(parts) + (f" **Verdicts that the measurement contradicts: {listed(fallen)}.**" if fallen else "")
+    return " ".join(parts) + (f" **Verdicts that the measurement contradicts: {itemise(fallen)}.**" if fallen else "")
 
 
 def verdict_cell(row: Row) -> Cell:
@@ -60,7 +60,7 @@ def verdict_cell(row: Row) -> Cell:
 
 def off_cell(row: Row, column: str) -> Cell:
     x = number(row, column)
-    return Cell("0" if x == 0 else error(x), x if known(x) else "")
+    return Cell("0" if x == 0 else error(x), x if is_known(x) else "")
 
 
 def reasons(title: str, rows: Sequence[Row]) -> Table:
@@ -121,7 +121,7 @@ def by_hand(rows: Sequence[Row]) -> Table:
 
 
 def value_cell(x: float) -> Cell:
-    return Cell(f"{x:.7g}", x) if known(x) else Cell("-")
+    return Cell(f"{x:.7g}", x) if is_known(x) else Cell("-")
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -132,16 +132,16 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
     """(paper, cause) -> its lines; lines without a cause are left out."""
-    return grouped((row for row in rows if row.get("cause")), lambda row: (str(row["paper"]), str(row["cause"])))
+    return group_rows((row for row in rows if row.get("cause")), lambda row: (str(row["paper"]), str(row["cause"])))
 
 
 def verdicts(rows: Iterable[Row]) -> str:
     """Count the lines by how they came out, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
     parts = []
-    for verdict, group in grouped(rows, lambda row: str(row["verdict"])).items():
+    for verdict, group in group_rows(rows, lambda row: str(row["verdict"])).items():
         reasons = len(causes(group))
         parts.append(f"{len(group)} {SAID.get(verdict, verdict)}" + (f" ({count(reasons, 'cause')})" if reasons else ""))
-    return listed(parts)
+    return itemise(parts)
 
 
 def statements(run: Run) -> Iterator[Finding]:
@@ -150,12 +150,12 @@ def statements(run: Run) -> Iterator[Finding]:
         return
     papers = {row["paper"] for row in run.table("audit")}
     off = [row for row in run.table("audit") if row["verdict"] != "ok"]
-    wrong = grouped((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
+    wrong = group_rows((row for row in off if row["verdict"] == "wrong"), lambda row: f"{row['equation']} of {row['paper']}")
     fallen = [str(row["name"]) for row in run.table("audit") if not row["stands"]]
     lines = run.table("audit")
     text = f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed: {verdicts(lines)}."
-    text += f" Wrong as statements: {listed(wrong)}." if wrong else ""
-    text += f" **The measurement contradicts the verdict on {listed(fallen)}.**" if fallen else ""
+    text += f" Wrong as statements: {itemise(wrong)}." if wrong else ""
+    text += f" **The measurement contradicts the verdict on {itemise(fallen)}.**" if fallen else ""
     yield Finding("What the papers print", text, "bad" if fallen else "warn" if off else "good")
 
 

@@ -16,7 +16,7 @@ from gauss_bench.report.content import (
     text_cell,
     texts,
 )
-from gauss_bench.report.rows import Row, Run, known, measure, number
+from gauss_bench.report.rows import Row, Run, is_known, measure, number
 
 PLACE = 50
 TABLES = ("references", "certificates", "published")
@@ -47,8 +47,8 @@ def section(run: Run) -> Section:
     if run.table("references"):
         blocks += [Text(REFERENCES), _references(run.table("references"))]
     if run.table("certificates"):
-        plain = [row for row in run.table("certificates") if not known(row.get("taylor_off_closed_form"))]
-        exact = [row for row in run.table("certificates") if known(row.get("taylor_off_closed_form"))]
+        plain = [row for row in run.table("certificates") if not is_known(row.get("taylor_off_closed_form"))]
+        exact = [row for row in run.table("certificates") if is_known(row.get("taylor_off_closed_form"))]
         blocks += [Text(CERTIFICATES), _certificates(plain)]
         early = tuple(_early(row) for row in run.table("certificates") if row["status"] != "ok" or row["complete"] is False)
         blocks += [Bullets(early)] if early else []
@@ -80,7 +80,9 @@ def _certificates(rows: list[Row]) -> Table:
     head, numeric = columns(names, 2)
     lines = []
     for row in rows:
-        counts = tuple(Cell(f"{number(row, x):g}", number(row, x)) if known(row.get(x)) else Cell("-") for x in ("digits", "until"))
+        counts = tuple(
+            Cell(f"{number(row, x):g}", number(row, x)) if is_known(row.get(x)) else Cell("-") for x in ("digits", "until")
+        )
         lines.append((text_cell(row["mechanism"]), text_cell(row["scenario"]), *counts, *(error_cell(row, x) for x in bars)))
     note = "Digits of positions and velocities; bars and floor at the last time, in SI units; drift: how far the loops open."
     return Table("Certificates", head, tuple(lines), numeric, note=note)
@@ -109,7 +111,7 @@ def _publish(rows: tuple[Row, ...]) -> Table:
 
 
 def _early(row: Row) -> str:
-    until = f"until {number(row, 'until'):g} s" if known(row.get("until")) else "not at all"
+    until = f"until {number(row, 'until'):g} s" if is_known(row.get("until")) else "not at all"
     return f"`{row['mechanism']}` {row['scenario']} is certified {until}: {row['message']}."
 
 

@@ -14,13 +14,13 @@ from gauss_bench.report.content import (
     Text,
     columns,
     error,
-    listed,
+    itemise,
     text_cell,
 )
 from gauss_bench.report.rows import (
     Row,
     Run,
-    known,
+    is_known,
     number,
 )
 from gauss_bench.report.site.charts import label, over_time
@@ -47,7 +47,7 @@ def section(run: Run) -> Section:
     blocks += paper_figures(run.table("paper_motion"))
     claims = [row for row in run.table("reproduction") if row["group"] == "claims"]
     omitted = [row for row in run.table("reproduction") if row["group"] == "left out"]
-    blocks += [said("What the paper says of its example", claims), left_out(omitted), quantities(run.table("reproduction"))]
+    blocks += [said("What the paper says of its example", claims), list_left_out(omitted), quantities(run.table("reproduction"))]
     return Section(TITLE, ANCHOR, tuple(blocks))
 
 
@@ -59,11 +59,11 @@ def value(rows: Mapping[str, Row], key: str) -> str:
 def figure(row: Row) -> str:
     """As many digits as the uncertainty leaves, but no more than DIGITS."""
     x, bracket = number(row, "value"), number(row, "bracket")
-    if not known(x):
+    if not is_known(x):
         return "-"
-    if known(bracket) and abs(x) <= bracket:
+    if is_known(bracket) and abs(x) <= bracket:
         return "0"
-    left = math.floor(math.log10(abs(x) / bracket)) if known(bracket) and bracket > 0 and x else DIGITS
+    left = math.floor(math.log10(abs(x) / bracket)) if is_known(bracket) and bracket > 0 and x else DIGITS
     return f"{x:.{max(1, min(DIGITS, left))}g}"
 
 
@@ -72,7 +72,7 @@ def verdict(rows: Mapping[str, Row]) -> str:
     if rows["stops"]["verdict"] != "refuted":
         return f"The paper says that {rows['stops']['quantity']}: with the data of this run it does."
     return (
-        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** {assumed(rows)} Under '
+        f'**The paper says that "{rows["stops"]["quantity"]}". For the printed data this is refuted.** {assume_values(rows)} Under '
         f"{value(rows, 'torque')} the crank, at rest at first, comes round after {value(rows, 'first_time')} with "
         f"{value(rows, 'first_speed')} and goes on. From {value(rows, 'steady_after')} on its turns are alike within 1 %: "
         f"{value(rows, 'mean')} on average, between {value(rows, 'slowest')} and {value(rows, 'fastest')}. Each turn takes "
@@ -84,7 +84,7 @@ def verdict(rows: Mapping[str, Row]) -> str:
 def holding(rows: Mapping[str, Row]) -> list[str]:
     """State what does hold, and how far the printed data are from it."""
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
-    rests = listed(f"{figure(row)} rad ({str(row['quantity']).removeprefix('comes to rest ')})" for row in at_rest)
+    rests = itemise(f"{figure(row)} rad ({str(row['quantity']).removeprefix('comes to rest ')})" for row in at_rest)
     return [
         f"There are equilibria at the printed torque, a stable one at {value(rows, 'stable_printed')} and an unstable one at "
         f"{value(rows, 'unstable_printed')}: weight and spring put between {value(rows, 'force_least')} and "
@@ -112,7 +112,7 @@ def said(title: str, rows: Sequence[Row]) -> Table:
     return Table(title, head, lines, numeric)
 
 
-def left_out(rows: Sequence[Row]) -> Table:
+def list_left_out(rows: Sequence[Row]) -> Table:
     head, numeric = columns(("left out", "here"), 2)
     return Table(
         "What the paper leaves out",
@@ -130,7 +130,7 @@ def quantities(rows: Sequence[Row]) -> Table:
             text_cell(row["quantity"]),
             Cell(figure(row), number(row, "value")),
             text_cell(row["unit"]),
-            Cell(error(number(row, "bracket"))) if known(row["bracket"]) else Cell("rounding"),
+            Cell(error(number(row, "bracket"))) if is_known(row["bracket"]) else Cell("rounding"),
         )
         for row in rows
         if row["group"] in GROUPS
@@ -167,13 +167,13 @@ def findings(run: Run) -> Iterator[Finding]:
         "The paper's mechanism never stops",
         f'"{str(rows["stops"]["quantity"]).capitalize()}", says the first paper of its example. With the printed data it settles '
         f"into turning at {mean:.4g} rad/s on average; from the printed start it comes to rest only for torques between "
-        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed. {assumed(rows)}",
+        f"{low:.4f} and {high:.4f} N m, and {torque:g} N m is printed. {assume_values(rows)}",
         "warn",
     )
 
 
-def assumed(rows: Mapping[str, Row]) -> str:
+def assume_values(rows: Mapping[str, Row]) -> str:
     """List the numbers that the example needs and the paper does not give, from the reproduction's rows by key."""
     left_out = (rows[key] for key in ("inertias", "gravity") if key in rows)
     taken = (f"the {row['quantity']} ({str(row['statement']).partition(';')[0]})" for row in left_out)
-    return f"The paper does not give {listed(taken)}."
+    return f"The paper does not give {itemise(taken)}."

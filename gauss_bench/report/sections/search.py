@@ -19,7 +19,7 @@ from gauss_bench.report.content import (
     counts,
     error_cell,
     goal,
-    listed,
+    itemise,
     ratio_cells,
     small,
     table_with_title,
@@ -29,7 +29,7 @@ from gauss_bench.report.content import (
     times,
 )
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import Row, Run, grouped, known, number, over_time
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, over_time
 from gauss_bench.report.site.settings import multiples
 
 PLACE = 15
@@ -77,7 +77,7 @@ def section(run: Run) -> Section | None:
     if not rows:
         return None
     blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
-    for kind, group in grouped(rows, lambda r: str(r["required"])).items():
+    for kind, group in group_rows(rows, lambda r: str(r["required"])).items():
         title, line = f"Searched best, by error of {ERRORS.get(kind, kind)}", with_base(run, group)
         blocks.append(table_with_title(title, HEAD, 6, in_order(group), line, 1, folded=kind not in ("position", "end")))
     if space := run.table("search_space"):
@@ -91,18 +91,21 @@ def section(run: Run) -> Section | None:
 
 def in_order(rows: Sequence[Row]) -> list[Row]:
     return sorted(
-        rows, key=lambda r: (str(r["mechanism"]), -number(r, "accuracy"), number(r, "seconds") if known(r.get("seconds")) else 1e9)
+        rows,
+        key=lambda r: (str(r["mechanism"]), -number(r, "accuracy"), number(r, "seconds") if is_known(r.get("seconds")) else 1e9),
     )
 
 
 def scope(rows: Sequence[Row]) -> str:
     """State what was spent, and what is left out."""
-    return f"Each variant had {spent(rows)}; what was **not reached** was not within these, by these variants, with these adapters."
+    return (
+        f"Each variant had {effort(rows)}; what was **not reached** was not within these, by these variants, with these adapters."
+    )
 
 
-def spent(rows: Sequence[Row]) -> str:
+def effort(rows: Sequence[Row]) -> str:
     """Budget and most steps; from the least to the largest where linkages differ in them."""
-    budgets, steps = (sorted({int(number(r, x)) for r in rows if known(r.get(x))}) for x in ("budget", "most_steps"))
+    budgets, steps = (sorted({int(number(r, x)) for r in rows if is_known(r.get(x))}) for x in ("budget", "most_steps"))
     told = [" to ".join(str(x) for x in dict.fromkeys((some[0], some[-1]))) for some in (budgets, steps)]
     return f"{told[0]} evaluations and {told[1]} steps of a run at most"
 
@@ -115,7 +118,7 @@ def answer_of(run: Run, row: Row) -> Reach:
 def with_base(run: Run, rows: Sequence[Row]) -> Callable[[Row], tuple[Cell, ...]]:
     """The line of a winner, which knows who is the fastest at each requirement and who is the authors' own."""
     over: dict[tuple[Any, ...], float] = {}
-    for place, some in grouped(rows, lambda r: (r["mechanism"], r["required"], number(r, "accuracy"))).items():
+    for place, some in group_rows(rows, lambda r: (r["mechanism"], r["required"], number(r, "accuracy"))).items():
         over |= multiples({(*place, r["engine"]): number(r, "seconds") for r in some if r["status"] == OK})
 
     def line(row: Row) -> tuple[Cell, ...]:
@@ -127,7 +130,7 @@ def with_base(run: Run, rows: Sequence[Row]) -> Callable[[Row], tuple[Cell, ...]
 
 
 def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
-    size = next((number(row, x) for x in ("step", "tolerance") if known(row.get(x))), None)
+    size = next((number(row, x) for x in ("step", "tolerance") if is_known(row.get(x))), None)
     return (
         text_cell(row["mechanism"]),
         Cell(f"{small(number(row, 'accuracy'))} {row['unit']}", number(row, "accuracy")),
@@ -137,7 +140,7 @@ def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
         *counts(row, "steps"),
         error_cell(row, "error"),
         time_of(row),
-        Cell(times(over), over) if known(over) else Cell("-"),
+        Cell(times(over), over) if is_known(over) else Cell("-"),
         *ratio_cells(row, "ratio"),
         *goal(row),
         *counts(row, "evaluations", "passing"),
@@ -164,18 +167,18 @@ def findings(run: Run) -> Iterator[Finding]:
     if lost_races := [r for r in lines if not r["required"]]:
         said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
         yield Finding("Not searched", f"The race of {count(len(lost_races), 'linkage')} was lost: {said}.", "bad")
-    for (kind, accuracy), group in sorted(grouped((r for r in lines if r["required"]), _requirement).items(), key=_by_kind):
+    for (kind, accuracy), group in sorted(group_rows((r for r in lines if r["required"]), _requirement).items(), key=_by_kind):
         group = over_the_cheaper(group)
         lost = [*slower(run, group), *out_of_reach(run, group), *short(run, group)]
         others = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        rivals = grouped(others, lambda r: str(r["engine"]))
-        said = "; ".join(f"`{engine}` {listed(_multiple(run, r) for r in rows)}" for engine, rows in rivals.items())
+        rivals = group_rows(others, lambda r: str(r["engine"]))
+        said = "; ".join(f"`{engine}` {itemise(_multiple(run, r) for r in rows)}" for engine, rows in rivals.items())
         if not said:
             continue
         ours = [f"`{x}`" for x in dict.fromkeys(str(r["engine"]) for r in group if r.get("ours"))]
         text = (
-            f"{''.join(lost)}The cheaper of {listed(ours)} is this many times as fast as the searched best of {said}, "
-            f"where each variant had {spent(group)}, and in brackets "
+            f"{''.join(lost)}The cheaper of {itemise(ours)} is this many times as fast as the searched best of {said}, "
+            f"where each variant had {effort(group)}, and in brackets "
             f"the spread of the race.{''.join(not_told(run, group))}"
         )
         title = f"Within {small(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {over_time(run)}"
@@ -196,14 +199,16 @@ def _multiple(run: Run, row: Row) -> str:
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     x, low, high = (times(number(row, f"ratio{end}")) for end in ("", "_low", "_high"))
-    return f"{row['mechanism']} {x} ({low}..{high})" if known(row.get("ratio")) else f"{row['mechanism']} (ours {Kind.NOT_REACHED})"
+    return (
+        f"{row['mechanism']} {x} ({low}..{high})" if is_known(row.get("ratio")) else f"{row['mechanism']} (ours {Kind.NOT_REACHED})"
+    )
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     """Rows whose ratios are to the cheaper of our own compiled ways on the linkage: stored ones may be to one that ties with it."""
     least = {
-        place: min((number(r, "ratio") for r in some if r.get("ours") and known(r.get("ratio"))), default=math.nan)
-        for place, some in grouped(group, lambda r: str(r["mechanism"])).items()
+        place: min((number(r, "ratio") for r in some if r.get("ours") and is_known(r.get("ratio"))), default=math.nan)
+        for place, some in group_rows(group, lambda r: str(r["mechanism"])).items()
     }
     columns = [f"ratio{end}" for end in ("", "_low", "_high")]
     return [{**r, **{x: number(r, x) / least[str(r["mechanism"])] for x in columns}} for r in group]
@@ -214,7 +219,7 @@ def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
     ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
     faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
-        yield f"**Slower than {listed(faster)}.** "
+        yield f"**Slower than {itemise(faster)}.** "
 
 
 def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
@@ -223,23 +228,23 @@ def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
     for place in sorted(
         {str(r["mechanism"]) for r in group if r.get("ours") and answer_of(run, r).kind is Kind.NOT_REACHED} - reached
     ):
-        others = listed(f"`{r['engine']}`" for r in group if r["mechanism"] == place and r["status"] == OK)
+        others = itemise(f"`{r['engine']}`" for r in group if r["mechanism"] == place and r["status"] == OK)
         yield f"**Our own ways do not reach it on {place}**{f', {others} does' if others else ''}. "
 
 
 def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Name who is nearer than what was aimed at."""
-    missed = [r for r in group if known(r.get("target")) and not r["met"]]
+    missed = [r for r in group if is_known(r.get("target")) and not r["met"]]
     near = [f"`{r['engine']}` on {_multiple(run, r)} of {times(number(r, 'target'))}" for r in missed]
     if near:
-        yield f"**Short of the aim**: {listed(near)}. "
+        yield f"**Short of the aim**: {itemise(near)}. "
 
 
 def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """State what the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
     untried = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
-    for message, rows in grouped(untried, lambda r: answer_of(run, r).words).items():
-        engines = listed(dict.fromkeys(f"`{r['engine']}`" for r in rows))
-        yield f" Left out: {engines} on {listed(sorted({str(r['mechanism']) for r in rows}))} ({message})."
+    for message, rows in group_rows(untried, lambda r: answer_of(run, r).words).items():
+        engines = itemise(dict.fromkeys(f"`{r['engine']}`" for r in rows))
+        yield f" Left out: {engines} on {itemise(sorted({str(r['mechanism']) for r in rows}))} ({message})."
     if rest := sorted(set(run.linkages) - {str(r["mechanism"]) for r in group}):
-        yield f" Not searched: {listed(rest)}."
+        yield f" Not searched: {itemise(rest)}."

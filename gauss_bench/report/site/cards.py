@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.report.content import Chart, count, error, times
-from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, plain
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok, plain
 from gauss_bench.report.site.charts import FLOOR, bars
 
 HOLDS = 1e-4  # [m, rad] a loop that opens by less is called held: a tenth of a millimetre
@@ -42,8 +42,8 @@ def as_shipped(run: Run) -> dict[str, Row]:
         if ok(r) and not r["control"] and r["settings"] == "default" and plain(r) and abs(number(r, "step") - STEP) < 1e-9
     ]
     worst: dict[str, Row] = {}
-    for (engine, _), some in grouped(
-        (r for r in rows if known(r.get("position_drift"))), lambda r: (str(r["engine"]), str(r["integrator"]))
+    for (engine, _), some in group_rows(
+        (r for r in rows if is_known(r.get("position_drift"))), lambda r: (str(r["engine"]), str(r["integrator"]))
     ).items():
         row = max(some, key=lambda r: number(r, "position_drift"))
         if engine not in worst or number(row, "position_drift") < number(worst[engine], "position_drift"):
@@ -89,7 +89,7 @@ def loops(run: Run) -> Card | None:
 
 def gauss_or_lagrange(run: Run) -> Card | None:
     """Gauss or Lagrange, with nothing else that differs?"""
-    rows = sorted((r for r in run.table("kernel_claim") if known(r.get("ratio"))), key=lambda r: -number(r, "ratio"))
+    rows = sorted((r for r in run.table("kernel_claim") if is_known(r.get("ratio"))), key=lambda r: -number(r, "ratio"))
     if not rows:
         return None
     on = {x: [r for r in rows if r["verdict"] == x] for x in ("holds", "open", "reversed")}
@@ -134,7 +134,7 @@ def paper(run: Run) -> Card | None:
         f"computed, {len(fine)} are right as printed "
         f"and {len(wrong)} wrong as statements; the others are slips, left out, loose or unreadable in our text."
     )
-    kinds = grouped(rows, lambda r: str(r["verdict"]))
+    kinds = group_rows(rows, lambda r: str(r["verdict"]))
     shown = [
         {"name": "right as printed" if k == "ok" else k, "y": len(v)} for k, v in sorted(kinds.items(), key=lambda x: -len(x[1]))
     ]
@@ -159,8 +159,8 @@ def paper(run: Run) -> Card | None:
 
 def trust(run: Run) -> Card | None:
     """The card "Why trust this?"."""
-    rows = [r for r in run.table("certificates") if r["status"] == "ok" and known(r.get("digits"))]
-    bars_of = [r for r in run.table("references") if known(r.get("error_bar_q"))]
+    rows = [r for r in run.table("certificates") if r["status"] == "ok" and is_known(r.get("digits"))]
+    bars_of = [r for r in run.table("references") if is_known(r.get("error_bar_q"))]
     drawn = None
     if rows:
         least = min(rows, key=lambda r: number(r, "digits"))
@@ -169,7 +169,7 @@ def trust(run: Run) -> Card | None:
             "Errors are measured against motions that two independent pipelines agree on: "
             f"{count(len(rows), 'scenario')} to at least {figure} digits, the fewest on {least['mechanism']}."
         )
-        kinds = grouped(sorted(rows, key=lambda r: -number(r, "digits")), lambda r: f"{number(r, 'digits'):g} digits")
+        kinds = group_rows(sorted(rows, key=lambda r: -number(r, "digits")), lambda r: f"{number(r, 'digits'):g} digits")
         shown = [{"name": k, "y": len(v)} for k, v in kinds.items()]
         drawn = small(
             "trust",

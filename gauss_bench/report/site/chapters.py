@@ -9,7 +9,7 @@ from gauss_bench.report.content import AUTHORS, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import claim, kernel, limitations, linkage, papers, reproduction
-from gauss_bench.report.site.page import Page, charts_in, finding, joined, paragraph, section
+from gauss_bench.report.site.page import Page, charts_in, finding, join_blocks, paragraph, section
 
 PAPERS = (claim, papers, reproduction)
 
@@ -22,7 +22,7 @@ def parts(run: Run, modules: tuple[ModuleType, ...]) -> list[Section]:
 def chapter(name: str, title: str, lead: str, contents: list[Section], first: tuple[str, ...] = ()) -> Page:
     data = {x.name: x.data() for part in contents for x in charts_in(part)}
     body = [*map(paragraph, first), *map(section, contents)]
-    return Page(name, title, lead, joined(body), {"charts": data} if data else {}, title)
+    return Page(name, title, lead, join_blocks(body), {"charts": data} if data else {}, title)
 
 
 def papers_page(run: Run) -> Page | None:
@@ -57,7 +57,7 @@ def method_page(run: Run) -> Page:
 def findings_page(findings: list[Finding]) -> Page:
     order = ("bad", "warn", "", "good")
     ordered = sorted(findings, key=lambda x: order.index(x.tone) if x.tone in order else 2)
-    body = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, ordered)))
+    body = Markup('<ul class="findings">{}</ul>').format(join_blocks(map(finding, ordered)))
     return Page(
         "findings", "Findings", "Every sentence is computed from stored rows; where we lose comes first.", body, group="Findings"
     )

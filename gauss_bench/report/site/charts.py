@@ -11,7 +11,7 @@ from typing import Any
 import altair as alt
 
 from gauss_bench.report.palette import SHAPES, slots
-from gauss_bench.report.rows import Row, known, number
+from gauss_bench.report.rows import Row, is_known, number
 
 DATA = alt.NamedData(name="rows")
 MOST_LINES = 6  # with their names at the ends
@@ -52,7 +52,7 @@ CONFIG: Mapping[str, Any] = {
 }
 
 
-def finished(chart: Any, height: int) -> dict[str, Any]:
+def finish(chart: Any, height: int) -> dict[str, Any]:
     """The specification of an Altair chart that fills its figure's width."""
     spec: dict[str, Any] = chart.properties(width="container", height=height).to_dict(validate=False)
     for key in ("$schema", "config", "usermeta"):
@@ -88,7 +88,7 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340) -> dict[str, 
     marks = base.mark_point(filled=True, size=60, opacity=0.95).encode(
         x=log(x, "x"), y=log(y), color=look, shape=shape(engines), tooltip=_tooltip(rows)
     )
-    return finished(alt.layer(lines, marks), height)
+    return finish(alt.layer(lines, marks), height)
 
 
 def _tooltip(rows: Sequence[Row]) -> list[Any]:
@@ -112,14 +112,14 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     names = ends.mark_text(align="left", dx=8, fontSize=12).encode(
         x=time, y=where, text="name:N", color=colour(engines, legend=False)
     )
-    return finished(alt.layer(lines, marks, names), height)
+    return finish(alt.layer(lines, marks, names), height)
 
 
 def label(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> tuple[dict[str, Any], ...]:
     """Rows of lines, the last of each marked as its end with a height for its name at which no two of the first names meet."""
-    values = [float(r["y"]) for line in lines[:most] for r in line if known(r["y"])]
+    values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
     if not values:
         return ()
     height = (lambda v: math.log10(max(v, FLOOR))) if logarithmic else (lambda v: v)
@@ -140,7 +140,7 @@ def bars(
     rows: Sequence[Row], x: str, logarithmic: bool = False, height: int = 0, rule: float | None = None, written: str = ""
 ) -> dict[str, Any]:
     """A bar for each name with its value; where rows have low and high, a dot with its range in the place of the bar."""
-    ranged = any(known(r.get("low")) for r in rows)
+    ranged = any(is_known(r.get("low")) for r in rows)
     scale = alt.Scale(type="log") if logarithmic else alt.Undefined
     axis = alt.Axis(title=x, tickCount=5, format=written or ("~e" if logarithmic else "~g"))
     order = [str(r["name"]) for r in rows]
@@ -159,4 +159,4 @@ def bars(
         layers.append(base.mark_point(filled=True, size=70, color=fill, opacity=1).encode(y=names, x=dots))
     else:
         layers.append(base.mark_bar(color=fill, height={"band": 0.6}).encode(y=names, x=alt.X("y:Q", axis=axis)))
-    return finished(alt.layer(*layers), height or 26 * len(rows) + 44)
+    return finish(alt.layer(*layers), height or 26 * len(rows) + 44)

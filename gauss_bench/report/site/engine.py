@@ -13,7 +13,7 @@ from gauss_bench.report.content import (
     count,
     error,
     error_cell,
-    listed,
+    itemise,
     small,
     span,
     text_cell,
@@ -21,8 +21,8 @@ from gauss_bench.report.content import (
     times,
 )
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, grouped, known, number, ok
-from gauss_bench.report.site.page import Page, file_name, heading, joined, link, paragraph, rich, table
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok
+from gauss_bench.report.site.page import Page, file_name, heading, join_blocks, link, paragraph, rich, table
 from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, linkages, multiples
 
 OBJECT = (
@@ -57,8 +57,8 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
             paragraph("The cheapest setting within each tolerance, of all that were tried on a linkage."),
             table(bests(run, name, settings)),
         ]
-    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and known(r.get("seconds"))]:
-        body.append(table(raced(run, winners)))
+    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and is_known(r.get("seconds"))]:
+        body.append(table(list_races(run, winners)))
     body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
     if reached := [r for r in run.table("atlas") if r["engine"] == name]:
         body.append(table(atlas(reached)))
@@ -73,15 +73,15 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
         if control
         else f"{version or name}: as shipped, as set here, and the best that was found."
     )
-    return Page(f"engine-{file_name(name)}", name, lead, joined(body))
+    return Page(f"engine-{file_name(name)}", name, lead, join_blocks(body))
 
 
 def cases(rows: Sequence[Row]) -> Table:
     def least(some: Sequence[Row]) -> Row:
-        return min(some, key=lambda r: (not ok(r), number(r, "position_error") if known(r.get("position_error")) else 1e99))
+        return min(some, key=lambda r: (not ok(r), number(r, "position_error") if is_known(r.get("position_error")) else 1e99))
 
     lines = []
-    for group in grouped(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
+    for group in group_rows(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
         row = least(group)
         tone = "good" if row["valid"] else "bad"
         names = (
@@ -90,7 +90,7 @@ def cases(rows: Sequence[Row]) -> Table:
             text_cell(row["integrator"]),
             text_cell(row["stabilization"]),
         )
-        step = Cell(f"{number(row, 'step'):g}", number(row, "step")) if known(row.get("step")) else Cell("own")
+        step = Cell(f"{number(row, 'step'):g}", number(row, "step")) if is_known(row.get("step")) else Cell("own")
         numbers = (
             error_cell(row, "position_error", number(row, "position_error_bar")),
             error_cell(row, "position_drift"),
@@ -116,14 +116,20 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
                 words = text_cell(answer_of(run, linkage, name, own, position).words, "warn")
                 lines.append((text_cell(linkage), Cell(f"{1e3 * position:g}", position), words, *[Cell("-")] * 3))
                 continue
-            size = f"{one.step:.3g} s" if known(one.step) else f"tolerance {one.tolerance:.0e}" if known(one.tolerance) else "own"
+            size = (
+                f"{one.step:.3g} s"
+                if is_known(one.step)
+                else f"tolerance {one.tolerance:.0e}"
+                if is_known(one.tolerance)
+                else "own"
+            )
             lines.append(
                 (
                     text_cell(linkage),
                     Cell(f"{1e3 * position:g}", position),
                     text_cell(one.words),
                     text_cell(size),
-                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds) if known(one.seconds) else text_cell("not timed"),
+                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds) if is_known(one.seconds) else text_cell("not timed"),
                     Cell(f"{1e3 * one.position:.1e}", one.position),
                 )
             )
@@ -135,7 +141,7 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
     )
 
 
-def raced(run: Run, rows: Sequence[Row]) -> Table:
+def list_races(run: Run, rows: Sequence[Row]) -> Table:
     def fastest(r: Row) -> float:
         same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
         return multiples({str(x["engine"]): number(x, "seconds") for x in same if x["status"] == "ok"})[str(r["engine"])]
@@ -152,7 +158,7 @@ def raced(run: Run, rows: Sequence[Row]) -> Table:
         for r in rows
     )
     head, numeric = columns(("linkage", "required", "setting", "time", "multiple", "spread of the time"), 3)
-    inside = listed(dict.fromkeys(str(r["in_python"]) for r in rows if r.get("in_python")))
+    inside = itemise(dict.fromkeys(str(r["in_python"]) for r in rows if r.get("in_python")))
     python = f" In Python inside these times, and the suite's own: {inside}." if inside else ""
     return Table(
         "Raced against the others",
@@ -174,10 +180,10 @@ def broken(run: Run, name: str) -> list[str]:
     if failed:
         said.append(
             f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: "
-            f"{listed(sorted({str(r['status']) for r in failed}))}, on {listed(sorted({str(r['mechanism']) for r in failed}))}."
+            f"{itemise(sorted({str(r['status']) for r in failed}))}, on {itemise(sorted({str(r['mechanism']) for r in failed}))}."
         )
     if invalid:
-        worst = max(invalid, key=lambda r: number(r, "position_drift") if known(r.get("position_drift")) else 0.0)
+        worst = max(invalid, key=lambda r: number(r, "position_drift") if is_known(r.get("position_drift")) else 0.0)
         said.append(
             f"{count(len(invalid), 'case')} of {len(rows)} ended and may not be used; the loosest opened a loop "
             f"by {error(number(worst, 'position_drift'))} ({worst['mechanism']}, {worst['settings']} "
@@ -187,7 +193,7 @@ def broken(run: Run, name: str) -> list[str]:
         said.append(
             f"In the search {len(lost)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
             "that are too large; the smallest such step was "
-            f"{min((number(r, 'step') for r in lost if known(r.get('step'))), default=0):.2g} s."
+            f"{min((number(r, 'step') for r in lost if is_known(r.get('step'))), default=0):.2g} s."
         )
     skipped = sorted(
         {
@@ -207,7 +213,9 @@ def atlas(rows: Sequence[Row]) -> Table:
     """The engine's reach along each axis of the atlas."""
 
     def value(row: Row, column: str) -> Cell:
-        return Cell(f"{number(row, column):g} {row['unit']}".strip(), number(row, column)) if known(row.get(column)) else Cell("-")
+        return (
+            Cell(f"{number(row, column):g} {row['unit']}".strip(), number(row, column)) if is_known(row.get(column)) else Cell("-")
+        )
 
     tones = {"pass": "good", "failed": "bad", "degraded": "warn"}
     lines = []
@@ -217,7 +225,7 @@ def atlas(rows: Sequence[Row]) -> Table:
         lines.append(
             (text_cell(r["axis"]), text_cell(way or "default"), *(value(r, k) for k in REACH), last, text_cell(r["reason"]))
         )
-    commits = listed(sorted({str(r["commit"]) for r in rows if r["commit"]}))
+    commits = itemise(sorted({str(r["commit"]) for r in rows if r["commit"]}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     head = ("axis", "setting", "passes to", "breaks at", "then", "reason")
     return Table("How far it goes", head, tuple(lines), frozenset({2, 3}), note=note)
@@ -247,6 +255,6 @@ def engines_page(run: Run, settings: Sequence[Setting]) -> Page:
         "engines",
         "Engines",
         "Each as shipped, as set here, and at the best that was found.",
-        Markup("<ul>{}</ul>").format(joined(lines)),
+        Markup("<ul>{}</ul>").format(join_blocks(lines)),
         group="Engines",
     )

@@ -11,7 +11,7 @@ from gauss_bench.report.first_table import SAID, first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, number
 from gauss_bench.report.site.cards import CARDS, Card
-from gauss_bench.report.site.page import Page, chart, file_name, finding, heading, joined, link, paragraph, rich, table
+from gauss_bench.report.site.page import Page, chart, file_name, finding, heading, join_blocks, link, paragraph, rich, table
 from gauss_bench.report.site.settings import FORCES, POSITIONS, USUAL, all_settings, answers, linkages, scenario_of
 
 LEAD = (
@@ -37,17 +37,21 @@ def chooser(run: Run, names: tuple[str, ...]) -> Markup:
     """The form; its answers stand below it as soon as the page is there."""
     preferred = "four_bar" if "four_bar" in names else names[0]
     fields = (
-        selector("linkage", "Linkage", joined(option(x, x.replace("_", " "), x == preferred) for x in names)),
-        selector("position", "Position within", joined(option(i, millimetres(x), x == USUAL) for i, x in enumerate(POSITIONS))),
+        selector("linkage", "Linkage", join_blocks(option(x, x.replace("_", " "), x == preferred) for x in names)),
         selector(
-            "force", "Joint forces within", joined(option(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES))
+            "position", "Position within", join_blocks(option(i, millimetres(x), x == USUAL) for i, x in enumerate(POSITIONS))
+        ),
+        selector(
+            "force",
+            "Joint forces within",
+            join_blocks(option(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)),
         ),
         selector("horizon", "Over the first", Markup("")),
     )
     return Markup(
         '<section class="chooser" aria-label="Find a setting"><div class="fields">{}</div>'
         '<ol class="answers" id="answers" aria-live="polite"></ol><p class="note" id="said"></p></section>'
-    ).format(joined(fields))
+    ).format(join_blocks(fields))
 
 
 def card(one: Card) -> Markup:
@@ -75,11 +79,11 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
     if cards:
         body.append(
             Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(
-                joined(map(card, cards))
+                join_blocks(map(card, cards))
             )
         )
     if lost := headlines(findings):
-        said = Markup('<ul class="findings">{}</ul>').format(joined(map(finding, lost)))
+        said = Markup('<ul class="findings">{}</ul>').format(join_blocks(map(finding, lost)))
         more = link("findings.html", f"All {len(findings)} findings")
         body.append(Markup('<section><h2 id="worst">Where we lose</h2>{}<p>{}</p></section>').format(said, more))
     body.append(paragraph(AUTHORS, "note"))
@@ -89,7 +93,7 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
         looked_up, later = chooser_data(run, known_names, settings, programs)
         data |= looked_up
     scripts = ("chooser.js",) if known_names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, joined(body), data, scripts=scripts, later=later)
+    return Page("index", "Choose an engine for your linkage", LEAD, join_blocks(body), data, scripts=scripts, later=later)
 
 
 def chooser_data(
@@ -102,9 +106,7 @@ def chooser_data(
     later = {}
     for name, one in choices.items():
         one["programs"] = f"programs-{file_name(name)}"
-        later[one["programs"]] = {
-            f"programs of {name}": packed([texts.get(x.choice) or call_of(name, x) for x in one.pop("chosen")])
-        }
+        later[one["programs"]] = {f"programs of {name}": pack([texts.get(x.choice) or call_of(name, x) for x in one.pop("chosen")])}
         one["page"] = f"linkage-{file_name(name)}.html"
         one["scenario"] = scenario_of(run, name)
     engines = sorted({x.engine for x in settings} | {e for one in choices.values() for e in one["none"]})
@@ -115,7 +117,7 @@ def chooser_data(
     return {"choices": choices, "engines": names_of, "own": own, "dots": colours} | levels, later
 
 
-def packed(texts: list[str]) -> dict[str, Any]:
+def pack(texts: list[str]) -> dict[str, Any]:
     """Texts by their lines, each of which is kept once: programs of one engine differ in few."""
     lines = {x: i for i, x in enumerate(dict.fromkeys(line for text in texts for line in text.split("\n")))}
     return {"lines": list(lines), "texts": [[lines[x] for x in text.split("\n")] for text in texts]}

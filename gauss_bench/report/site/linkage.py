@@ -13,12 +13,12 @@ from gauss_bench.report.content import Chart, Table, count, times
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import Row, Run, grouped, known, number, ok, ranked
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, may_rank, number, ok
 from gauss_bench.report.sections.linkage.trajectories import best, whole
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, label, over_time, points
 from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
-from gauss_bench.report.site.page import Page, chart, file_name, heading, joined, link, paragraph, table
+from gauss_bench.report.site.page import Page, chart, file_name, heading, join_blocks, link, paragraph, table
 from gauss_bench.report.site.playback import side_by_side
 from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of, multiples, not_held
 
@@ -58,7 +58,13 @@ def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]
         data["pair"] = pair[1]
     scripts = ("player.js",) if moved or pair else ()
     return Page(
-        f"linkage-{file_name(name)}", name.replace("_", " "), told(run, name, scenario), joined(body), data, "Linkages", scripts
+        f"linkage-{file_name(name)}",
+        name.replace("_", " "),
+        describe(run, name, scenario),
+        join_blocks(body),
+        data,
+        "Linkages",
+        scripts,
     )
 
 
@@ -68,7 +74,7 @@ def rows_file(name: str) -> str:
 
 def rows_page(run: Run, name: str) -> Page | None:
     """Every case of a linkage."""
-    scenarios = grouped(run.of(name), lambda r: str(r["scenario"]))
+    scenarios = group_rows(run.of(name), lambda r: str(r["scenario"]))
     if not scenarios:
         return None
     tables = [table(whole(f"{name}, {scenario}", list(rows)), most=10_000) for scenario, rows in scenarios.items()]
@@ -77,11 +83,11 @@ def rows_page(run: Run, name: str) -> Page | None:
         rows_file(name).removesuffix(".html"),
         f"{name.replace('_', ' ')}: all cases",
         "Every case that was run, as it ended.",
-        joined([back, *tables]),
+        join_blocks([back, *tables]),
     )
 
 
-def told(run: Run, name: str, scenario: str) -> str:
+def describe(run: Run, name: str, scenario: str) -> str:
     """Describe the linkage in a sentence."""
     try:
         mechanism, _, _ = pose_in(run, name)
@@ -109,7 +115,7 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     if not settings:
         return Markup("")
     held = cheapest_stored(run, name, settings, 1e-4, math.inf).values()
-    cheapest = sorted((x for x in held if known(x.seconds)), key=lambda x: x.seconds)
+    cheapest = sorted((x for x in held if is_known(x.seconds)), key=lambda x: x.seconds)
     missed = {x.engine: str(Kind.UNTIMED) for x in held if x not in cheapest}
     missed |= {e: x.words for e, x in not_held(run, name, settings, 1e-4).items()}
     others = "".join(f" `{e}`: {words}." for e, words in missed.items())
@@ -162,7 +168,7 @@ def toggle(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[str
 def front(settings: Sequence[Setting]) -> list[Setting]:
     """Settings that none is both as cheap and as exact as, cheapest first."""
     kept: list[Setting] = []
-    for one in sorted((x for x in settings if known(x.seconds)), key=lambda x: (x.seconds, x.position)):
+    for one in sorted((x for x in settings if is_known(x.seconds)), key=lambda x: (x.seconds, x.position)):
         if not kept or one.position < 0.98 * kept[-1].position:
             kept.append(one)
     return kept
@@ -170,12 +176,12 @@ def front(settings: Sequence[Setting]) -> list[Setting]:
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     """One line for each engine: its case at STEP with the fewest additions, the first engines of MOST_LINES first."""
-    cases = {_case(r): r for r in run.of(name) if ranked(r) or (ok(r) and not r["control"])}
-    series = grouped((r for r in run.table("series") if r["mechanism"] == name), _case)
+    cases = {_case(r): r for r in run.of(name) if may_rank(r) or (ok(r) and not r["control"])}
+    series = group_rows((r for r in run.table("series") if r["mechanism"] == name), _case)
     chosen: dict[str, tuple[Any, list[Row]]] = {}
     for key, rows in series.items():
         row = cases.get(key)
-        if row is None or not any(known(r.get(column)) for r in rows):
+        if row is None or not any(is_known(r.get(column)) for r in rows):
             continue
         order = (
             abs(math.log10(number(row, "step") / STEP)),
@@ -190,7 +196,7 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     for engine, (_, rows) in sorted(
         chosen.items(), key=lambda x: (x[0] not in FIRST, FIRST.index(x[0]) if x[0] in FIRST else 0, x[0])
     ):
-        some = sorted((r for r in rows if known(r.get(column))), key=lambda r: number(r, "t"))
+        some = sorted((r for r in rows if is_known(r.get(column))), key=lambda r: number(r, "t"))
         kept = [some[i] for i in sorted({round(float(x)) for x in np.linspace(0, len(some) - 1, PLAYED)})]
         first = cases[_case(rows[0])]
         said = " ".join(
@@ -249,9 +255,9 @@ def forces(run: Run, name: str) -> Chart | None:
     ladder = [
         r
         for r in run.table("search_ladder")
-        if r["mechanism"] == name and r["status"] == "ok" and known(r.get("force_error")) and number(r, "steps") > 0
+        if r["mechanism"] == name and r["status"] == "ok" and is_known(r.get("force_error")) and number(r, "steps") > 0
     ]
-    for engine, some in grouped(ladder, lambda r: str(r["engine"])).items():
+    for engine, some in group_rows(ladder, lambda r: str(r["engine"])).items():
         least: list[tuple[float, float, Row]] = []
         for row in sorted(some, key=lambda r: (number(r, "steps"), number(r, "force_error"))):
             if not least or number(row, "force_error") < 0.98 * least[-1][1]:

@@ -41,7 +41,7 @@ class Film:
         self.states = states
 
 
-def turned(run: Run, name: str) -> tuple[Mechanism, Array] | None:
+def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
     """A linkage and the states of a turn of its crank; None without a file, or where it does not come round."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
@@ -55,14 +55,14 @@ def turned(run: Run, name: str) -> tuple[Mechanism, Array] | None:
     return (mechanism, trace) if abs(abs(turn) - 2 * np.pi) < 1e-6 else None
 
 
-def drawn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
+def draw(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """A linkage's SVG whose parts carry numbers, and where every part is in each state [px, degrees]."""
-    motion = turned(run, name)
+    motion = turn_frames(run, name)
     if motion is None:
         return None
     mechanism, states = motion
     assert mechanism.crank is not None
-    states = unwrapped(states)
+    states = unwrap_angles(states)
     canvas = canvas_of(mechanism, states)
     text = svg_of(mechanism, states, canvas)
     poses = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
@@ -71,7 +71,7 @@ def drawn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     return Markup(inline(text, name.replace("_", "-"))), {"poses": poses, "first": round(first, 9), "sense": sense}
 
 
-def unwrapped(states: Array) -> Array:
+def unwrap_angles(states: Array) -> Array:
     """States (k, n) whose angles go on where they pass half a turn."""
     states = states.copy()
     states[:, 2::3] = np.unwrap(states[:, 2::3], axis=0)
@@ -103,16 +103,16 @@ def svg_of(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
         inside = [*slide_parts(mechanism, i, film, canvas), *bars(mechanism, i, canvas)]
         shapes += [f'<g data-link="{i}"><title>{escape(mechanism.links[i].name)}</title>', *inside, "</g>"]
     for pin in {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}.values():
-        shapes += carried(mechanism, pin.link, pin.local, states, canvas, [pin_shape(0, 0)])
+        shapes += carry(mechanism, pin.link, pin.local, states, canvas, [pin_shape(0, 0)])
     for point in mechanism.observed_points:
-        shapes += carried(mechanism, point.link, point.local, states, canvas, [dot_shape(0, 0, False)])
+        shapes += carry(mechanism, point.link, point.local, states, canvas, [dot_shape(0, 0, False)])
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">{"".join(shapes)}</svg>'
     )
 
 
-def carried(mechanism: Mechanism, link: int, local: Array, states: Array, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
+def carry(mechanism: Mechanism, link: int, local: Array, states: Array, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
     """Shapes at a point of a link, which moves but does not turn with it."""
     if link == GROUND:
         x, y = canvas.at(np.asarray(local))
@@ -123,7 +123,7 @@ def carried(mechanism: Mechanism, link: int, local: Array, states: Array, canvas
 
 def turning(run: Run, name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
     """The player with a slider for the crank's angle, and its data; None where there is no turn of the crank."""
-    drawing = drawn(run, name)
+    drawing = draw(run, name)
     if drawing is None:
         return None
     svg, data = drawing

@@ -72,7 +72,7 @@ def rich(text: str) -> Markup:
     return Markup("").join(parts)
 
 
-def joined(parts: Iterable[Markup]) -> Markup:
+def join_blocks(parts: Iterable[Markup]) -> Markup:
     return Markup("\n").join(parts)
 
 
@@ -110,7 +110,7 @@ def table(content: Table, caption: bool = True, most: int = SHORT) -> Markup:
     name = Markup(' tabindex="0" role="region" aria-label="{}"').format(content.title)
     return Markup(
         '<div class="table"><div class="scroll"{}><table>{}<thead><tr>{}</tr></thead><tbody>\n{}\n</tbody></table></div>{}{}</div>'
-    ).format(name, title, head, joined(rows), more, note)
+    ).format(name, title, head, join_blocks(rows), more, note)
 
 
 def _class(i: int, content: Table, lead: int) -> Markup:
@@ -140,7 +140,7 @@ def _tone(cell: Cell) -> Markup:
     return Markup('<span class="t-{}">{}</span>').format(cell.tone, text) if cell.tone in ("bad", "warn", "good", "below") else text
 
 
-def folded(title: str, inside: Markup) -> Markup:
+def fold(title: str, inside: Markup) -> Markup:
     return Markup("<details><summary>{}</summary>{}</details>").format(title, inside)
 
 
@@ -168,7 +168,7 @@ def chart(one: Chart) -> Markup:
         choice,
         f"{one.title}. {one.description}",
         one.name,
-        folded("Numbers of this figure", table(one.table(), caption=False)),
+        fold("Numbers of this figure", table(one.table(), caption=False)),
     )
 
 
@@ -184,11 +184,11 @@ def block(content: Any, level: int = 3) -> Markup:
         case Text(text=text):
             return paragraph(text)
         case Bullets(items=items):
-            return Markup("<ul>{}</ul>").format(joined(Markup("<li>{}</li>").format(rich(x)) for x in items))
+            return Markup("<ul>{}</ul>").format(join_blocks(Markup("<li>{}</li>").format(rich(x)) for x in items))
         case Table():
-            return folded(content.title, table(content, caption=False)) if content.folded else table(content)
+            return fold(content.title, table(content, caption=False)) if content.folded else table(content)
         case Findings(items=items):
-            return Markup('<ul class="findings">{}</ul>').format(joined(map(finding, items)))
+            return Markup('<ul class="findings">{}</ul>').format(join_blocks(map(finding, items)))
         case Chart():
             return chart(content)
     raise TypeError(f"no way to show a {type(content).__name__}")
@@ -199,7 +199,7 @@ def section(content: Section, level: int = 2) -> Markup:
     inside = [block(x) for x in content.blocks]
     below = [section(part, min(level + 1, 4)) for part in content.parts]
     return Markup("<section>{}\n{}\n{}</section>").format(
-        heading(content.title, content.anchor, level), joined(inside), joined(below)
+        heading(content.title, content.anchor, level), join_blocks(inside), join_blocks(below)
     )
 
 

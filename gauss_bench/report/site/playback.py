@@ -26,8 +26,8 @@ from gauss_bench.report.content import short
 from gauss_bench.report.drawings.drawing import Canvas
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import KEYS, Row, Run, grouped, number
-from gauss_bench.report.site.motion import canvas_of, in_pixels, svg_of, turned, unwrapped
+from gauss_bench.report.rows import KEYS, Row, Run, group_rows, number
+from gauss_bench.report.site.motion import canvas_of, in_pixels, svg_of, turn_frames, unwrap_angles
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
@@ -74,7 +74,7 @@ def truth_of(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[
     if len(times) < 2 or any((t, link) not in at for t in times for link in links):
         return None
     states = _fill(at, times, links, "")
-    return np.array(times), unwrapped(states.reshape(len(times), -1))
+    return np.array(times), unwrap_angles(states.reshape(len(times), -1))
 
 
 def _fill(at: dict[tuple[float, str], Row], times: Sequence[float], links: Sequence[str], part: str) -> Array:
@@ -86,7 +86,7 @@ def play_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: A
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     rows = [r for r in run.table("poses") if (r["mechanism"], r["scenario"]) == (name, scenario)]
     played = []
-    for key, own in grouped(rows, lambda r: tuple(r[k] for k in KEYS)).items():
+    for key, own in group_rows(rows, lambda r: tuple(r[k] for k in KEYS)).items():
         at = {(number(r, "t"), str(r["link"])): r for r in own}
         reached = [t for t in times.tolist() if all((t, link) in at for link in links)]
         if not reached or key not in cases:
@@ -105,7 +105,7 @@ def label_of(row: Row) -> str:
 
 def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, Any]] | None:
     """The player of two stored runs and its data; None where fewer than two are stored."""
-    motion = turned(run, name)
+    motion = turn_frames(run, name)
     try:
         mechanism = motion[0] if motion else load_document(*_document(run, name, scenario))
     except LinkageError:
@@ -118,7 +118,7 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
     runs = play_runs(run, name, scenario, links, times)
     if len(runs) < 2:
         return None
-    drawn = unwrapped(motion[1]) if motion else states
+    drawn = unwrap_angles(motion[1]) if motion else states
     canvas = canvas_of(mechanism, drawn)
     svg = Markup(inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair"))
     data: dict[str, Any] = {"times": [round(float(t), 6) for t in times]}
@@ -165,15 +165,15 @@ def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any
     gap = differences(canvas, x.gap)
     if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
         more["gap"] = _list(gap)
-    return _told(x) | {"ahead": [_short(a) for a in crank]} | more
+    return _describe(x) | {"ahead": [_short(a) for a in crank]} | more
 
 
 def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
     """A run that the page carries in straight lines."""
-    return _told(x) | {"moved": _list(differences(canvas, x.ahead + x.gap))}
+    return _describe(x) | {"moved": _list(differences(canvas, x.ahead + x.gap))}
 
 
-def _told(x: Played) -> dict[str, Any]:
+def _describe(x: Played) -> dict[str, Any]:
     """Describe a difference, in millimetres."""
     return {"name": x.label, "off": [_short(1e3 * y) for y in x.off], "open": [_short(1e3 * y) for y in x.open]}
 

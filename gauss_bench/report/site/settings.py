@@ -14,7 +14,7 @@ from typing import Any
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.report.content import seen, short
 from gauss_bench.report.reaches import answer, engines_of
-from gauss_bench.report.rows import Key, Row, Run, grouped, known, number, own_steps, ranked, run_time
+from gauss_bench.report.rows import Key, Row, Run, group_rows, is_known, may_rank, number, own_steps, run_time
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
@@ -55,7 +55,7 @@ class Setting:
     @property
     def cost(self) -> tuple[float, float, str]:
         """By which the cheapest is chosen: its time, and the number of its steps where it has none."""
-        return (self.seconds, 0.0, self.words) if known(self.seconds) else (math.inf, self.steps, self.words)
+        return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, self.steps, self.words)
 
     @property
     def choice(self) -> tuple[Any, ...]:
@@ -86,7 +86,7 @@ def method_of(row: Row) -> tuple[str, str, str, str, str, str]:
 
 
 def _size(row: Row) -> tuple[float, float]:
-    return tuple(-1.0 if not known(row.get(k)) else short(row[k], 6) for k in ("step", "tolerance"))  # type: ignore[return-value]
+    return tuple(-1.0 if not is_known(row.get(k)) else short(row[k], 6) for k in ("step", "tolerance"))  # type: ignore[return-value]
 
 
 def all_settings(run: Run) -> tuple[Setting, ...]:
@@ -96,11 +96,11 @@ def all_settings(run: Run) -> tuple[Setting, ...]:
 
 
 def _search(run: Run) -> Iterable[Setting]:
-    raced = grouped((r for r in run.table("search_times") if r["status"] == "ok" and known(r.get("seconds"))), method_of)
+    raced = group_rows((r for r in run.table("search_times") if r["status"] == "ok" and is_known(r.get("seconds"))), method_of)
     steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
     for row in run.table("search_ladder"):
         times = raced.get(method_of(row), [])
-        if row["status"] != "ok" or not known(row.get("position_error")) or not number(row, "steps") > 0:
+        if row["status"] != "ok" or not is_known(row.get("position_error")) or not number(row, "steps") > 0:
             continue
         seconds = low = high = math.nan
         same = next((t for t in times if _size(t) == _size(row)), None)
@@ -119,8 +119,8 @@ def _search(run: Run) -> Iterable[Setting]:
 
 def _cases(run: Run) -> Iterable[Setting]:
     for row in run.results:
-        error = number(row, "length_error") if known(row.get("length_error")) else number(row, "position_error")
-        if not ranked(row) or not known(error) or not known(run_time(row)):
+        error = number(row, "length_error") if is_known(row.get("length_error")) else number(row, "position_error")
+        if not may_rank(row) or not is_known(error) or not is_known(run_time(row)):
             continue
         step = math.nan if own_steps(row) else number(row, "step")
         numbers = (step, math.nan, number(row, "steps"), run_time(row), math.nan, math.nan)
@@ -143,7 +143,7 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
         return leaders
     for row in run.table("search_winners"):
         exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
-        if row["mechanism"] == mechanism and exact and row["status"] == "ok" and known(row.get("seconds")):
+        if row["mechanism"] == mechanism and exact and row["status"] == "ok" and is_known(row.get("seconds")):
             like = next(
                 (
                     x
@@ -163,8 +163,8 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
 def multiples(seconds: Mapping[Key, float], over: Iterable[Key] = ()) -> dict[Key, float]:
     """Return times over the least of them, whoever it belongs to; or over the least of those that are named."""
     named = set(over)
-    least = min((x for k, x in seconds.items() if known(x) and (not named or k in named)), default=math.nan)
-    return {k: x / least for k, x in seconds.items() if known(x)}
+    least = min((x for k, x in seconds.items() if is_known(x) and (not named or k in named)), default=math.nan)
+    return {k: x / least for k, x in seconds.items() if is_known(x)}
 
 
 def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
             chosen = cheapest_stored(run, mechanism, own, position, force)
             over = multiples({engine: x.seconds for engine, x in chosen.items()})
             line: list[Any] = []
-            for one in sorted(chosen.values(), key=lambda x: (not known(x.seconds), x.seconds, x.engine)):
+            for one in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
                 if one not in listed:
                     listed.append(one)
                 line.append([listed.index(one), seen(over.get(one.engine, math.nan))])
@@ -187,9 +187,9 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
             for engine, missed in not_held(run, mechanism, own, position, force).items():
                 places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
-    told = [_told(x) for x in listed]
-    until = max((x.until for x in own if known(x.until)), default=math.nan)
-    horizons = [h for h in HORIZONS if h < until] + ([until] if known(until) else [])
+    told = [_describe(x) for x in listed]
+    until = max((x.until for x in own if is_known(x.until)), default=math.nan)
+    horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     return {
         "settings": told,
         "picks": picks,
@@ -201,7 +201,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
     }
 
 
-def _told(x: Setting) -> dict[str, Any]:
+def _describe(x: Setting) -> dict[str, Any]:
     numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force")}
     known = {k: seen(v) for k, v in numbers.items()} | {"estimated": x.estimated}
     return {"engine": x.engine, "words": x.words} | {k: v for k, v in known.items() if v not in (None, False)}
@@ -227,7 +227,7 @@ def answer_of(
 
 def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
     """Return the answer of an engine on a linkage that was not searched, from its cases of the accuracy suite."""
-    if len(wanted) > 1 and not any(known(x.force) for x in cases):
+    if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     ladders: dict[tuple[str, ...], list[Trial]] = {}
     for x in cases:

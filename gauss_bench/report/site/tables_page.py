@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from gauss_bench.report.content import Cell, Table, count, text_cell
 from gauss_bench.report.rows import Row, Run
-from gauss_bench.report.site.page import Page, folded, heading, joined, link, paragraph, rich, table
+from gauss_bench.report.site.page import Page, fold, heading, join_blocks, link, paragraph, rich, table
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
 
 FOLDER = "tables"
@@ -49,11 +49,11 @@ def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
         said = rich(f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}.")
         parts.append(
             Markup("<section>{}<p>{} {}</p>{}</section>").format(
-                heading(name, name, 2), said, files, folded(f"Columns of {name}", columns)
+                heading(name, name, 2), said, files, fold(f"Columns of {name}", columns)
             )
         )
     lead = "Every table this site was built from, with what each column means."
-    return Page("data", "Data", lead, joined(parts), group="Data")
+    return Page("data", "Data", lead, join_blocks(parts), group="Data")
 
 
 def cite_page(run: Run) -> Page:
@@ -77,7 +77,7 @@ def cite_page(run: Run) -> Page:
             "}",
         ]
     )
-    body = joined(
+    body = join_blocks(
         [
             paragraph(
                 "A number from this site belongs with the commit, the date and the processor it was measured "

@@ -39,13 +39,13 @@ class Pin:
     members: tuple[str, ...]
 
 
-def rounded(x: Any, digits: int = PLACED) -> float:
+def round_digits(x: Any, digits: int = PLACED) -> float:
     """A number as it is written: without the noise of its last digits, and without a negative zero."""
     return round(float(x), digits) + 0.0
 
 
 def pair(x: Iterable[Any], digits: int = DIGITS) -> list[float]:
-    return [rounded(y, digits) for y in x]
+    return [round_digits(y, digits) for y in x]
 
 
 def owner(reference: str) -> str:
@@ -327,7 +327,7 @@ class Drawing:
         for name in angles & self.poses.keys():
             for key, unit in (("angles_deg", math.degrees(1.0)), ("angles", 1.0)):
                 if name in table(assembly, key):
-                    assembly[key][name] = rounded(self.poses[name][2] * unit)
+                    assembly[key][name] = round_digits(self.poses[name][2] * unit)
         if not assembly["sketch"]:
             del assembly["sketch"]
         if not assembly:

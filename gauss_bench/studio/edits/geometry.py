@@ -7,7 +7,7 @@ import numpy as np
 
 from gauss_bench.linkage.closure import CLOSED, gauss_newton, joint_residual
 from gauss_bench.linkage.references import items, sequence, table
-from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, rounded
+from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
 from gauss_bench.terms import Array
@@ -97,11 +97,11 @@ def add_slide(d: Drawing, message: Message) -> None:
     d.add_link(block, pin.at, angle, {**BLOCK})
     held = d.attach(pin, block)
     turn = 0.0 if guide == "ground" else float(d.poses[guide][2])
-    degrees = rounded(math.degrees(math.remainder(angle - turn, 2 * math.pi)), DIGITS)
+    degrees = round_digits(math.degrees(math.remainder(angle - turn, 2 * math.pi)), DIGITS)
     at = next(x for x in held.members if owner(x) == block)
     d.group("joints")[name] = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:
-        d.group("joints")[name]["offset"] = rounded(offset, DIGITS)
+        d.group("joints")[name]["offset"] = round_digits(offset, DIGITS)
     d.made.insert(0, f"slides.{name}")
 
 

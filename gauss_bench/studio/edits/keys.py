@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
 from gauss_bench.studio.document import GROUPS, Document
-from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, rounded
+from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
@@ -253,7 +253,7 @@ def add_force(d: Drawing, message: Message) -> None:
     usual = {"k": 0.0, "c": 10.0} if message.get("type") == "damper" else USUAL[kind]
     if kind == "spring_damper" and "rest" not in given and message.get("type") != "damper" and len(given.get("between", [])) == 2:
         a, b = (d.place(x) for x in given["between"])
-        usual = usual | {"rest": rounded(math.dist(a, b))}
+        usual = usual | {"rest": round_digits(math.dist(a, b))}
     if kind == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
         usual = usual | {"radius": 0.01}
     name = message.get("name")
@@ -275,7 +275,7 @@ def _add_cylinder(d: Drawing, message: Message, given: dict[str, Any]) -> None:
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
     apart = math.dist(*(d.place(str(x)) for x in given["between"]))
-    part = {"length": rounded(max(0.6 * apart, 1e-3)), "kg_per_m": KG_PER_M}
+    part = {"length": round_digits(max(0.6 * apart, 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
     before = copy.deepcopy(d.document)
     _second_edition(d)

@@ -16,7 +16,7 @@ from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Angle, Distance, Prismatic
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.edits.drawing import PLACED, Drawing, pair, rounded
+from gauss_bench.studio.edits.drawing import PLACED, Drawing, pair, round_digits
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.reading import Reading, new_faults
@@ -60,7 +60,7 @@ def drive(d: Drawing, message: Message) -> None:
 
 def _stroke(reading: Reading) -> float:
     """The stroke [m] of a slide that is driven by no law yet."""
-    return rounded(STROKE * reading.mechanism.size if reading.mechanism else STROKE)
+    return round_digits(STROKE * reading.mechanism.size if reading.mechanism else STROKE)
 
 
 def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def _lasts(driver: Mapping[str, Any]) -> float:
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         turns = isinstance(speed, (int, float)) and speed != 0 and "link" in driver
-        return rounded(2 * math.pi / abs(speed)) if turns else 1.0  # type: ignore[arg-type]
+        return round_digits(2 * math.pi / abs(speed)) if turns else 1.0  # type: ignore[arg-type]
     rows = sequence(driver, "rows")
     last = rows[-1][0] if rows and isinstance(rows[-1], list) and rows[-1] else driver.get("time", 1.0)
     return float(last) if isinstance(last, (int, float)) else 1.0
@@ -118,11 +118,11 @@ def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] 
             continue
         if "link" in driver and f"links.{driver['link']}" in now:
             if "start" not in driver:
-                driver.setdefault("start_deg", rounded(math.degrees(now[f"links.{driver['link']}"])))
+                driver.setdefault("start_deg", round_digits(math.degrees(now[f"links.{driver['link']}"])))
         elif "joint" in driver and f"slides.{driver['joint']}" in now:
-            driver.setdefault("start", rounded(now[f"slides.{driver['joint']}"]))
+            driver.setdefault("start", round_digits(now[f"slides.{driver['joint']}"]))
         elif "between" in driver and (length := _length(reading, driver["between"])) is not None:
-            driver.setdefault("start", rounded(length))
+            driver.setdefault("start", round_digits(length))
     rest = free_start(reading, drivers) if reading.closed else {}
     scenario.pop("driver", None)
     scenario.pop("drivers", None)
@@ -155,13 +155,13 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     for kind, key, chosen in surest(candidates(mechanism, reading.q), reading.q, free):
         values = [float(value(x, reading.q)) for x in chosen]
         if kind == "angle":
-            start.setdefault("angles_deg", {})[key] = rounded(math.degrees(values[0]))
+            start.setdefault("angles_deg", {})[key] = round_digits(math.degrees(values[0]))
         else:
-            start.setdefault(HELD[kind][0], {})[key] = pair(values, PLACED) if kind == "point" else rounded(values[0])
+            start.setdefault(HELD[kind][0], {})[key] = pair(values, PLACED) if kind == "point" else round_digits(values[0])
     return start
 
 
-def released(document: Document, reading: Reading) -> None:
+def release(document: Document, reading: Reading) -> None:
     """Keep the scenario "released" at rest where the linkage is drawn; a drawing without scenarios gets it."""
     own = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not own:
@@ -190,7 +190,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
             return x
         turn = 2 * math.pi if key.startswith("links.") else math.inf
         away = math.remainder(x / unit - was[key], turn) if turn < math.inf else x / unit - was[key]
-        return rounded((now[key] + (x / unit - was[key] - away)) * unit) if abs(away) < FOLLOWS else x
+        return round_digits((now[key] + (x / unit - was[key] - away)) * unit) if abs(away) < FOLLOWS else x
 
     degrees = math.degrees(1.0)
     for name, scenario in items(document, "scenarios"):
@@ -203,7 +203,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
                     driver[key] = moved(driver[key], of, unit)
             before, after = (_length(x, driver["between"]) if "between" in driver else None for x in (old, new))
             if before is not None and after is not None and abs(driver.get("start", 0.0) - before) < FOLLOWS:
-                driver["start"] = rounded(after)
+                driver["start"] = round_digits(after)
         start = table(scenario, "start")
         crank = f"links.{document.get('crank')}"
         for key, unit in (("crank_deg", degrees), ("crank", 1.0)):

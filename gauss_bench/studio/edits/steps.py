@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from gauss_bench.studio.autosave import Picture
-from gauss_bench.studio.document import written
+from gauss_bench.studio.document import write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.geometry import GEOMETRY, move
 from gauss_bench.studio.edits.keys import KEYS, lock_of
-from gauss_bench.studio.edits.scenarios import drive, follow, released
+from gauss_bench.studio.edits.scenarios import drive, follow, release
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
 from gauss_bench.studio.reading import Reading, read
@@ -23,7 +23,7 @@ LENGTH = 1e-8  # [m] by which a locked length may differ, for its digits
 SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # what a linkage's places follow from
 
 
-def edited(session: Session, change: Callable[[Drawing], object], still: bool = False) -> list[str]:
+def edit_document(session: Session, change: Callable[[Drawing], object], still: bool = False) -> list[str]:
     """Make a change one step of the history; what it made, by ids.
 
     Raises:
@@ -42,8 +42,8 @@ def edited(session: Session, change: Callable[[Drawing], object], still: bool = 
         closed.sketch()
         closed.tidy()
         follow(d.document, before, after)
-    released(d.document, after)
-    session.put(written(session.text, d.document), session.locks)
+    release(d.document, after)
+    session.put(write_document(session.text, d.document), session.locks)
     return d.made
 
 
@@ -58,10 +58,10 @@ def edit(session: Session, message: Message) -> list[str]:
     change = (GEOMETRY | KEYS | {"drive": drive})[verb]
     if verb == "move":
         _movable(session.locks, message)
-    return edited(session, lambda d: change(d, message), still)
+    return edit_document(session, lambda d: change(d, message), still)
 
 
-def tried(session: Session, message: Message) -> Reading:
+def try_edit(session: Session, message: Message) -> Reading:
     """The drawing as it would be with a pin at another place; nothing is kept of it.
 
     Raises:
@@ -99,13 +99,13 @@ def _keeps_lengths(locks: frozenset[str], before: Reading, d: Drawing) -> None:
             raise Refused(f"the length {ends} of {link} is locked: free it, or drag the linkage instead", (f"links.{link}",))
 
 
-def posed(session: Session, q: Array) -> None:
+def pose_sketch(session: Session, q: Array) -> None:
     """Draw the linkage at another position q (n,) that its joints allow."""
 
     def change(d: Drawing) -> None:
         d.poses = {name: np.array(x) for name, x in d.reading.poses(q).items()}
 
-    edited(session, change)
+    edit_document(session, change)
 
 
 def lock(session: Session, message: Message) -> None:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Finding, count, error, listed, times
-from gauss_bench.report.rows import Row, Run, known, number
+from gauss_bench.report.content import Finding, count, error, itemise, times
+from gauss_bench.report.rows import Row, Run, is_known, number
 
 PLACE = 30
 TITLE, ANCHOR = "The native kernel", "kernel"
@@ -23,13 +23,13 @@ MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
 
 def findings(run: Run) -> Iterator[Finding]:
     """List the targets that were missed, and what could not be measured."""
-    yield from missed(run)
-    yield from failed(run)
+    yield from list_missed(run)
+    yield from list_failures(run)
 
 
-def missed(run: Run) -> Iterator[Finding]:
+def list_missed(run: Run) -> Iterator[Finding]:
     """Every target that was not reached, or that all were."""
-    aimed = [(name, row) for name in WORDS for row in run.table(name) if known(row.get("target"))]
+    aimed = [(name, row) for name in WORDS for row in run.table(name) if is_known(row.get("target"))]
     if not aimed:
         return
     off = [(name, row) for name, row in aimed if not row.get("met")]
@@ -37,14 +37,14 @@ def missed(run: Run) -> Iterator[Finding]:
         text = f"All {count(len(aimed), 'target')} that the authors set for their own compiled kernel are met."
         yield Finding("Targets of the kernel", text, "good")
         return
-    said = listed(f"{WORDS[name]} of {_named(row)}" for name, row in off)
+    said = itemise(f"{WORDS[name]} of {_name(row)}" for name, row in off)
     text = f"**{len(off)} of {count(len(aimed), 'target')} of the compiled kernel are missed**: {said}."
     yield Finding("Targets of the kernel", text, "bad")
 
 
-def _named(row: Row) -> str:
+def _name(row: Row) -> str:
     words = " ".join(str(row[k]) for k in NAMES if row.get(k) not in ("", "none", None))
-    column = next((x for x in VALUES if known(row.get(x))), "")
+    column = next((x for x in VALUES if is_known(row.get(x))), "")
     value = f" ({_short(number(row, column))}, {_short(number(row, 'target'))} wanted)" if column else " (not measured)"
     return words + value
 
@@ -53,7 +53,7 @@ def _short(x: float) -> str:
     return times(x) if 0.01 <= x < 1e6 else error(x)
 
 
-def failed(run: Run) -> Iterator[Finding]:
+def list_failures(run: Run) -> Iterator[Finding]:
     """List what could not be measured, but for what is skipped with a reason."""
     lost = [(name, r) for name in MEASURED for r in run.table(name) if r.get("status") not in ("ok", "skip", "", None)]
     if lost:

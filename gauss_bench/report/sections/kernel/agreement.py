@@ -10,13 +10,13 @@ from gauss_bench.report.content import (
     error,
     exact_cell,
     goal,
+    list_unmeasured,
     part,
     remark,
     small,
     texts,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
 
 PLACE = 50
 TABLES = ("kernel_agreement",)
@@ -28,7 +28,7 @@ RATIO, GOAL = ("ratio", "spread"), ("target", "met", "remark")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [r for r in run.table("kernel_agreement") if known(r.get("error"))]
+    rows = [r for r in run.table("kernel_agreement") if is_known(r.get("error"))]
     if rows:
         worst = max(rows, key=lambda r: number(r, "error"))
         text = (
@@ -36,13 +36,13 @@ def findings(run: Run) -> Iterator[Finding]:
         )
         tone = "good" if all(r.get("met") for r in rows) else "warn"
         where = f"{worst['mechanism']} ({worst['formulation']}, {worst['place']})"
-        yield Finding("The same accelerations", f"{text}{where}.{unmeasured(run.table('kernel_agreement'), 'error')}", tone)
+        yield Finding("The same accelerations", f"{text}{where}.{list_unmeasured(run.table('kernel_agreement'), 'error')}", tone)
 
 
 def section(run: Run) -> Section | None:
     rows = run.table("kernel_agreement")
     head = ("linkage", "formulation", "where", "states", "error", "numpy's own", *GOAL)
-    worst = [max(group, key=lambda r: number(r, "error")) for group in grouped(rows, _formulate).values()]
+    worst = [max(group, key=lambda r: number(r, "error")) for group in group_rows(rows, _formulate).values()]
     return part("Agreement with numpy", AGREEMENT, rows, head, 3, agree, worst)
 
 

@@ -11,7 +11,8 @@ from gauss_bench.report.content import (
     error,
     exact_cell,
     goal,
-    listed,
+    itemise,
+    list_unmeasured,
     part,
     ratio_cells,
     remark,
@@ -19,9 +20,8 @@ from gauss_bench.report.content import (
     texts,
     time_of,
     times,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, known, number
+from gauss_bench.report.rows import Row, Run, is_known, number
 
 PLACE = 30
 TABLES = ("kernel_batch",)
@@ -30,15 +30,15 @@ RATIO, GOAL = ("ratio", "spread"), ("target", "met", "remark")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [r for r in run.table("kernel_batch") if known(r.get("ratio"))]
+    rows = [r for r in run.table("kernel_batch") if is_known(r.get("ratio"))]
     if rows:
-        said = listed(f"{r['mechanism']} {times(number(r, 'ratio'))}" for r in rows)
+        said = itemise(f"{r['mechanism']} {times(number(r, 'ratio'))}" for r in rows)
         off = max(number(r, "lanes_error") for r in rows)
         states = max(int(number(r, "states")) for r in rows)
         text = (
             f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout: {said}; "
         )
-        rest = unmeasured(run.table("kernel_batch"), "ratio")
+        rest = list_unmeasured(run.table("kernel_batch"), "ratio")
         apart = "nothing" if off == 0 else f"{error(off)} at most"
         yield Finding("Many trajectories", f"{text}lanes and single runs differ by {apart}.{rest}")
 

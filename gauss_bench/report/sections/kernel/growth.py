@@ -12,7 +12,7 @@ from gauss_bench.report.content import (
     Text,
     counts,
     error_cell,
-    listed,
+    itemise,
     remark,
     span,
     table_with_title,
@@ -22,7 +22,7 @@ from gauss_bench.report.content import (
 from gauss_bench.report.rows import (
     Row,
     Run,
-    known,
+    is_known,
     number,
 )
 from gauss_bench.report.site.charts import points
@@ -43,7 +43,7 @@ def findings(run: Run) -> Iterator[Finding]:
     looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
     shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
     if shown:
-        said = listed(f"`{r['engine']}` {_exponent(r)}" for r in shown)
+        said = itemise(f"`{r['engine']}` {_exponent(r)}" for r in shown)
         text = f"The time of a right-hand side of N windows grows like N^p from {number(shown[0], 'from'):g} on, with p of {said}."
         yield Finding("Growth with size", text)
 
@@ -51,7 +51,7 @@ def findings(run: Run) -> Iterator[Finding]:
 def _exponent(row: Row) -> str:
     """With its spread, where several processes told one."""
     p, low, high = (f"{number(row, f'exponent{end}'):.2f}" for end in ("", "_low", "_high"))
-    return f"{p} ({low}..{high})" if known(row.get("exponent_low")) else f"{p} (of one process)"
+    return f"{p} ({low}..{high})" if is_known(row.get("exponent_low")) else f"{p} (of one process)"
 
 
 def section(run: Run) -> Section | None:
@@ -65,25 +65,25 @@ def section(run: Run) -> Section | None:
         blocks.append(table_with_title("Growth", ("engine", "asked", "sizes", "exponent", RANGE), 2, growth, grown, last_text=0))
     ordered = sorted(rows, key=lambda r: number(r, "size"))
     head = ("engine", "asked", "windows", "n", "time", RANGE, "error", "generate s", "compile s", "remark")
-    blocks.append(table_with_title("Every size", head, 2, ordered, sized, folded=True))
+    blocks.append(table_with_title("Every size", head, 2, ordered, size_of, folded=True))
     return Section("Size", "kernel-size", tuple(blocks))
 
 
 def grown(row: Row) -> tuple[Cell, ...]:
     p, low, high = (number(row, f"exponent{end}") for end in ("", "_low", "_high"))
-    spread = Cell(f"{low:.2f}..{high:.2f}", low) if known(low) else Cell("-")
+    spread = Cell(f"{low:.2f}..{high:.2f}", low) if is_known(low) else Cell("-")
     return (*texts(row, "engine", "quantity"), *counts(row, "sizes"), Cell(f"{p:.2f}", p), spread)
 
 
-def sized(row: Row) -> tuple[Cell, ...]:
+def size_of(row: Row) -> tuple[Cell, ...]:
     times_of = (time_of(row), span(row, "low", "high"), error_cell(row, "error"))
-    made = tuple(Cell(f"{number(row, x):.2f}", number(row, x)) if known(row.get(x)) else Cell("-") for x in BUILDING)
+    made = tuple(Cell(f"{number(row, x):.2f}", number(row, x)) if is_known(row.get(x)) else Cell("-") for x in BUILDING)
     return (*texts(row, "engine", "quantity"), *counts(row, "size", "n"), *times_of, *made, remark(row))
 
 
 def figure_of(rows: Sequence[Row]) -> Chart | None:
     """Time of one right-hand side against the number of windows; nothing without rows."""
-    drawn = [row for row in rows if known(row.get("seconds")) and number(row, "seconds") > 0]
+    drawn = [row for row in rows if is_known(row.get("seconds")) and number(row, "seconds") > 0]
     if not drawn:
         return None
     shown = [

@@ -10,14 +10,14 @@ from gauss_bench.report.content import (
     Section,
     Text,
     counts,
-    listed,
+    itemise,
+    list_unmeasured,
     remark,
     table_with_title,
     texts,
     time_of,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, grouped, known, number
+from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
 
 PLACE = 90
 TABLES = ("kernel_bounds", "kernel_machine")
@@ -29,14 +29,14 @@ FACTS = ("cpu", "cores", "python", "date", "commit")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [r for r in run.table("kernel_bounds") if known(r.get("share"))]
+    rows = [r for r in run.table("kernel_bounds") if is_known(r.get("share"))]
     if rows:
-        groups = grouped(rows, lambda r: str(r["quantity"]))
-        said = listed(f"{_percent([number(r, 'share') for r in some])} for {what}" for what, some in groups.items())
+        groups = group_rows(rows, lambda r: str(r["quantity"]))
+        said = itemise(f"{_percent([number(r, 'share') for r in some])} for {what}" for what, some in groups.items())
         yield Finding(
             "What is left to be gained",
             f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {said}."
-            f"{unmeasured(run.table('kernel_bounds'), 'share')}",
+            f"{list_unmeasured(run.table('kernel_bounds'), 'share')}",
         )
 
 
@@ -48,18 +48,18 @@ def section(run: Run) -> Section | None:
     rows, machine = run.table("kernel_bounds"), run.table("kernel_machine")
     if not rows:
         return None
-    facts = listed(f"{r['key']} {r['statement']}" for r in machine if r.get("statement") and r["key"] in FACTS)
+    facts = itemise(f"{r['key']} {r['statement']}" for r in machine if r.get("statement") and r["key"] in FACTS)
     said = f"{LIMITS} Measured on: {facts}." if facts else LIMITS
     head = ("linkage", "what", "chain [cycles]", "flops", "least time", "measured", "share", "remark")
-    blocks: list[Block] = [Text(said), table_with_title("Share of the machine's limit", head, 2, rows, bounded)]
-    if quantities := [r for r in machine if known(r.get("value"))]:
+    blocks: list[Block] = [Text(said), table_with_title("Share of the machine's limit", head, 2, rows, limit)]
+    if quantities := [r for r in machine if is_known(r.get("value"))]:
         blocks.append(table_with_title("The processor", ("quantity", "value", RANGE, "unit"), 1, quantities, fact))
     return Section("Distance to the machine's limit", "kernel-limits", tuple(blocks))
 
 
-def bounded(row: Row) -> tuple[Cell, ...]:
+def limit(row: Row) -> tuple[Cell, ...]:
     share = number(row, "share")
-    reached = Cell(f"{100 * share:.0f} %", share) if known(share) else Cell("-")
+    reached = Cell(f"{100 * share:.0f} %", share) if is_known(share) else Cell("-")
     return (
         *texts(row, "mechanism", "quantity"),
         *counts(row, "cycles", "flops"),

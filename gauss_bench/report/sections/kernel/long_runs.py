@@ -11,14 +11,14 @@ from gauss_bench.report.content import (
     error_cell,
     exact_cell,
     goal,
+    list_unmeasured,
     part,
     remark,
     run_of_numbers,
     small,
     texts,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, known, number
+from gauss_bench.report.rows import Row, Run, is_known, number
 
 PLACE = 60
 TABLES = ("kernel_long", "kernel_energy")
@@ -31,15 +31,15 @@ RATIO, GOAL = ("ratio", "spread"), ("target", "met", "remark")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [r for r in run.table("kernel_long") if known(r.get("position_drift"))]
+    rows = [r for r in run.table("kernel_long") if is_known(r.get("position_drift"))]
     if rows:
         drifts = [max(number(r, f"{x}_drift") for r in rows) for x in ("position", "velocity")]
-        orders = [number(r, "order") for r in rows if known(r.get("order"))]
+        orders = [number(r, "order") for r in rows if is_known(r.get("order"))]
         text = (
             f"Over {number(rows[0], 't_end'):g} s with projection the compiled kernel leaves the constraints by {error(drifts[0])} "
         )
         text += f"in position and {error(drifts[1])} in velocity at most"
-        rest = unmeasured(run.table("kernel_long"), "position_drift")
+        rest = list_unmeasured(run.table("kernel_long"), "position_drift")
         energy = f"; its energy error falls with order {run_of_numbers(orders)}" if orders else ""
         yield Finding("Long runs", f"{text}{energy}.{rest}")
 
@@ -53,6 +53,6 @@ def section(run: Run) -> Section | None:
 def ran(row: Row) -> tuple[Cell, ...]:
     drifts = (exact_cell(row, "position_drift"), exact_cell(row, "velocity_drift"))
     energies = tuple(error_cell(row, x) for x in ("energy", "energy_first", "energy_last", "energy_max"))
-    order = Cell(f"{number(row, 'order'):.1f}", number(row, "order")) if known(row.get("order")) else Cell("-")
+    order = Cell(f"{number(row, 'order'):.1f}", number(row, "order")) if is_known(row.get("order")) else Cell("-")
     kept = (*counts(row, "step", "t_end"), *drifts, *energies, order)
     return (*texts(row, "mechanism", "formulation"), *kept, *goal(row, small), remark(row))

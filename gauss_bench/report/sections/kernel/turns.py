@@ -10,13 +10,13 @@ from gauss_bench.report.content import (
     error,
     exact_cell,
     goal,
-    listed,
+    itemise,
+    list_unmeasured,
     part,
     remark,
     texts,
-    unmeasured,
 )
-from gauss_bench.report.rows import Row, Run, known, number
+from gauss_bench.report.rows import Row, Run, is_known, number
 
 PLACE = 80
 TABLES = ("kernel_kinematics",)
@@ -25,25 +25,25 @@ RATIO, GOAL = ("ratio", "spread"), ("target", "met", "remark")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [r for r in run.table("kernel_kinematics") if known(r.get("target")) and known(r.get("rate"))]
+    rows = [r for r in run.table("kernel_kinematics") if is_known(r.get("target")) and is_known(r.get("rate"))]
     if rows:
-        said = listed(f"{number(r, 'rate') / 1e6:.1f} million on {r['mechanism']}" for r in rows)
+        said = itemise(f"{number(r, 'rate') / 1e6:.1f} million on {r['mechanism']}" for r in rows)
         off = max(number(r, f"{x}_error") for r in rows for x in ("position", "velocity", "acceleration"))
         yield Finding(
             "Kinematics",
             f"Positions with velocities and accelerations per second on one core: {said}; errors {error(off)} at most."
-            f"{unmeasured(run.table('kernel_kinematics'), 'rate')}",
+            f"{list_unmeasured(run.table('kernel_kinematics'), 'rate')}",
         )
 
 
 def section(run: Run) -> Section | None:
     head = ("linkage", "way", "per second", RANGE, "position", "velocity", "acceleration", *GOAL)
-    return part("Compiled kinematics", KINEMATICS, run.table("kernel_kinematics"), head, 2, turned)
+    return part("Compiled kinematics", KINEMATICS, run.table("kernel_kinematics"), head, 2, list_turns)
 
 
-def turned(row: Row) -> tuple[Cell, ...]:
+def list_turns(row: Row) -> tuple[Cell, ...]:
     values = [number(row, f"rate{end}") for end in ("", "_low", "_high")]
-    rates = Cell(f"{values[0]:.3g}", values[0]) if known(values[0]) else Cell("-")
-    spread = Cell(f"{values[1]:.3g}..{values[2]:.3g}", values[1]) if known(values[1]) else Cell("-")
+    rates = Cell(f"{values[0]:.3g}", values[0]) if is_known(values[0]) else Cell("-")
+    spread = Cell(f"{values[1]:.3g}..{values[2]:.3g}", values[1]) if is_known(values[1]) else Cell("-")
     errors = tuple(exact_cell(row, f"{level}_error") for level in ("position", "velocity", "acceleration"))
     return (*texts(row, "mechanism", "method"), rates, spread, *errors, *goal(row, "{:.2g}".format), remark(row))

@@ -13,7 +13,7 @@ from gauss_bench.report.content import (
     engine_cell,
     error,
     error_cell,
-    listed,
+    itemise,
     ratio_cells,
     text_cell,
     time_cell,
@@ -24,14 +24,14 @@ from gauss_bench.report.rows import (
     Run,
     accelerations,
     end_error,
-    grouped,
-    known,
+    group_rows,
+    is_known,
     label,
-    measured,
     method,
     number,
     ok,
     own_steps,
+    quantity,
     unit,
 )
 
@@ -85,10 +85,12 @@ def _settings(row: Row) -> str:
 def same_model(run: Run) -> Iterator[Finding]:
     """Name who returns the reference's acceleration at the same state, and to what."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
-    worst = {name: max(number(r, "acceleration_error_median") for r in group) for name, group in grouped(rows, _settings).items()}
+    worst = {
+        name: max(number(r, "acceleration_error_median") for r in group) for name, group in group_rows(rows, _settings).items()
+    }
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
-        exact = listed(f"{name} ({error(x)})" for x, name in same)
+        exact = itemise(f"{name} ({error(x)})" for x, name in same)
         yield Finding(
             "Same state, same acceleration",
             f"Given the same states, {exact} return the reference's acceleration; in brackets the largest median relative error of "
@@ -100,14 +102,14 @@ def same_model(run: Run) -> Iterator[Finding]:
 def other_model(run: Run) -> Iterator[Finding]:
     """Name who computes another acceleration, and whether a smaller step helps."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
-    for (name, settings), group in grouped(rows, lambda r: (r["engine"], r["settings"])).items():
+    for (name, settings), group in group_rows(rows, lambda r: (r["engine"], r["settings"])).items():
         off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
         if not off:
             continue
         span = _span([number(r, "acceleration_error_median") for r in off])
         text = (
             f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
-            f"{listed(row['mechanism'] for row in off)}. A smaller step cannot change that"
+            f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
         )
         yield Finding("Soft, or another model", f"{text}{_step_does_not_help(run, off)}", "warn")
 
@@ -120,9 +122,9 @@ def _span(values: list[float]) -> str:
 def _step_does_not_help(run: Run, off: list[Row]) -> str:
     """Evidence from trajectories, as the end of a sentence: the flattest error over at least a 4-fold range of steps."""
     wanted = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
-    rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and known(end_error(r))]
+    rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and is_known(end_error(r))]
     falls = []
-    for group in grouped(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
+    for group in group_rows(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
         stepped = sorted((r for r in group if not own_steps(r)), key=lambda r: -number(r, "step"))
         if len(stepped) > 1 and stepped[0]["step"] >= 4 * stepped[-1]["step"] and end_error(stepped[-1]) > 0:
             falls.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
@@ -132,15 +134,15 @@ def _step_does_not_help(run: Run, off: list[Row]) -> str:
     _, steps = min(flat, key=lambda x: x[0])
     first, last = steps[0], steps[-1]
     before, after = (f"{error(end_error(row))} {unit([row])} at step {row['step']:g} s" for row in (first, last))
-    return f", and does not: on {first['mechanism']} {first['scenario']} the error of {measured(steps)} is {before} and {after}."
+    return f", and does not: on {first['mechanism']} {first['scenario']} the error of {quantity(steps)} is {before} and {after}."
 
 
 def controls(run: Run) -> Iterator[Finding]:
     """Each negative control: that it satisfies its constraints, and that it is flagged all the same."""
     rows = [row for row in run.results if row["control"] and ok(row)]
-    for name, group in grouped(rows, lambda r: r["engine"]).items():
-        residuals = [number(r, "acceleration_residual") for r in group if known(r.get("acceleration_residual"))]
-        errors = [number(r, "acceleration_error_median") for r in group if known(r.get("acceleration_error_median"))]
+    for name, group in group_rows(rows, lambda r: r["engine"]).items():
+        residuals = [number(r, "acceleration_residual") for r in group if is_known(r.get("acceleration_residual"))]
+        errors = [number(r, "acceleration_error_median") for r in group if is_known(r.get("acceleration_error_median"))]
         if not errors:
             continue
         holds = f"satisfies the constraints of acceleration to {error(max(residuals))} and is" if residuals else "is"

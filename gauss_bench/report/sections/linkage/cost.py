@@ -11,13 +11,13 @@ from gauss_bench.report.content import (
     Text,
     columns,
     engine_cell,
-    listed,
+    itemise,
     ratio_cells,
     text_cell,
     time_cell,
     times,
 )
-from gauss_bench.report.rows import Row, Run, costs, grouped, known, number, plain
+from gauss_bench.report.rows import Row, Run, costs, group_rows, is_known, number, plain
 
 PLACE = 50
 TABLES = ("results",)
@@ -52,15 +52,15 @@ def section(run: Run, name: str) -> Section | None:
         built = (milliseconds(row, x) for x in ("build_time", "cold_build_time"))
         lines.append((engine_cell(row), *names, *step, *own, *one, *built))
     table = Table(f"{name}: cost", head, tuple(lines), numeric, note=NOTE)
-    inside = grouped((r for r in rows if r.get("in_python")), lambda r: str(r["in_python"]))
-    said = [f"{listed(dict.fromkeys(str(r['engine']) for r in some))}: {what}" for what, some in inside.items()]
+    inside = group_rows((r for r in rows if r.get("in_python")), lambda r: str(r["in_python"]))
+    said = [f"{itemise(dict.fromkeys(str(r['engine']) for r in some))}: {what}" for what, some in inside.items()]
     told = [Text(f"The suite's own in Python, inside these times: {'; '.join(said)}.")] if said else []
     return Section("Cost", f"{name}-cost", (Text(words), table, *told))
 
 
 def milliseconds(row: Row, column: str) -> Cell:
     x = number(row, column)
-    return Cell(f"{1e3 * x:.2f}", x) if known(x) else Cell("-")
+    return Cell(f"{1e3 * x:.2f}", x) if is_known(x) else Cell("-")
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -76,7 +76,7 @@ def findings(run: Run) -> Iterator[Finding]:
         if spreads:
             longer, slower = (sum(x[:2][end] > 1 for x in spreads.values()) for end in (0, -1))
             level = sum(x[1] <= 1 <= x[2] for x in spreads.values() if len(x) > 1)
-            told = listed(f"{name} {_with_spread(x)}" for name, x in spreads.items())
+            told = itemise(f"{name} {_with_spread(x)}" for name, x in spreads.items())
             yield Finding(
                 f"Cost of {OWN} against {RIVAL}",
                 f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {told}; slower in {slower} of {len(spreads)}"
@@ -98,8 +98,8 @@ def _ratio(run: Run, own: Row, rival: Row, quantity: str) -> list[float]:
     x, low, high = (number(own, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
     y, below, above = (number(rival, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
     baseline = run.environment.get("baseline_engine")
-    if baseline == RIVAL and y == 1 and known(low) and known(high):
+    if baseline == RIVAL and y == 1 and is_known(low) and is_known(high):
         return [x, low, high]
     if baseline == OWN and x == 1 and below > 0 and above > 0:
         return [1 / y, 1 / above, 1 / below]
-    return [x / y] if known(x) and y > 0 else []
+    return [x / y] if is_known(x) and y > 0 else []

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from gauss_bench.report.content import (
     Finding,
     error,
-    tied,
+    tie,
 )
 from gauss_bench.report.rows import (
     Run,
-    known,
+    is_known,
+    may_rank,
     number,
     plain,
-    ranked,
 )
 
 PLACE = 40
@@ -20,11 +20,11 @@ TABLES = ("results", "series")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    rows = [row for row in run.results if ranked(row) and known(row.get("position_drift"))]
+    rows = [row for row in run.results if may_rank(row) and is_known(row.get("position_drift"))]
     free = [row for row in rows if plain(row)]
     if free:
         row = max(free, key=lambda r: number(r, "position_drift"))
-        what = tied(free, row, lambda r: number(r, "position_drift"))
+        what = tie(free, row, lambda r: number(r, "position_drift"))
         yield Finding(
             "Where drift is worst",
             f"Of the valid rows without stabilisation, constraints are left farthest by {what} on {row['mechanism']} "

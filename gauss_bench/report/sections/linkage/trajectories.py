@@ -15,11 +15,11 @@ from gauss_bench.report.content import (
     engine_cell,
     error,
     error_cell,
-    listed,
+    itemise,
     status_cell,
     step_cell,
     text_cell,
-    tied,
+    tie,
     times,
 )
 from gauss_bench.report.rows import (
@@ -29,15 +29,15 @@ from gauss_bench.report.rows import (
     below_reference,
     end_bar,
     end_error,
-    grouped,
-    known,
+    group_rows,
+    is_known,
     label,
+    may_rank,
     measure_bar,
-    measured,
     method,
     number,
     ok,
-    ranked,
+    quantity,
     run_time,
     unit,
 )
@@ -70,8 +70,8 @@ NOTE = (
 
 def section(run: Run, name: str) -> Section | None:
     blocks: list[Block] = []
-    for scenario, rows in grouped(run.of(name), lambda r: str(r["scenario"])).items():
-        if any(known(end_error(row)) for row in rows):
+    for scenario, rows in group_rows(run.of(name), lambda r: str(r["scenario"])).items():
+        if any(is_known(end_error(row)) for row in rows):
             blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
         blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
     return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
@@ -88,14 +88,14 @@ def line(row: Row) -> tuple[Cell, ...]:
         error_cell(row, "velocity_error", number(row, "velocity_error_bar")),
         *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
         error_cell(row, "energy_error", number(row, "energy_error_bar")),
-        Cell(f"{order:.1f}", order) if known(order) and order is not None else Cell("-"),
+        Cell(f"{order:.1f}", order) if is_known(order) and order is not None else Cell("-"),
         status_cell(row),
     )
 
 
 def heading(rows: Sequence[Row]) -> tuple[str, ...]:
     """The head of a table of one linkage's rows, which names the coordinate that errors are measured by."""
-    return (*BEFORE, *(f"error of {measured(rows)} after {t:g} s [{unit(rows)}]" for t in MEASURED_ERRORS.values()), *AFTER)
+    return (*BEFORE, *(f"error of {quantity(rows)} after {t:g} s [{unit(rows)}]" for t in MEASURED_ERRORS.values()), *AFTER)
 
 
 def whole(title: str, rows: list[Row]) -> Table:
@@ -108,10 +108,10 @@ def best(title: str, rows: list[Row]) -> Table:
 
     def rank(row: Row) -> tuple[bool, float, float]:
         below = below_reference(row)
-        return not below, 0.0 if below else end_error(row), -row["step"] if known(row["step"]) else 0.0
+        return not below, 0.0 if below else end_error(row), -row["step"] if is_known(row["step"]) else 0.0
 
-    usable = [row for row in rows if ranked(row) and known(end_error(row))]
-    lines = [line(min(group, key=rank)) for group in grouped(usable, lambda r: method(r)[:2]).values()]
+    usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
+    lines = [line(min(group, key=rank)) for group in group_rows(usable, lambda r: method(r)[:2]).values()]
     head, numeric = columns(heading(rows), 4, last_text=1)
     return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
 
@@ -126,14 +126,16 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def best_of(run: Run, name: str) -> Iterator[Finding]:
     """The most accurate engine of a linkage, and the cheapest at equal accuracy reached."""
-    for scenario, rows in grouped((r for r in run.of(name) if ranked(r)), lambda r: r["scenario"]).items():
-        with_error = [row for row in rows if known(end_error(row))]
+    for scenario, rows in group_rows((r for r in run.of(name) if may_rank(r)), lambda r: r["scenario"]).items():
+        with_error = [row for row in rows if is_known(end_error(row))]
         if not with_error:
             continue
         sentences = [_most_accurate(with_error)]
         for target in TARGETS:
-            reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and known(run_time(r))]
-            for where, some in sorted(grouped(reached, _where).items()):  # compiled and interpreted are not held against each other
+            reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
+            for where, some in sorted(
+                group_rows(reached, _where).items()
+            ):  # compiled and interpreted are not held against each other
                 cheapest = min(some, key=run_time)
                 sentences.append(
                     f"Cheapest within {target:.0e} {unit(some)}: {_price(cheapest)} {where}{_cheapest_own(some, cheapest)}."
@@ -146,7 +148,7 @@ def _price(row: Row) -> str:
 
 
 def _where(row: Row) -> str:
-    return "in its own loop" if known(row.get("native_step_time")) else "stepped from Python"
+    return "in its own loop" if is_known(row.get("native_step_time")) else "stepped from Python"
 
 
 def _cheapest_own(reached: list[Row], cheapest: Row) -> str:
@@ -162,9 +164,9 @@ def _most_accurate(rows: list[Row]) -> str:
     below = sorted({row["engine"] for row in rows if below_reference(row)})
     if below:
         bar = max(end_bar(row) for row in rows)
-        return f"Error of {measured(rows)} below the reference's bar ({bar:.0e} {unit(rows)}): {listed(f'`{x}`' for x in below)}."
+        return f"Error of {quantity(rows)} below the reference's bar ({bar:.0e} {unit(rows)}): {itemise(f'`{x}`' for x in below)}."
     best = min(rows, key=end_error)
-    return f"Most accurate: {tied(rows, best, end_error)}, error of {measured([best])} {error(end_error(best))} {unit([best])}."
+    return f"Most accurate: {tie(rows, best, end_error)}, error of {quantity([best])} {error(end_error(best))} {unit([best])}."
 
 
 def wrong_though_closed(run: Run) -> Iterator[Finding]:
@@ -177,7 +179,7 @@ def wrong_though_closed(run: Run) -> Iterator[Finding]:
             "Closed loops, wrong motion",
             f"{label(row, 'settings', 'integrator', 'stabilization', 'step')} on {row['mechanism']} "
             f"{row['scenario']} keeps its loops within {error(number(row, 'position_drift'))} and its model right, raises no "
-            f"warning, and ends {end_error(row):.3g} {unit([row])} from the true {measured([row])}. {count(len(rows), 'row')} of "
+            f"warning, and ends {end_error(row):.3g} {unit([row])} from the true {quantity([row])}. {count(len(rows), 'row')} of "
             f"this kind ended more than {LOST:g} {unit(rows)} off.",
             "warn",
         )
@@ -186,8 +188,8 @@ def wrong_though_closed(run: Run) -> Iterator[Finding]:
 def not_valid(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if ok(row) and not row["valid"] and not row["control"]]
     if rows:
-        engines = grouped(rows, lambda r: str(r["engine"])).items()
-        reasons = listed(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
+        engines = group_rows(rows, lambda r: str(r["engine"])).items()
+        reasons = itemise(f"`{name}` {len(group)} ({_why(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",
             f"{count(len(rows), 'case')} ended and may not be used: {reasons}. They stay in the tables, marked, "
@@ -200,4 +202,4 @@ def _why(group: list[Row]) -> str:
     """The judge's words for these rows, numbers taken out, in order of how often they were said."""
     flags = (re.sub(r" \S+ m from", " away from", str(row.get("flag") or "no reason given")) for row in group)
     words = [re.sub(NUMBERS, "", flag) for flag in flags]
-    return listed(sorted(set(words), key=lambda x: (-words.count(x), x)))
+    return itemise(sorted(set(words), key=lambda x: (-words.count(x), x)))
