@@ -72,7 +72,7 @@ def told(reference: Reference) -> Trajectory:
 
 
 def off(figure: float, expected: float, tolerance: float) -> bool:
-    """Whether a figure is not what it must be; what is no number is not."""
+    """Tell whether a figure is not what it must be; what is no number is not."""
     return not abs(figure - expected) <= tolerance * max(1.0, abs(expected))
 
 
@@ -85,7 +85,7 @@ def acceleration_error(which: tuple[str, str], altered: Mechanism, engine: str =
 
 
 def gated(figures: dict[str, float | str], baseline: dict[str, float | str]) -> str | None:
-    """What the gate says of figures of one case against a baseline."""
+    """Ask the gate about figures of one case against a baseline."""
     verdicts = list(gate.failures(gate.compare(_frame(figures), _frame(baseline))))
     return str(verdicts[0]) if verdicts else None
 
@@ -327,7 +327,7 @@ def certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificat
 
 
 def opening(whole: Certificate) -> Certificate:
-    """What a certificate says of its first samples: as much as one window of its verification reaches."""
+    """Verify the first samples of a certificate: as much as one window of its verification reaches."""
     return replace(whole, **{name: getattr(whole, name)[:OPENING] for name in ARRAYS})
 
 

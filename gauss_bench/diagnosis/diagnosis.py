@@ -219,7 +219,7 @@ class Case:
         return cause, sentence, explanations or (exact[2] if exact else [])
 
     def _noise(self) -> float:
-        """How far sound accelerations may differ, relative: ten times what two ways of the suite to solve for them do."""
+        """The relative difference that sound accelerations may have: ten times that of two ways of the suite to solve for them."""
         states = self.sound[-1]
         if not len(states.at) or self.own.evaluator.friction:
             return NOISE
@@ -357,7 +357,7 @@ class Case:
         return None
 
     def _as_steps_go(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Whether a finer run is off in time as much as a map says, or by as many steps; an integrator is not."""
+        """Tell whether a finer run is off in time as much as a map says, or by as many steps; an integrator is not."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
@@ -389,7 +389,7 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
+        """Tell whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
 
         Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
         """
@@ -400,7 +400,7 @@ class Case:
         return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
 
     def _by_steps(self) -> tuple[Cause, str, list[Explained]]:
-        """What is left without a step, against what the step adds."""
+        """Divide the rest without a step by what the step adds."""
         limit, by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
         if self._rounds():
             said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
@@ -408,7 +408,7 @@ class Case:
         return self._of_step(by_step) if self._step_dominates() else self._without_step(limit)
 
     def _step_dominates(self) -> bool:
-        """Whether the step adds more than smaller steps leave."""
+        """Tell whether the step adds more than smaller steps leave."""
         return split.size(self.steps.limit) <= split.size(self.steps.by_step) and (self.steps.converges or self.adaptive)
 
     def _steps_in_words(self) -> str:
@@ -498,18 +498,18 @@ class Case:
         return Cause.INTEGRATOR, f"{said}{self._beside()}", []
 
     def _lost_order(self) -> bool:
-        """Whether the motion converges at a lower order than the integrator's name says."""
+        """Tell whether the motion converges at a lower order than the integrator's name says."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _yields(self) -> bool:
-        """Whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
+        """Tell whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
         first, last = self.local[0], self.local[-1]
         if first is None or last is None or not self._lost_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
     def _beside(self) -> str:
-        """What is wrong beside the error of the step, which hides it: the end of a sentence, empty where nothing is."""
+        """Name the fault beside the error of the step, which hides it: the end of a sentence, empty where nothing is."""
         last, limit = self.local[-1], split.size(self.steps.limit)
         if last is not None and last.relative_told > SOUND:
             explanations = self._explained(last.told, self.sound[-1])
@@ -520,7 +520,7 @@ class Case:
         return ""
 
     def _mended(self) -> float:
-        """How much of the error is left when the engine's steps are projected; 1 where it offers no projection."""
+        """The share of the error left when the engine's steps are projected; 1 where it offers no projection."""
         if self.projected is None:
             return 1.0
         at = self.first.at.t[: self.steps.horizon]

@@ -136,7 +136,7 @@ def _refined(effect: Effect, target: Array, amount: float) -> tuple[float, Array
 
 
 def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """What may be wrong with the numbers of a linkage at states x."""
+    """Explanations by wrong numbers of a linkage, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
@@ -277,7 +277,7 @@ AXES = ((np.array([1.0, 0.0]), "along x"), (np.array([0.0, 1.0]), "along y"))
 
 
 def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """What may be wrong with the constraints at states x: left out, without velocity terms, old."""
+    """Explanations by wrong constraints, at states x: left out, without velocity terms, old."""
     mechanism, parts = own.mechanism, own.parts(x)
     base, rows = parts.accelerations(), own.evaluator.constraints
 
@@ -336,7 +336,7 @@ def proportional(effect: Array) -> Effect:
 
 
 def once(cause: Cause, what: str, effect: Array, sentence: str) -> Explanation:
-    """What is so or not."""
+    """An explanation that is so or not, without a size."""
     return Explanation(cause, what, proportional(effect), lambda c: sentence, once=True)
 
 

@@ -74,7 +74,7 @@ def fault(kind: str, sentence: str, owner: Any, name: str, made: Callable[[Any],
 
 
 def constant(value: Any) -> Callable[[Any], Any]:
-    """What makes of anything this value."""
+    """A function that returns this value whatever it is given."""
     return lambda _: value
 
 

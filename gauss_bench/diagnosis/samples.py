@@ -72,7 +72,7 @@ def time_map(truth: Truth, told: States, stretch: bool) -> TimeMap | None:
 
 
 def _first_rate(truth: Truth, told: States, pace: float) -> float:
-    """How fast time runs, from the true samples that are nearest to what was told."""
+    """Estimate how fast time runs, from the true samples that are nearest to what was told."""
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
     nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(told, pace)])
@@ -81,13 +81,13 @@ def _first_rate(truth: Truth, told: States, pace: float) -> float:
 
 
 def stands_still(truth: States, told: States) -> bool:
-    """Whether what was told does not move while the truth does."""
+    """Tell whether the samples do not move while the truth does."""
     moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
     return moved[0] <= STILL * moved[1]
 
 
 def whole_turns(off: Array) -> Array:
-    """How many turns (k, links) angles are off by, of errors (k, 3 links); none where that is not all that they are off by."""
+    """Count the turns (k, links) by which angles are off, of errors (k, 3 links); none where that is not all of them."""
     turns = np.round(off[:, 2::3] / (2 * np.pi))
     left = off.copy()
     left[:, 2::3] -= 2 * np.pi * turns

@@ -75,7 +75,7 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """Whether every fault was seen, and nothing where there was none."""
+        """True if every fault was seen, and nothing where there was none."""
         return self.detected == self.planted and not self.false_alarms
 
 
@@ -140,7 +140,7 @@ def _adapters() -> Iterator[Finding]:
 
 
 def _ask(check: Check) -> str | None:
-    """What a check says; one that cannot be made is no silence."""
+    """Run a check; one that cannot be made is no silence."""
     try:
         return check()
     except Exception as error:

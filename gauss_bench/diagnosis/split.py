@@ -127,7 +127,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 
 
 def _held(own: OwnMotion, b: Burst, phi: Array, worst: int) -> tuple[float, float]:
-    """How well the gap of the worst row follows the force in it, and by how much it yields."""
+    """Measure how well the gap of the worst row follows the force in it, and by how much it yields."""
     if not phi.shape[1]:
         return 0.0, 0.0
     force = own.parts(b.at).multipliers(b.a)[:, worst]
@@ -172,7 +172,7 @@ def local(own: OwnMotion, b: Burst) -> Local:
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:
-    """Which checkpoints of a run are finite and not opened by more than `most` [m, rad]."""
+    """The checkpoints of a run that are finite and not opened by more than `most` [m, rad]."""
     with np.errstate(all="ignore"):
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
     sound = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)

@@ -136,7 +136,7 @@ def _closed(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 
 
 def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
-    """Where the ends of a pair come nearest to each other, and how near [m]; 0 where they meet."""
+    """The place where the ends of a pair come nearest to each other, and how near [m]; 0 where they meet."""
     part = replace(mechanism, joints=tuple(joints))
     if not isinstance(chord, Revolute):  # a loop of slides alone
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)

@@ -128,7 +128,7 @@ def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Bran
 
 
 def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
-    """What changes from each state to the next, for the `branch` of a motion or any states of one linkage."""
+    """List the changes from each state to the next, for the `branch` of a motion or any states of one linkage."""
     steps = enumerate(pairwise(branches), 1)
     return tuple(BranchChange(k, g, x[g], y[g]) for k, (x, y) in steps for g in x if x[g] != y[g])
 
@@ -222,7 +222,7 @@ class _Walk:
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """Why no step leads on: no solution lies ahead, or one does, behind a position where assemblies meet."""
+        """The reason why no step leads on: no solution lies ahead, or one does, behind a position where assemblies meet."""
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         near = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
         if ahead.flag == ExitFlag.CONVERGED and near:

@@ -71,7 +71,7 @@ def basins(
     form: Form = point_form,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Basin, ...]:
-    """How far from the assembled start each method still finds it: one row per spread and method, the same starts for all.
+    """Rate how far from the assembled start each method finds it: a row per spread and method, the same starts for all.
 
     `form` gives residual and solution in other coordinates; `difference` compares those (angles: but for whole turns).
     """

@@ -160,7 +160,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _ended(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """What stops the motion after the last state: a limit, if the loops close nowhere near beyond it, else a singularity."""
+    """Name what stops the motion after the last state: a limit, if the loops close nowhere near beyond it, else a singularity."""
     TU, x = len(equations.unknown), last.x
     gone = float(np.abs(x - first)[TU:].max())
     guess = x + (x - first) * (BEYOND / gone if gone else 0.0)

@@ -64,7 +64,7 @@ def largest(x: NDArray[np.inexact[Any]]) -> float:
 
 
 def at_rest(x: Array, h: Array) -> bool:
-    """Whether a step is lost in the rounding of x."""
+    """Tell whether a step is lost in the rounding of x."""
     eps = np.finfo(float).eps
     return bool(largest(h) <= eps * (largest(x) + eps))
 

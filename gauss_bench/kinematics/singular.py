@@ -71,7 +71,7 @@ class Singular:
 
 
 def input_coordinate(mechanism: Mechanism) -> DrivingCoordinate:
-    """What is taken to drive: the crank's angle, or the measured coordinate of a linkage without crank."""
+    """The coordinate taken to drive: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
         return DrivingCoordinate(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     measured = mechanism.measured
@@ -80,7 +80,7 @@ def input_coordinate(mechanism: Mechanism) -> DrivingCoordinate:
 
 
 def _alike(a: Coordinate, b: Coordinate) -> bool:
-    """Whether two coordinates are one: the same angle of a link, or the way along the same slide."""
+    """Tell whether two coordinates are one: the same angle of a link, or the way along the same slide."""
     if isinstance(a, Angle) and isinstance(b, Angle):
         return (a.a, a.b) == (b.a, b.b)
     return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
@@ -199,7 +199,7 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
 
 
 def _told(driving: DrivingCoordinate, q: Array) -> str:
-    """Where what drives stands, in words."""
+    """Name the place of the driving coordinate, in words."""
     x = driving.of(q)[0]
     return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
 

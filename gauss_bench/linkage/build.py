@@ -197,7 +197,7 @@ class Resolver:
         return measured_angle(self.links, self.index[table["link"]])
 
     def usually_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
-        """What is measured where the file does not say; without driver and crank the first link, until the linkage is assembled."""
+        """The measured coordinate of a file that names none; without driver and crank the first link, until it is assembled."""
         match drivers:
             case (SlideDriver() as first, *_):
                 return measured_slide(first.joint)

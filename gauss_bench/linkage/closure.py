@@ -248,7 +248,7 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 
 def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
-    """What the start and the drivers at t = 0 hold: coordinates with their values and rates."""
+    """List the coordinates that the start and the drivers at t = 0 hold, with their values and rates."""
     held: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
@@ -270,7 +270,7 @@ def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = 
 
 
 def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """What the start and the drivers at t = 0 hold: angles, slides, points, lengths, with their rates."""
+    """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their rates."""
     n, items = mechanism.n, held_items(mechanism, scenario, number)
     parts = [_held_row(coordinate) for coordinate, _, _ in items]
 

@@ -41,7 +41,7 @@ def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
 
 
 def _physics(item: Any) -> Any:
-    """What is given of a table's physics, at every depth; numbers as one decimal text, however they are written."""
+    """The given keys of a table's physics, at every depth; numbers as one decimal text, however they are written."""
     if hasattr(item, "model_fields_set"):  # a table of the grammar
         given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
         return {key: _physics(value) for key, value in given.items() if key in item.physics}

@@ -74,7 +74,7 @@ RANGES = {
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """What is too deep, too many, too large, too small or not to be printed: the first that ends the search, or all of the rest."""
+    """List what is too deep, too many, too large, too small or not to be printed: the first that ends the search, or all."""
     faults: list[Fault] = []
     entries = 0
     waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, the nearest key that bounds it, value, depth
@@ -164,7 +164,7 @@ def _circle(points: dict[str, Any], name: str) -> list[str]:
 
 
 def unprintable(x: str) -> bool:
-    """Whether a character drives a terminal, turns the direction of what follows, or stands for none."""
+    """Tell whether a character drives a terminal, turns the direction of what follows, or stands for none."""
     return x not in "\n\t" and (unicodedata.category(x) in UNPRINTABLE or unicodedata.bidirectional(x) in TURNING)
 
 

@@ -139,7 +139,7 @@ def _body(document: Document, name: str) -> str:
 
 
 def _are_tables(document: Document) -> bool:
-    """Whether links, joints and cylinders are tables of tables, with parts that are."""
+    """Tell whether links, joints and cylinders are tables of tables, with parts that are."""
     groups = [document.get(key, {}) for key in ("links", "joints", "cylinders")]
     if not all(isinstance(x, dict) and all(isinstance(y, dict) for y in x.values()) for x in groups):
         return False
@@ -147,7 +147,7 @@ def _are_tables(document: Document) -> bool:
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
-    """What keeps cylinders from being written out as links and joints, under their own names."""
+    """List the faults that keep cylinders from being written out as links and joints, under their own names."""
     names = Names(document)
     for key, cylinder in items(document, "cylinders"):
         path, between = f"cylinders.{key}", sequence(cylinder, "between")

@@ -395,7 +395,7 @@ def schema_faults(document: dict[str, Any]) -> list[Fault]:
 
 
 def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
-    """Where keys of the second edition are given, at every depth."""
+    """List the places of keys of the second edition, at every depth."""
     if isinstance(item, Table):
         for name in item.model_fields_set:
             key = type(item).model_fields[name].alias or name

@@ -16,7 +16,7 @@ Candidate = tuple[str, str, list[Angle | Along]]
 
 
 def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
-    """What a start may hold, with its coordinates: links' angles, ways along slides, and points of links."""
+    """List the coordinates that a start may hold: links' angles, ways along slides, and points of links."""
     world = Point(GROUND, np.zeros(2), "ground.")
     candidates: list[Candidate] = [("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
     candidates += [("slide", j.name, [j.motion]) for j in mechanism.joints if isinstance(j, Prismatic)]

@@ -124,7 +124,7 @@ def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], bodies: Sequenc
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """What each weld holds, in the links of the file, and where its moment is told."""
+    """Read welds: the links of the file that each holds, and where its moment is told."""
     names = list(links)
     told = []
     for key, weld in welds.items():

@@ -85,7 +85,7 @@ def times(step: float, until: float) -> tuple[float, int, int, Array]:
 
 
 def in_batches(engine: str) -> bool:
-    """Whether an engine takes a batch in one call."""
+    """Tell whether an engine takes a batch in one call."""
     return engine in FORMULATIONS
 
 

@@ -69,7 +69,7 @@ class Family:
 
     @cached_property
     def closed_to_kernels(self) -> str:
-        """Why a kernel cannot leave open what varies, or an empty text."""
+        """The reason why a kernel cannot leave open what varies, or an empty text."""
         for path in self.paths:
             head, *rest = path.split(".")
             usual = head in OPEN and not (head == "joints" and rest[-1] != "offset")

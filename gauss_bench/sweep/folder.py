@@ -66,7 +66,7 @@ class Folder:
         return self.path / PARTS / f"part-{number:05d}.parquet"
 
     def has(self, number: int, rows: int) -> bool:
-        """Whether a batch is there with all its rows, as it was written; one that is not is told by False and written anew."""
+        """Tell whether a batch is there with all its rows, as it was written; one that is not is written anew."""
         try:
             table = _table(self.part(number))
         except (OSError, pa.ArrowException):

@@ -27,7 +27,7 @@ AXES = {"x": 0, "y": 1}
 
 
 def is_length(path: str) -> bool:
-    """Whether a path is the length of a link."""
+    """Tell whether a path is the length of a link."""
     parts = path.split(".")
     return len(parts) == 3 and parts[0] == "links" and parts[2] == "length"
 

@@ -67,7 +67,7 @@ class Plan:
 
 
 def dimension(text: str) -> Dimension:
-    """What one --vary says.
+    """Read one --vary.
 
     Raises:
         SweepError: it says nothing that is known.

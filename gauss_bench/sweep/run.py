@@ -130,7 +130,7 @@ def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: lis
 
 
 def _open(asked: Asked, engine: str) -> tuple[str, ...]:
-    """What a kernel leaves open; it is compiled here, so that nobody else need."""
+    """List what a kernel leaves open; it is compiled here, so that nobody else need."""
     return kernel(asked, engine).parameters
 
 

@@ -45,7 +45,7 @@ def _of_engine(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 
 
 def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
-    """What a figure y (N,) depends on, not a number where a sample has none; which measure it is says the key."""
+    """Sensitivities of a figure y (N,), not a number where a sample has none; the key says by which measure."""
     there = np.isfinite(y)
     if plan.base and there.all():
         return {"sobol": _sobol(plan, y)}
