@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.closure import free_coordinates
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import Fault, LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, load_sketched, merge
 from gauss_bench.linkage.references import drivers_of
@@ -151,7 +151,7 @@ def _motion_held(
         except LinkageError:
             raise error from None
     chosen = document["scenarios"][own.scenario]
-    moved = written_out(merge(document, chosen.get("override", {}) if driver is None else {}))
+    moved = write_out(merge(document, chosen.get("override", {}) if driver is None else {}))
     tables = [*drivers_of(chosen)]
     tables = tables if driver is None else [_place_driver(document, own, driver)]
     if not tables:

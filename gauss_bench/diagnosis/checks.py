@@ -66,7 +66,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
     return as_reference(certificate(which), until)
 
 
-def told(reference: Reference) -> Trajectory:
+def describe_figures(reference: Reference) -> Trajectory:
     """The truth as an engine without an error would tell it."""
     return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
 
@@ -84,7 +84,7 @@ def acceleration_error(which: tuple[str, str], altered: Mechanism, engine: str =
     return float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))
 
 
-def gated(figures: dict[str, float | str], baseline: dict[str, float | str]) -> str | None:
+def ask_gate(figures: dict[str, float | str], baseline: dict[str, float | str]) -> str | None:
     """Ask the gate about figures of one case against a baseline."""
     verdicts = list(gate.failures(gate.compare(_frame(figures), _frame(baseline))))
     return str(verdicts[0]) if verdicts else None
@@ -106,7 +106,7 @@ def model(which: tuple[str, str], alter: Alteration) -> str | None:
     """An engine's accelerations at known states, gated against what sound ones are."""
     sound = linkage(which)
     key = "acceleration_error_median"
-    return gated({key: acceleration_error(which, alter(sound))}, {key: acceleration_error(which, sound)})
+    return ask_gate({key: acceleration_error(which, alter(sound))}, {key: acceleration_error(which, sound)})
 
 
 def in_time(which: tuple[str, str], late: float) -> str | None:
@@ -119,7 +119,7 @@ def in_time(which: tuple[str, str], late: float) -> str | None:
         errors = metrics.state_errors(linkage(which), x, reference)
         return {"position_error": float(errors.position.max()), "velocity_error": float(errors.velocity.max())}
 
-    return gated(figures(moved), figures(told(reference)))
+    return ask_gate(figures(moved), figures(describe_figures(reference)))
 
 
 # formulations and integrators
@@ -188,7 +188,7 @@ def stabilizations() -> str | None:
 def measures() -> str | None:
     """Metrics of motions whose errors are known, because they were put in."""
     mechanism, reference = linkage(FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), told(reference)
+    evaluator, sound = Evaluator(mechanism), describe_figures(reference)
     for k, name in enumerate(("x", "y")):
         q = sound.q.copy()
         q[:, 3 + k] += MOVED
@@ -228,7 +228,7 @@ def forces() -> str | None:
     """Forces in joints by Newton's laws: what acts on a link makes up for what it accelerates by."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = linkage(which), truth(which)
-        evaluator, sound = Evaluator(mechanism), told(reference)
+        evaluator, sound = Evaluator(mechanism), describe_figures(reference)
         by_joint = metrics.joint_forces(evaluator, sound)
         own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
         for link in range(len(mechanism.links)):
@@ -261,10 +261,10 @@ def _arm(q: Array, link: int, second: Any, first: Any) -> Any:
     return there - q[:, 3 * link] - 1j * q[:, 3 * link + 1]
 
 
-def judged() -> str | None:
+def judge_case() -> str | None:
     """The judge on a sound motion, and on motions that are not to be used."""
     mechanism, reference = linkage(FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), told(reference)
+    evaluator, sound = Evaluator(mechanism), describe_figures(reference)
     size = mechanism.size
 
     def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
@@ -317,7 +317,7 @@ def recipe() -> str | None:
 # references
 
 
-def certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificate], alter: Alteration) -> str | None:
+def read_certified(which: tuple[str, str], spoilt: Callable[[Certificate], Certificate], alter: Alteration) -> str | None:
     """The first samples of a certificate, verified against a linkage."""
     verification = verify(spoilt(opening(certificate(which))), alter(linkage(which)))
     if verification.passed:
@@ -393,26 +393,26 @@ def clocks() -> str | None:
 # gate
 
 
-def guarded() -> str | None:
+def check_guard() -> str | None:
     """The gate on figures that stayed, and on figures that must not pass."""
     base: dict[str, float | str] = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
-    if said := gated(base, base):
+    if said := ask_gate(base, base):
         return f"the gate fails what has not changed: {said}"
     near: dict[str, float | str] = base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}
-    if said := gated(near, base):
+    if said := ask_gate(near, base):
         return f"the gate fails what machines differ by: {said}"
     wrong: dict[str, float | str | None] = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
-        if value is not None and not gated(base | {key: value}, base):
+        if value is not None and not ask_gate(base | {key: value}, base):
             return f"the gate lets {key} pass that went from {base[key]} to {value}"
         missing = {k: x for k, x in base.items() if k != key}
-        if key not in ("observed_order", "status") and not gated(missing, base):
+        if key not in ("observed_order", "status") and not ask_gate(missing, base):
             return f"the gate does not miss {key}"
     floor = gate.RULES["acceleration_error_median"].floor
-    if gated({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
+    if ask_gate({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
         return "the gate fails rounding"
-    if not gated({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
+    if not ask_gate({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
         return "the gate takes for rounding what stands above it"
     return None if off(floor, 1e-12, 1e-15) is False and floor <= 1e-12 else "the gate's floor of accelerations has moved"

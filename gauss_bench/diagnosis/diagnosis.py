@@ -389,7 +389,7 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether nothing speaks for wrong accelerations instead: those told are the linkage's, and steps differ by the rate alone.
+    """Tell whether nothing speaks for wrong accelerations: those told are the linkage's, and steps differ by the rate alone.
 
         Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
         """
