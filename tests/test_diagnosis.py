@@ -14,11 +14,11 @@ from gauss_bench.cli import main
 from gauss_bench.diagnosis import explanations, faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty, scaled
+from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty, scale
 from gauss_bench.diagnosis.motion import OwnMotion, Truth
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
 from gauss_bench.diagnosis.planted import longer
-from gauss_bench.diagnosis.selftest import diagnosed
+from gauss_bench.diagnosis.selftest import diagnose_fault
 from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
@@ -49,7 +49,7 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
 
 @pytest.mark.parametrize("fault", [pytest.param(x, id=x.name) for x in ENGINES if x.name in QUICK])
 def test_a_planted_fault_is_named(fault: Fault) -> None:
-    found = diagnosed(fault)
+    found = diagnose_fault(fault)
     assert found.cause is fault.cause, found.sentence
     assert found.numbers is not None
     parts = sorted(found.parts, key=lambda part: found.parts[part])
@@ -101,8 +101,8 @@ def of(name: str, cause: Cause, **what: object) -> Fault:
 
 
 VARIATIONS = [  # none of them is one of the catalogue's
-    (of("inertia of rocker", Cause.INERTIA, linkage=scaled("rocker", inertia=1.01)), FOUR_BAR, {}),
-    (of("mass of slider", Cause.MASS, linkage=scaled("slider", mass=0.99)), CRANK_SLIDER, {}),
+    (of("inertia of rocker", Cause.INERTIA, linkage=scale("rocker", inertia=1.01)), FOUR_BAR, {}),
+    (of("mass of slider", Cause.MASS, linkage=scale("slider", mass=0.99)), CRANK_SLIDER, {}),
     (of("softer solver", Cause.SOFTNESS, solved=partial(compliant, 1e-2, 20.0)), FOUR_BAR, {}),
     (of("Jacobian alone", Cause.STALE, terms=jacobian_of_the_step_before), CRANK_SLIDER, {}),
     (of("rows of the beginning of the step", Cause.STALE, terms=rows_of_the_beginning), CRANK_SLIDER, {}),
@@ -137,7 +137,7 @@ def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> Non
 @pytest.mark.slow
 def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
     """Euler's method at 2 ms errs by far more than 1 % of the crank's inertia does."""
-    heavy = of("inertia", Cause.INERTIA, linkage=scaled("crank", inertia=1.01))
+    heavy = of("inertia", Cause.INERTIA, linkage=scale("crank", inertia=1.01))
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
     assert found.cause is Cause.INTEGRATOR, found.sentence
     assert "beside it, the inertia of crank is 1 % too large" in found.sentence
@@ -146,7 +146,7 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
 
 @pytest.mark.slow
 def test_accelerations_that_a_cause_reproduces_are_no_round_off() -> None:
-    found = verdict(of("inertia", Cause.INERTIA, linkage=scaled("coupler", inertia=1.01)), SIX_BAR, step=4e-3)
+    found = verdict(of("inertia", Cause.INERTIA, linkage=scale("coupler", inertia=1.01)), SIX_BAR, step=4e-3)
     assert found.cause is Cause.INERTIA, found.sentence
 
 
@@ -158,7 +158,7 @@ def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str
 
 
 def test_the_parameter_and_by_how_much_it_is_off_are_told() -> None:
-    found = diagnosed(BY_NAME["inertia"])
+    found = diagnose_fault(BY_NAME["inertia"])
     best = found.explanations[0]
     assert best.what == "inertia of crank"
     assert best.amount == pytest.approx(0.01, rel=1e-3)
@@ -274,8 +274,8 @@ def test_what_is_left_out_is_so_once_or_not_at_all() -> None:
     """Half of a velocity term is no velocity term left out."""
     y = np.ones((4, 3))
     some = explanations.once(Cause.VELOCITY_TERMS, "x", y, "left out")
-    assert explanations.explained(y, np.ones(3), iter([some]))[0].share == pytest.approx(1.0)
-    assert not explanations.explained(0.5 * y, np.ones(3), iter([some]))
+    assert explanations.explain(y, np.ones(3), iter([some]))[0].share == pytest.approx(1.0)
+    assert not explanations.explain(0.5 * y, np.ones(3), iter([some]))
 
 
 @pytest.mark.parametrize(("step", "until"), [(1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)])

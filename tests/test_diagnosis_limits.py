@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.diagnosis.causes import Cause
-from gauss_bench.diagnosis.explanations import Explanation, candidates, explained, partial_words, plural_words
+from gauss_bench.diagnosis.explanations import Explanation, candidates, explain, partial_words, plural_words
 from gauss_bench.diagnosis.observations import Burst
 from gauss_bench.diagnosis.split import Closure, by_steps, closure_of, horizon_of, size, usable
 from gauss_bench.terms import Array
@@ -115,15 +115,15 @@ def one_of(effect: Array, once: bool = False, exact: bool = False, linear: bool 
 
 @pytest.mark.parametrize(("amount", "found"), [(0.84, 0), (0.86, 1), (1.14, 1), (1.16, 0)])
 def test_what_is_left_out_once_has_an_amount_near_one(amount: float, found: int) -> None:
-    assert len(explained(amount * X, MASS, iter([one_of(X, once=True)]))) == found
-    assert len(explained(amount * X, MASS, iter([one_of(X)]))) == 1
+    assert len(explain(amount * X, MASS, iter([one_of(X, once=True)]))) == found
+    assert len(explain(amount * X, MASS, iter([one_of(X)]))) == 1
 
 
 @pytest.mark.parametrize("linear", [True, False])
 def test_an_amount_is_that_of_least_squares_in_the_metric_of_the_masses(linear: bool) -> None:
     mass = np.array([1.0, 4.0, 0.0])
     y = 0.3 * X + np.array([0.0, 0.0, 1.0])  # the last coordinate weighs nothing
-    (found,) = explained(y, mass, iter([one_of(X, linear=linear)]))
+    (found,) = explain(y, mass, iter([one_of(X, linear=linear)]))
     assert found.amount == pytest.approx(0.3)
     assert found.share == pytest.approx(1.0)
     assert found.residual == pytest.approx(0.0, abs=1e-12)
@@ -136,19 +136,19 @@ def test_an_explanation_reproduces_what_it_leaves_no_more_of_than_noise() -> Non
     a = np.zeros((K, N))
     a[2, 0] = 1.0
     for noise, known in ((0.0099, 0), (0.0101, 1)):
-        found = explained(effect + left, MASS, iter([one_of(effect)]), a, noise)
+        found = explain(effect + left, MASS, iter([one_of(effect)]), a, noise)
         assert found[0].residual == pytest.approx(0.01)
         assert len(candidates(found, noise)) == known
-        assert len(explained(effect + left, MASS, iter([one_of(effect, exact=True)]), a, noise)) == known
+        assert len(explain(effect + left, MASS, iter([one_of(effect, exact=True)]), a, noise)) == known
 
 
 def test_the_best_explanation_stands_first_and_what_changes_nothing_nowhere() -> None:
     half = X.copy()
     half[:, 0] = 0.0
     worse = Explanation(Cause.MASS, "half", lambda c: c * half, partial_words("half"))
-    found = explained(2 * X, MASS, iter([one_of(0 * X), worse, one_of(X)]))
+    found = explain(2 * X, MASS, iter([one_of(0 * X), worse, one_of(X)]))
     assert [x.what for x in found] == ["f", "half"]
-    assert explained(0 * X, MASS, iter([one_of(X)])) == []
+    assert explain(0 * X, MASS, iter([one_of(X)])) == []
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 
 import gauss_bench.reference.extended_linkage as extended_linkage
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import held_coordinates
+from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.load import decimal_document, load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.numbers import PI
@@ -166,7 +166,7 @@ def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: 
     size = 1 + float(np.abs(q).max())
     assert np.abs(rows.phi).max(initial=0.0) < 4 * EPS * size
     assert np.abs(rows.J @ v + rows.phi_t).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))
-    held = held_coordinates(found.mechanism, document["scenarios"][scenario], LONG)
+    held = list_held(found.mechanism, document["scenarios"][scenario], LONG)
     value, J = held.of(q)
     assert held.target.dtype == LONG
     assert np.abs(value - held.target).max(initial=0.0) < 4 * EPS * size
@@ -179,7 +179,7 @@ def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: 
 def test_held_slides_points_and_lengths_keep_their_digits(linkage: Any, scenario: str) -> None:
     document = decimals(linkage, scenario)
     found, q, _ = start(document, scenario)
-    held = held_coordinates(found.mechanism, document["scenarios"][scenario], LONG)
+    held = list_held(found.mechanism, document["scenarios"][scenario], LONG)
     value, J = held.of(q)
     assert J.dtype == value.dtype == LONG
     moved = held.of(q + J[-1] * LONG(2) ** -20)[0] - held.of(q - J[-1] * LONG(2) ** -20)[0]

@@ -8,7 +8,7 @@ import gauss_bench
 from gauss_bench.bench import clock, gate
 from gauss_bench.cli import main
 from gauss_bench.diagnosis import checks, planted, selftest
-from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, patched, smallest
+from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, patch, smallest
 
 
 def test_clocks_and_gate_are_guarded(capsys: pytest.CaptureFixture[str]) -> None:
@@ -37,7 +37,7 @@ def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> Non
 
 
 def test_a_fault_that_nobody_sees_fails_and_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    blind = Planted("gate", "a fault that no check looks at", checks.guarded, checks.guarded)
+    blind = Planted("gate", "a fault that no check looks at", checks.check_guard, checks.check_guard)
     monkeypatch.setattr(selftest, "PLANTED", (blind,))
     assert main(["selftest", "--only", "gate"]) == 1
     said = capsys.readouterr().out
@@ -59,7 +59,7 @@ def test_what_is_planted_is_put_back() -> None:
         if one.kind in ("clocks", "gate"):
             one.check()
     assert before == (clock.timed, clock.Block.seconds, gate.RULES["position_error"])
-    with patched(gate, "FLATTERING", lambda x: 2 * x):
+    with patch(gate, "FLATTERING", lambda x: 2 * x):
         assert gate.FLATTERING == 20.0
     assert gate.FLATTERING == 10.0
 

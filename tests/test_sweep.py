@@ -25,7 +25,7 @@ from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
 from gauss_bench.sweep.figures import Motions, figures
 from gauss_bench.sweep.folder import PARTS, Folder
-from gauss_bench.sweep.paths import changed, number_at
+from gauss_bench.sweep.paths import change, number_at
 from gauss_bench.sweep.plan import dimension, plan
 from gauss_bench.sweep.run import How, Where, _batches, _choice, _tasks, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
@@ -51,7 +51,7 @@ def rows(folder: Path) -> list[dict[str, object]]:
 def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others() -> None:
     document, _, _ = document_of("crank_slider")
     assert number_at(document, "links.rod.length") == pytest.approx(0.56)
-    made = changed(document, {"links.rod.length": 0.70})
+    made = change(document, {"links.rod.length": 0.70})
     assert made["links"]["rod"]["points"] == {"A": [0.0, 0.0], "B": [pytest.approx(0.70), 0.0], "P": [pytest.approx(0.35), 0.05]}
     assert document["links"]["rod"]["points"]["B"] == [0.56, 0.0]
     assert made["links"]["crank"] is document["links"]["crank"]
@@ -361,7 +361,7 @@ def repeated(
         return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
 
     monkeypatch.setattr(halving, "rows_of", again)
-    found = halving.halved(ASKED, "gauss", table, np.zeros((count, 1)))
+    found = halving.halve(ASKED, "gauss", table, np.zeros((count, 1)))
     assert found is not None
     return found
 
@@ -404,13 +404,13 @@ def test_steps_are_halved_and_tolerances_made_a_hundredth(
     monkeypatch.setattr(halving, "rows_of", again)
     choice = Choice("default", integrator, step=1e-3, tolerance=1e-6)
     table = pandas.DataFrame({"sample": range(3), "status": "ok"} | dict.fromkeys(units, 0.0))
-    found = halving.halved(replace(ASKED, choices={"gauss": choice}), "gauss", table, np.zeros((3, 1)))
+    found = halving.halve(replace(ASKED, choices={"gauss": choice}), "gauss", table, np.zeros((3, 1)))
     assert found is not None
     assert found["how"] == how
     ((repeated_by, in_parts),) = seen
     assert in_parts == parts
     assert repeated_by.tolerance == pytest.approx(1e-6 if parts == 2 else 1e-8)
-    assert halving.halved(ASKED, "gauss", table.assign(status="invalid"), np.zeros((3, 1))) is None
+    assert halving.halve(ASKED, "gauss", table.assign(status="invalid"), np.zeros((3, 1))) is None
 
 
 def test_what_a_repetition_says_in_words() -> None:

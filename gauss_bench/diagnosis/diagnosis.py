@@ -16,19 +16,19 @@ import numpy as np
 
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.dimensions import misplaced
+from gauss_bench.diagnosis.dimensions import misplace
 from gauss_bench.diagnosis.explanations import (
     Explained,
     Explanation,
     candidates,
-    explained,
+    explain,
     of_all,
     of_constraints,
     of_numbers_of_constraints,
     of_parameters,
 )
 from gauss_bench.diagnosis.motion import OwnMotion, Truth
-from gauss_bench.diagnosis.observations import FEWEST, Burst, Observed, Runner, burst, observe, sampled
+from gauss_bench.diagnosis.observations import FEWEST, Burst, Observed, Runner, burst, observe, sample
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.one_run import sampling_at
@@ -326,7 +326,7 @@ class Case:
         """A pin elsewhere than in the file: gaps that turn with its link, whatever the step."""
         if len(self.bursts) < 2 or not self.closure.opened[-1] > SMALL / 10:
             return None
-        pin = misplaced(self.own, self.bursts[0].at, self.bursts[-1].at)
+        pin = misplace(self.own, self.bursts[0].at, self.bursts[-1].at)
         if pin is None or self.closure.held**2 >= pin.share:
             return None
         gap = f"loops stay open by {self.closure.opened[-1]:.1e} (m, rad) by the file's dimensions, whatever the step"
@@ -389,7 +389,7 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-    """Tell whether nothing speaks for wrong accelerations: those told are the linkage's, and steps differ by the rate alone.
+        """Tell whether nothing speaks for wrong accelerations: they are the linkage's, and steps differ by the rate alone.
 
         Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
         """
@@ -465,7 +465,7 @@ class Case:
             yield from of_all(self.own, b.at)
             yield from of_numbers_of_constraints(self.own, b.at)
 
-        found = explained(y, self.own.evaluator.mass, some(), self.own.accelerations(b.at), self.noise)
+        found = explain(y, self.own.evaluator.mass, some(), self.own.accelerations(b.at), self.noise)
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _several(self, y: Array, b: Burst) -> float:
@@ -524,7 +524,7 @@ class Case:
         if self.projected is None:
             return 1.0
         at = self.first.at.t[: self.steps.horizon]
-        trajectory = self.run(self.projected, sampled(self.first.step, at)).trajectory
+        trajectory = self.run(self.projected, sample(self.first.step, at)).trajectory
         if trajectory is None:
             return 1.0
         b = burst(self.projected, at, trajectory)
@@ -543,7 +543,7 @@ class Case:
             if not (last.relative_moved if moving else last.relative_told) > SEEN:
                 continue
             euler = [last.euler] if moving and not self._lost_order() else []
-            alone = _left(y, euler, root)
+            alone = _rest_without(y, euler, root)
             for one in of_constraints(self.own, b.at, b.before, start):
                 if one.cause is not Cause.STALE or one.once:
                     continue
@@ -635,7 +635,7 @@ def _fit(y: Array, columns: list[Array], root: Array) -> tuple[Array, float]:
     return amounts, float(left @ left)
 
 
-def _left(y: Array, columns: list[Array], root: Array) -> float:
+def _rest_without(y: Array, columns: list[Array], root: Array) -> float:
     return _fit(y, columns, root)[1]
 
 

@@ -46,16 +46,16 @@ class Misplaced:
         return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
 
 
-def misplaced(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
+def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
     """The pin that explains all gaps of two runs alike, whose steps differ; None where none does."""
-    one, other = (_explained(own, x) for x in (coarse, fine))
+    one, other = (_explain(own, x) for x in (coarse, fine))
     if one is None or other is None or (one.joint, one.link) != (other.joint, other.link):
         return None
     apart = np.hypot(*(np.array(one.off) - np.array(other.off)))
     return other if apart <= SAME * other.size else None
 
 
-def _explained(own: OwnMotion, x: States) -> Misplaced | None:
+def _explain(own: OwnMotion, x: States) -> Misplaced | None:
     """The best of all pins, where the gap of its joint is nearly all there is."""
     mechanism, gaps = own.mechanism, own.gaps(x)
     squares = float((gaps**2).sum())

@@ -76,7 +76,7 @@ class Explained:
     residual: float = np.nan
 
 
-def explained(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
+def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
     """All explanations of differences y (k, n) from accelerations a, the best first; none of what has no effect.
 
     Those that leave no more than `noise` (relative to a) cannot be told apart and stand in the order in which they were tried.
@@ -86,7 +86,7 @@ def explained(y: Array, mass: Array, some: Iterator[Explanation], a: Array | Non
     whole = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
     explanations: list[Explained] = []
     for one in some:
-        fit = _fitted(one, target, root, whole)
+        fit = _fit(one, target, root, whole)
         if fit is None or (one.exact and not fit.residual <= noise):
             continue
         if all(fit.sentence != x.sentence for x in explanations):
@@ -99,7 +99,7 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
     return [x for x in explanations if x.residual <= noise]
 
 
-def _fitted(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
+def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
     def effect(amount: float) -> Array:
         return np.asarray((one.effect(amount) * root).ravel())
 
@@ -113,7 +113,7 @@ def _fitted(one: Explanation, target: Array, root: Array, size_of_all: float) ->
     if one.exact and float(left @ left) > SCREENED * whole:
         return None
     if not one.linear:
-        amount, left = _refined(effect, target, float(np.clip(amount, -0.9, 9.0)))
+        amount, left = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(left @ left) / whole
     if not np.isfinite(share) or (one.once and abs(amount - 1.0) > ONCE):
         return None
@@ -122,7 +122,7 @@ def _fitted(one: Explanation, target: Array, root: Array, size_of_all: float) ->
     return Explained(one.cause, one.what, amount, share, one.sentence(amount), residual)
 
 
-def _refined(effect: Effect, target: Array, amount: float) -> tuple[float, Array]:
+def _refine(effect: Effect, target: Array, amount: float) -> tuple[float, Array]:
     """The amount of least squares and what is left, by Gauss and Newton's steps; a parameter stays positive."""
     left = target - effect(amount)
     for _ in range(REFINEMENTS):
@@ -161,7 +161,7 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
     yield from of_all_forces(own, x)
     for i, j in combinations(range(len(mechanism.links)), 2):
         names = f"{mechanism.links[i].name} and {mechanism.links[j].name}"
-        swapped = modelled(exchanged(mechanism, i, j))
+        swapped = modelled(exchange(mechanism, i, j))
         yield once(Cause.ORDER, f"masses of {names}", swapped, f"{names} have each other's mass and inertia")
     yield from of_gravity(mechanism, modelled)
     for at, force in enumerate(mechanism.forces):
@@ -378,7 +378,7 @@ def with_link(mechanism: Mechanism, at: int, key: str, factor: float) -> Mechani
     return replace(mechanism, links=tuple(links))
 
 
-def exchanged(mechanism: Mechanism, i: int, j: int) -> Mechanism:
+def exchange(mechanism: Mechanism, i: int, j: int) -> Mechanism:
     """Two links with each other's mass and inertia."""
     links = list(mechanism.links)
     links[i], links[j] = with_masses_of(links[i], links[j]), with_masses_of(links[j], links[i])

@@ -132,7 +132,7 @@ class Faulty(Interpreted):
 # what is wrong with the linkage that is modelled
 
 
-def scaled(name: str, **factors: float) -> Callable[[Mechanism], Mechanism]:
+def scale(name: str, **factors: float) -> Callable[[Mechanism], Mechanism]:
     """A link's mass or inertia times a factor."""
 
     def altered(mechanism: Mechanism) -> Mechanism:
@@ -159,7 +159,7 @@ def gravity_turned(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, gravity=-np.asarray(mechanism.gravity))
 
 
-def started_faster(mechanism: Mechanism) -> Mechanism:
+def start_faster(mechanism: Mechanism) -> Mechanism:
     """Another start that the constraints allow: faster by a hundredth and, where all rests, in motion."""
     return replace(mechanism, v0=1.01 * np.asarray(mechanism.v0))
 
@@ -182,12 +182,12 @@ def soft_loop(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) ->
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept], Q=Q)
 
 
-def ignored_joint(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def ignore_joint(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
     kept = [k for k in range(len(terms.J)) if k not in closing_rows(model)]
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
 
-def ignored_constraints(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def ignore_constraints(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
     none = np.zeros(0)
     return replace(terms, J=terms.J[:0], gamma=none, phi=none, phi_dot=none)
 
@@ -256,7 +256,7 @@ def half_a_step_early(times: Array, step: float) -> Array:
     return np.where(times > 0, times - step / 2, times)
 
 
-def stretched(times: Array, step: float) -> Array:
+def stretch(times: Array, step: float) -> Array:
     return times * 1.01
 
 
@@ -300,18 +300,18 @@ CRANK_SLIDER, DRIVEN = ("crank_slider", "paper"), ("four_bar", "cycloid")
 ENGINES = (
     Fault("soft_loop", "a pin is a spring and a damper", Cause.SOFTNESS, terms=soft_loop),
     Fault("soft_solver", "the solver regularises its constraint forces", Cause.SOFTNESS, solved=compliant, where=CRANK_SLIDER),
-    Fault("inertia", "the crank's inertia is 1 % too large", Cause.INERTIA, linkage=scaled("crank", inertia=1.01)),
+    Fault("inertia", "the crank's inertia is 1 % too large", Cause.INERTIA, linkage=scale("crank", inertia=1.01)),
     Fault(
-        "rod_inertia", "the rod's inertia is 1 % too small", Cause.INERTIA, linkage=scaled("rod", inertia=0.99), where=CRANK_SLIDER
+        "rod_inertia", "the rod's inertia is 1 % too small", Cause.INERTIA, linkage=scale("rod", inertia=0.99), where=CRANK_SLIDER
     ),
-    Fault("mass", "the coupler's mass is 1 % too large", Cause.MASS, linkage=scaled("coupler", mass=1.01)),
+    Fault("mass", "the coupler's mass is 1 % too large", Cause.MASS, linkage=scale("coupler", mass=1.01)),
     Fault("gravity", "gravity has the wrong sign", Cause.GRAVITY, linkage=gravity_turned),
     Fault("damping", "a damper is 2 % too strong", Cause.FORCE, linkage=force_scaled("brake", "c", 1.02)),
     Fault("spring", "a spring is 1 % too stiff", Cause.FORCE, linkage=force_scaled("spring", "k", 1.01), where=CRANK_SLIDER),
     Fault("factor", "accelerations are 1.3 times too large", Cause.ACCELERATIONS, solved=half_force),
     Fault("velocity_terms", "the velocity terms of the loops are left out", Cause.VELOCITY_TERMS, terms=without_velocity_terms),
-    Fault("ignored_joint", "a joint is left out", Cause.IGNORED, terms=ignored_joint, where=CRANK_SLIDER),
-    Fault("ignored", "an explicit solver leaves out all constraints", Cause.IGNORED, terms=ignored_constraints),
+    Fault("ignored_joint", "a joint is left out", Cause.IGNORED, terms=ignore_joint, where=CRANK_SLIDER),
+    Fault("ignored", "an explicit solver leaves out all constraints", Cause.IGNORED, terms=ignore_constraints),
     Fault(
         "second_rate", "a driver's second time derivative is left out", Cause.SECOND_RATE, terms=without_second_rate, where=DRIVEN
     ),
@@ -323,7 +323,7 @@ ENGINES = (
     Fault("single", "states are rounded to single precision", Cause.ROUND_OFF, stepped=single_precision),
     Fault("late", "samples are those of the step after", Cause.SHIFT, times=one_step_late),
     Fault("early", "samples are half a step early", Cause.SHIFT, times=half_a_step_early, where=CRANK_SLIDER),
-    Fault("stretched", "samples are taken 1 % too slowly", Cause.STRETCH, times=stretched),
+    Fault("stretched", "samples are taken 1 % too slowly", Cause.STRETCH, times=stretch),
     Fault("still", "samples stand still", Cause.STATIONARY, read=standing_still),
     Fault("wrapped", "angles are brought back into one turn", Cause.WRAPPED, read=within_a_turn, where=CRANK_SLIDER),
     Fault("backwards", "velocities are told with the wrong sign", Cause.VELOCITIES, read=backwards),

@@ -73,7 +73,7 @@ def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
     return [replace(choice, step=choice.step / 2**k) for k in range(HALVINGS)]
 
 
-def sampled(step: float, at: Array) -> Sampling:
+def sample(step: float, at: Array) -> Sampling:
     """The samples of the bursts, the start and the first step."""
     whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
     return sampling_at(step, whole * step)
@@ -111,7 +111,7 @@ def observe(run: Runner, choices: Sequence[Choice], until: float, told: Callable
     runs: list[Run] = []
     for choice in choices:
         told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
-        runs.append(run(choice, sampled(choice.step, at)))
+        runs.append(run(choice, sample(choice.step, at)))
         trajectory = runs[-1].trajectory or runs[-1].reached
         if trajectory is None and not bursts:
             break

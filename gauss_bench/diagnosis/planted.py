@@ -15,7 +15,7 @@ from gauss_bench import judge, metrics
 from gauss_bench.bench import clock, gate
 from gauss_bench.diagnosis import checks
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, FOUR_BAR, Alteration
-from gauss_bench.diagnosis.faults import force_scaled, gravity_turned, same, scaled
+from gauss_bench.diagnosis.faults import force_scaled, gravity_turned, same, scale
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate import fixed_step, stabilization
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -43,7 +43,7 @@ class Planted:
 
 
 @contextmanager
-def patched(owner: Any, name: str, made: Callable[[Any], Any]) -> Iterator[None]:
+def patch(owner: Any, name: str, made: Callable[[Any], Any]) -> Iterator[None]:
     """Let an attribute, or an entry of a dictionary, be what `made` makes of it."""
     there = isinstance(owner, dict)
     true = owner[name] if there else owner.__dict__[name] if isinstance(owner, type) else getattr(owner, name)
@@ -63,7 +63,7 @@ def patched(owner: Any, name: str, made: Callable[[Any], Any]) -> Iterator[None]
 
 def spoilt(owner: Any, name: str, made: Callable[[Any], Any], check: Check) -> Check:
     def checked() -> str | None:
-        with patched(owner, name, made):
+        with patch(owner, name, made):
             return check()
 
     return checked
@@ -78,7 +78,7 @@ def constant(value: Any) -> Callable[[Any], Any]:
     return lambda _: value
 
 
-def scaled_result(factor: float) -> Callable[[Any], Any]:
+def scale_result(factor: float) -> Callable[[Any], Any]:
     return lambda f: lambda *a, **k: factor * f(*a, **k)
 
 
@@ -121,9 +121,9 @@ def model(sentence: str, alter: Alteration, which: tuple[str, str] = FOUR_BAR) -
 
 
 MODELS = (
-    model("the crank's inertia is a millionth too large", scaled("crank", inertia=1 + 1e-6)),
-    model("the coupler's mass is a millionth too large", scaled("coupler", mass=1 + 1e-6)),
-    model("the rod's inertia is 1 % too small", scaled("rod", inertia=0.99), CRANK_SLIDER),
+    model("the crank's inertia is a millionth too large", scale("crank", inertia=1 + 1e-6)),
+    model("the coupler's mass is a millionth too large", scale("coupler", mass=1 + 1e-6)),
+    model("the rod's inertia is 1 % too small", scale("rod", inertia=0.99), CRANK_SLIDER),
     model("gravity has the wrong sign", gravity_turned),
     model("a damper is a millionth too strong", force_scaled("brake", "c", 1 + 1e-6)),
     model("a spring is a millionth too stiff", force_scaled("spring", "k", 1 + 1e-6), CRANK_SLIDER),
@@ -189,11 +189,11 @@ def measure(sentence: str, name: str, made: Callable[[Any], Any]) -> Planted:
     return fault("metrics", sentence, metrics, name, made, checks.measures)
 
 
-def turned_moments(f: Any) -> Any:
+def turn_moments(f: Any) -> Any:
     return lambda *a: {k: x | {"moment": -x["moment"]} for k, x in f(*a).items()}
 
 
-def swapped_forces(f: Any) -> Any:
+def swap_forces(f: Any) -> Any:
     return lambda *a: {k: {"fx": -x["fy"], "fy": x["fx"], "moment": x["moment"]} for k, x in f(*a).items()}
 
 
@@ -204,18 +204,20 @@ METRICS = (
     measure("errors of places count a half", "state_errors", of_fields(length=lambda x: 0.5 * x)),
     measure("errors of velocities are left out", "state_errors", of_fields(velocity=np.zeros_like)),
     measure("energy is never gained", "energy_error", lambda f: lambda *a: (0 * f(*a)[0], f(*a)[1])),
-    measure("accelerations are compared ten times too kindly", "relative_acceleration_error", scaled_result(0.1)),
+    measure("accelerations are compared ten times too kindly", "relative_acceleration_error", scale_result(0.1)),
     measure("orders are told of rounding too", "observed_order", lambda f: lambda h, e, floor: f(h, e, 0 * floor)),
     measure("orders are one too high", "observed_order", lambda f: lambda *a: f(*a) + 1.0),
-    measure("moments in slides have the wrong sign", "joint_forces", turned_moments),
-    measure("forces in joints are turned by a quarter", "joint_forces", swapped_forces),
-    fault("metrics", "the work of dampers is gained", metrics, "_work", scaled_result(-1.0), checks.measures),
-    fault("metrics", "loops may open by the linkage's size", judge, "OFF_DRIFT", constant(1.0), checks.judged),
-    fault("metrics", "the judge looks at no motion", judge, "OFF_MOTION", constant(np.inf), checks.judged),
-    fault("metrics", "energy may be gained", judge, "OFF_ENERGY", constant(1e3), checks.judged),
-    fault("metrics", "wrong accelerations are another's affair", judge, "OFF_ACCELERATION", constant(1.0), checks.judged),
-    fault("metrics", "samples may be told for other times", judge, "OFF_TIME", constant(1.0), checks.judged),
-    fault("metrics", "what is no number is finite", judge, "completeness", constant(lambda *_: judge.Judgement()), checks.judged),
+    measure("moments in slides have the wrong sign", "joint_forces", turn_moments),
+    measure("forces in joints are turned by a quarter", "joint_forces", swap_forces),
+    fault("metrics", "the work of dampers is gained", metrics, "_work", scale_result(-1.0), checks.measures),
+    fault("metrics", "loops may open by the linkage's size", judge, "OFF_DRIFT", constant(1.0), checks.judge_case),
+    fault("metrics", "the judge looks at no motion", judge, "OFF_MOTION", constant(np.inf), checks.judge_case),
+    fault("metrics", "energy may be gained", judge, "OFF_ENERGY", constant(1e3), checks.judge_case),
+    fault("metrics", "wrong accelerations are another's affair", judge, "OFF_ACCELERATION", constant(1.0), checks.judge_case),
+    fault("metrics", "samples may be told for other times", judge, "OFF_TIME", constant(1.0), checks.judge_case),
+    fault(
+        "metrics", "what is no number is finite", judge, "completeness", constant(lambda *_: judge.Judgement()), checks.judge_case
+    ),
     fault(
         "metrics",
         "a run's steps count twice",
@@ -241,11 +243,14 @@ def reference(
     sentence: str, made: Callable[[Certificate], Certificate] = same, alter: Alteration = same, which: tuple[str, str] = FOUR_BAR
 ) -> Planted:
     return Planted(
-        "references", sentence, partial(checks.certified, which, same, same), partial(checks.certified, which, made, alter)
+        "references",
+        sentence,
+        partial(checks.read_certified, which, same, same),
+        partial(checks.read_certified, which, made, alter),
     )
 
 
-def nudged(level: str, by: float) -> Callable[[Certificate], Certificate]:
+def nudge(level: str, by: float) -> Callable[[Certificate], Certificate]:
     """One sample of a level, moved in its largest entry."""
 
     def made(x: Certificate) -> Certificate:
@@ -264,12 +269,12 @@ def late_samples(x: Certificate) -> Certificate:
 
 
 REFERENCES = (
-    reference("a position is 10 nanometres off", nudged("q", 1e-8)),
-    reference("a velocity is off by 1e-7", nudged("v", 1e-7)),
-    reference("an acceleration is off by 1e-6", nudged("a", 1e-6)),
-    reference("a force in a joint is off by a micronewton", nudged("multipliers", 1e-6)),
+    reference("a position is 10 nanometres off", nudge("q", 1e-8)),
+    reference("a velocity is off by 1e-7", nudge("v", 1e-7)),
+    reference("an acceleration is off by 1e-6", nudge("a", 1e-6)),
+    reference("a force in a joint is off by a micronewton", nudge("multipliers", 1e-6)),
     reference("all samples are a microsecond late", late_samples),
-    reference("it was made for a crank a ten-millionth heavier", alter=scaled("crank", mass=1 + 1e-7, inertia=1 + 1e-7)),
+    reference("it was made for a crank a ten-millionth heavier", alter=scale("crank", mass=1 + 1e-7, inertia=1 + 1e-7)),
     reference("it was made for another gravity", alter=gravity_turned),
 )
 
@@ -308,7 +313,7 @@ class Wakeful:
 
 
 CLOCKS = (
-    timing("the clock runs ten times too slowly", "timed", scaled_result(0.1)),
+    timing("the clock runs ten times too slowly", "timed", scale_result(0.1)),
     timing("repetitions are not counted", "seconds", lambda f: lambda self: f(self) * self.count, clock.Block),
     timing("getting ready is timed too", "seconds", with_getting_ready, clock.Block),
     timing("a call's work is counted twice", "lasting", lambda f: lambda e, c, work=1: f(e, c, 2 * work)),
@@ -323,7 +328,7 @@ CLOCKS = (
 
 
 def guard(sentence: str, name: str, made: Callable[[Any], Any], owner: Any = gate) -> Planted:
-    return fault("gate", sentence, owner, name, made, checks.guarded)
+    return fault("gate", sentence, owner, name, made, checks.check_guard)
 
 
 def lenient(f: Any) -> Any:
@@ -367,7 +372,7 @@ def smallest(check: Callable[[float], str | None], sound: float, seen: float, fa
 
 def of_inertia(size: float) -> str | None:
     """The four-bar's crank, by a share of its inertia."""
-    return checks.model(FOUR_BAR, scaled("crank", inertia=1 + size))
+    return checks.model(FOUR_BAR, scale("crank", inertia=1 + size))
 
 
 def of_length(size: float) -> str | None:

@@ -79,7 +79,7 @@ class SelfTest:
         return self.detected == self.planted and not self.false_alarms
 
 
-def diagnosed(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
+def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
     """The diagnosis of an engine with this fault."""
     which = where or fault.where
     mechanism, engine = linkage(which), Faulty(fault)
@@ -96,7 +96,7 @@ def sound_engine(where: tuple[str, str]) -> Check:
     """The diagnosis of an engine without a fault."""
 
     def checked() -> str | None:
-        verdict = diagnosed(CLEAN, where)
+        verdict = diagnose_fault(CLEAN, where)
         return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
     return checked
@@ -135,7 +135,7 @@ def _finding(kind: str, sentence: str, said: str | None) -> Finding:
 
 def _adapters() -> Iterator[Finding]:
     for fault in ENGINES:
-        verdict = diagnosed(fault)
+        verdict = diagnose_fault(fault)
         yield Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 

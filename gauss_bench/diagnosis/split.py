@@ -119,14 +119,14 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     share = size(normal) / max(size(errors), 1e-300)
     phi = own.gaps(bursts[-1].at)
     worst = int(gaps[-1].max(axis=0, initial=0.0).argmax()) if phi.shape[1] else 0
-    held, compliance = _held(own, bursts[-1], phi, worst)
+    held, compliance = _hold(own, bursts[-1], phi, worst)
     joints, drivers = own.mechanism.joints, own.mechanism.drivers
     name = joints[worst // 2].name if worst < 2 * len(joints) else drivers[worst - 2 * len(joints)].name if drivers else ""
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     return Closure(opened, float(sizes[:third].max()), float(sizes[-third:].max()), stays, min(share, 1.0), held, compliance, name)
 
 
-def _held(own: OwnMotion, b: Burst, phi: Array, worst: int) -> tuple[float, float]:
+def _hold(own: OwnMotion, b: Burst, phi: Array, worst: int) -> tuple[float, float]:
     """Measure how well the gap of the worst row follows the force in it, and by how much it yields."""
     if not phi.shape[1]:
         return 0.0, 0.0

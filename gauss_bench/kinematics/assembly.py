@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.kinematics.freedom import Freedom, Place
-from gauss_bench.kinematics.topology import Loop, find_graph, held
+from gauss_bench.kinematics.topology import Loop, coordinates_held, find_graph
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism, Point, Revolute
@@ -90,20 +90,20 @@ def put_together(mechanism: Mechanism) -> Assembly:
     Raises:
         ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
     """
-    graph = find_graph(held(mechanism))
+    graph = find_graph(coordinates_held(mechanism))
     names = tuple(tuple(_links(mechanism, loop)) for loop in graph.loops)
     bare = replace(mechanism, drivers=(), knife_edges=())
-    chords = [_opened(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
+    chords = [_open(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
     joints = [x for x in mechanism.joints if x not in chords]
-    place, open_loop = _closed(bare, joints, mechanism.q0), None
+    place, open_loop = _close(bare, joints, mechanism.q0), None
     for loop, chord in zip(graph.loops, chords, strict=True):
         nearer, gap = _nearest(bare, joints, chord, place)
         if gap > CLOSED:
             alone = _nearest(bare, _of(mechanism, loop, chord), chord, place)
-            open_loop = _told(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
+            open_loop = _describe(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
             break
         joints = [x for x in mechanism.joints if x in joints or x is chord]
-        place = _closed(bare, joints, nearer.q)
+        place = _close(bare, joints, nearer.q)
     rank = _rank(replace(bare, joints=tuple(joints)), place)
     return Assembly(place.q, open_loop, mechanism.n - rank, 2 * len(joints) - rank, names)
 
@@ -121,14 +121,14 @@ def _of(mechanism: Mechanism, loop: Loop, chord: Joint) -> list[Joint]:
     return [x for x in _joints(mechanism, loop) if x is not chord]
 
 
-def _opened(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
+def _open(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """The pair at which a loop is opened: the last pin in the file that no loop before it needs, else the last pair."""
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
     return next((x for x in reversed(own) if isinstance(x, Revolute)), own[-1])
 
 
-def _closed(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
+def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
         raise ValueError(f"{mechanism.name}: its joints cannot be put together from the drawing")
@@ -157,7 +157,7 @@ def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pla
     return best, apart
 
 
-def _told(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float, alone: bool) -> OpenLoop:
+def _describe(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float, alone: bool) -> OpenLoop:
     lengths: list[Length] = []
     if isinstance(chord, Revolute):
         gap = position(q, chord.b) - position(q, chord.a)

@@ -86,7 +86,7 @@ def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, 
         for t in np.asarray(times, dtype=float):
             laws = np.array([given.law(t) for given in inputs], dtype=float).reshape(-1, 3)
             root = walk.to(laws[:, 0])
-            samples.append(_Sample(walk.state(laws[:, 1], laws[:, 2]), root, walk.corrections, _named(model, walk.signs)))
+            samples.append(_Sample(walk.state(laws[:, 1], laws[:, 2]), root, walk.corrections, _name(model, walk.signs)))
     except MotionError as error:
         error.reached = _motion(mechanism, samples)
         raise
@@ -124,7 +124,7 @@ def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Bran
     """
     model = PointModel(mechanism, inputs)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
-    return _named(model, model.signs(J))
+    return _name(model, model.signs(J))
 
 
 def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
@@ -133,7 +133,7 @@ def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
     return tuple(BranchChange(k, g, x[g], y[g]) for k, (x, y) in steps for g in x if x[g] != y[g])
 
 
-def _named(model: PointModel, signs: Array) -> Branch:
+def _name(model: PointModel, signs: Array) -> Branch:
     return {group.name: int(sign) for group, sign in zip(model.groups, signs, strict=True)}
 
 

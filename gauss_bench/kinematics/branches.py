@@ -31,7 +31,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     Raises:
         ValueError: what is held leaves something free, or the joints are open at q.
     """
-    held = held_at(mechanism, q)
+    held = hold_at(mechanism, q)
     freedom, joints = Freedom(held), Constraints(replace(held, knife_edges=()))
     here = freedom.close(q)
     if here is None:
@@ -53,14 +53,14 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
         place = freedom.close(root.x / freedom.scale) if root.flag == ExitFlag.CONVERGED else None
         if place is None:
             continue
-        other = _unturned(mechanism, place.q, here.q)
+        other = _turn_back(mechanism, place.q, here.q)
         if all(_apart(freedom, other, x) > SAME * freedom.size for x in positions):
             positions.append(other)
             idle = 0
     return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, here.q)))
 
 
-def held_at(mechanism: Mechanism, q: Array) -> Mechanism:
+def hold_at(mechanism: Mechanism, q: Array) -> Mechanism:
     """The linkage with its inputs held where they are at q (n,)."""
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
@@ -75,7 +75,7 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
     return float(np.abs((a - b) * freedom.scale).max())
 
 
-def _unturned(mechanism: Mechanism, q: Array, near: Array) -> Array:
+def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
     """The same position with the angles within half a turn of others; links that a slide ties together turn as one."""
     q, root = np.array(q), list(range(len(mechanism.links)))
     for joint in mechanism.joints:

@@ -70,7 +70,7 @@ class Dragged:
     solves: int
 
 
-def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
+def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     """The linkage with what is locked held where it is at q (n,), and nothing driven.
 
     Raises:
@@ -79,7 +79,7 @@ def locked(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
     pins, still = [], []
     for reference in locks.points:
-        point = named(mechanism, reference)
+        point = name_link(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
         pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
     for name in locks.joints:
@@ -111,7 +111,7 @@ def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
     return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])
 
 
-def named(mechanism: Mechanism, reference: str | Point) -> Point:
+def name_link(mechanism: Mechanism, reference: str | Point) -> Point:
     """The point "link.point", or the one given.
 
     Raises:
@@ -134,10 +134,10 @@ class Drag:
         Raises:
             ValueError: the point is on the ground, there is nothing of a name, or the joints are open at q.
         """
-        self.point, self.onto = named(mechanism, point), onto
+        self.point, self.onto = name_link(mechanism, point), onto
         if self.point.link == GROUND and onto is None:
             raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
-        self.freedom = Freedom(locked(mechanism, q, locks))
+        self.freedom = Freedom(lock(mechanism, q, locks))
         place = self.freedom.close(np.array(q, dtype=float))
         if place is None:
             raise ValueError(f"{mechanism.name} cannot be dragged from here: its joints are open")

@@ -129,7 +129,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
             state = _advance(equations, state, target)
         except Stopped as error:
             if part * size < SMALLEST_PART:
-                raise _ended(equations, first, state, change / size, error) from error
+                raise _end(equations, first, state, change / size, error) from error
             part /= 2
             continue
         steps += state.steps
@@ -159,7 +159,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     return _State(closed, J, steps)
 
 
-def _ended(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
+def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
     """Name what stops the motion after the last state: a limit, if the loops close nowhere near beyond it, else a singularity."""
     TU, x = len(equations.unknown), last.x
     gone = float(np.abs(x - first)[TU:].max())

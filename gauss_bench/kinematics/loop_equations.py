@@ -24,7 +24,7 @@ import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
-from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
+from gauss_bench.kinematics.topology import Levels, absolute_states, angles_shared, find_graph
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
@@ -84,7 +84,7 @@ class LoopGroup:
     columns: list[int]
 
 
-def solved(J: Array, rhs: Array) -> Array:
+def solve_rows(J: Array, rhs: Array) -> Array:
     """Least-squares solution of J x = rhs."""
     return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
@@ -109,7 +109,7 @@ class LoopEquations:
         bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
         self.bars = [bars[x.joint] for x in inputs if x.joint in bars]
         self.graph = find_graph(mechanism, self.bars)
-        self.roots, self.phase = shared_angles(self.graph)
+        self.roots, self.phase = angles_shared(self.graph)
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
@@ -207,7 +207,7 @@ class LoopEquations:
         count, last = 0, np.inf
         while count < NEWTON_STEPS and last >= SETTLED:
             here = self.at(x, still)
-            step = solved(here.J, -here.A)
+            step = solve_rows(here.J, -here.A)
             x[:TU] += step
             count, last = count + 1, float(np.abs(step).max(initial=0.0))
         here = self.at(x, still)
@@ -226,10 +226,10 @@ class LoopEquations:
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Rates and second rates of x (TU + TK,) for those of the inputs (TK,)."""
         here = self.at(x, np.zeros_like(x))
-        x_rate = np.concatenate([solved(here.J, -here.B @ speed), speed])
+        x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])
         here = self.at(x, x_rate)
         bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
-        return x_rate, np.concatenate([solved(here.J, -bias), second])
+        return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """q, v, a (k, n) of states x (k, TU + TK)."""

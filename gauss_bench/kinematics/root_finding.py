@@ -69,7 +69,7 @@ def at_rest(x: Array, h: Array) -> bool:
     return bool(largest(h) <= eps * (largest(x) + eps))
 
 
-def ended(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
+def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
     """The result where x is a root, or F is not finite there."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
@@ -91,7 +91,7 @@ def newton_raphson(residual: Residual, x: Array, tolerance: float = 1e-13, limit
     """
     for iteration in range(limit + 1):
         F, J = residual(x)
-        if end := ended(x, F, tolerance, iteration):
+        if end := end_search(x, F, tolerance, iteration):
             return end
         h = full_step(F, J)
         if h is None:
@@ -107,7 +107,7 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: 
     """As `newton_raphson`, with each step halved until |F|^2 falls by a share of what its length promises."""
     F, J = residual(x)
     for iteration in range(limit):
-        if end := ended(x, F, tolerance, iteration):
+        if end := end_search(x, F, tolerance, iteration):
             return end
         h = full_step(F, J)
         if h is None:
@@ -132,7 +132,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, 
     F, J = residual(x)
     mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
     for iteration in range(limit):
-        if end := ended(x, F, tolerance, iteration):
+        if end := end_search(x, F, tolerance, iteration):
             return end
         gradient = J.T @ F
         if largest(gradient) <= FLAT * float(np.linalg.norm(J)) * float(np.linalg.norm(F)):

@@ -187,18 +187,18 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
         q = curve.step(q, x)
         x = curve.tangent(q, x)
         if curve.orientation(q, x) * side < 0:
-            raise ChangePoint(f"change point near {_told(driving, q)}: the curve forks, the motion can go on in two ways")
+            raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, coordinate in enumerate(coordinates):
             sign = coordinate.of(q)[1] @ x
             if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
                 positions.append(_singular(curve, coordinate, q, x, driving))
             signs[k] = sign
-        if count > 2 and _closed(q, mechanism.q0, STEP) and x @ first > 0:
+        if count > 2 and _close(q, mechanism.q0, STEP) and x @ first > 0:
             break
     return _distinct(positions)
 
 
-def _told(driving: DrivingCoordinate, q: Array) -> str:
+def _describe(driving: DrivingCoordinate, q: Array) -> str:
     """Name the place of the driving coordinate, in words."""
     x = driving.of(q)[0]
     return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
@@ -210,7 +210,7 @@ def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, d
     return Singular(coordinate.name, kind, coordinate.of(at)[0], driving.of(at)[0], driving, at)
 
 
-def _closed(q: Array, start: Array, step: float) -> bool:
+def _close(q: Array, start: Array, step: float) -> bool:
     gap = q - start
     gap[2::3] = np.angle(np.exp(1j * gap[2::3]))
     return bool(np.linalg.norm(gap) < 0.75 * step)
@@ -220,6 +220,6 @@ def _distinct(positions: list[Singular]) -> list[Singular]:
     """Without repeated positions: a start at a dead centre is found a second time when the curve closes."""
     kept: list[Singular] = []
     for one in positions:
-        if not any(k.coordinate == one.coordinate and _closed(one.q.copy(), k.q, 1e-6) for k in kept):
+        if not any(k.coordinate == one.coordinate and _close(one.q.copy(), k.q, 1e-6) for k in kept):
             kept.append(one)
     return kept

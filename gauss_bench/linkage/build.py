@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.digest import physics_digest
 from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
@@ -185,7 +185,7 @@ class Resolver:
     def measured(self, table: dict[str, Any]) -> Measured:
         """The coordinate that the table `measure` names."""
         if "joint" in table:
-            return measured_slide(self.slide(table["joint"]))
+            return measure_slide(self.slide(table["joint"]))
         if "between" in table:
             a, b = (self.point(x) for x in table["between"])
             return Measured(f"distance {a.name}-{b.name}", Distance(a, b))
@@ -194,25 +194,25 @@ class Resolver:
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
             return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
-        return measured_angle(self.links, self.index[table["link"]])
+        return measure_angle(self.links, self.index[table["link"]])
 
     def usually_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
         """The measured coordinate of a file that names none; without driver and crank the first link, until it is assembled."""
         match drivers:
             case (SlideDriver() as first, *_):
-                return measured_slide(first.joint)
+                return measure_slide(first.joint)
             case (LengthDriver() as first, *_):
                 return Measured(f"distance {first.name}", first.coordinate)
             case (AngleDriver() as first, *_):
-                return measured_angle(self.links, first.link)
-        return measured_angle(self.links, 0 if crank is None else self.index[crank])
+                return measure_angle(self.links, first.link)
+        return measure_angle(self.links, 0 if crank is None else self.index[crank])
 
 
-def measured_angle(links: tuple[Link, ...], index: int) -> Measured:
+def measure_angle(links: tuple[Link, ...], index: int) -> Measured:
     return Measured(f"angle of {links[index].name}", Angle(GROUND, index))
 
 
-def measured_slide(joint: Prismatic) -> Measured:
+def measure_slide(joint: Prismatic) -> Measured:
     return Measured(f"slide {joint.name}", joint.motion)
 
 
@@ -247,7 +247,7 @@ def build_mechanism(
     Raises:
         BuildError: a fault that only shows in resolved points, such as a bar without length.
     """
-    given, document = document, written_out(document)
+    given, document = document, write_out(document)
     names = Resolver(document, number, apart)
     knives = document.get("constraints", {}).items()
     chosen = document["scenarios"][scenario]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.build import measured_angle, measured_slide
+from gauss_bench.linkage.build import measure_angle, measure_slide
 from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.constraints import Constraints
@@ -64,8 +64,8 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
             position or speeds, or the counts differ from `expect`.
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
-    held = held_coordinates(mechanism, document["scenarios"][mechanism.scenario])
-    q = sketched(mechanism, document)
+    held = list_held(mechanism, document["scenarios"][mechanism.scenario])
+    q = sketch_from(mechanism, document)
     q = reach(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
     rank = _rank(joints(0.0, q, v).J)
@@ -75,10 +75,10 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
     closed = replace(closed, warnings=tuple(through_zero(closed, joints)))
-    return replace(closed, apart=closed.apart and started(closed.apart, closed))
+    return replace(closed, apart=closed.apart and start_state(closed.apart, closed))
 
 
-def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
+def sketch_from(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     """q (n,) with the joints closed near the sketch, and nothing held.
 
     Raises:
@@ -88,7 +88,7 @@ def sketched(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return close_joints(mechanism, joints, sketch(mechanism, document))
 
 
-def started(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
+def start_state(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
     """The links of the file on their own, at the start of the bodies that they are welded into."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     told = spread(mechanism, start)
@@ -109,8 +109,8 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
 
 def _coordinates(mechanism: Mechanism) -> list[Measured]:
     """The angle of every link, then every slide."""
-    angles = [measured_angle(mechanism.links, i) for i in range(len(mechanism.links))]
-    return [*angles, *(measured_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic))]
+    angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
+    return [*angles, *(measure_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic))]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
@@ -247,13 +247,13 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
+def items_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
     """List the coordinates that the start and the drivers at t = 0 hold, with their values and rates."""
     held: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
         held.append((driver.coordinate, target, rate))
-    for link, (target, rate) in _held_angles(mechanism, scenario, number).items():
+    for link, (target, rate) in _angles_held(mechanism, scenario, number).items():
         held.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
@@ -269,10 +269,10 @@ def held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = 
     return held
 
 
-def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
+def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their rates."""
-    n, items = mechanism.n, held_items(mechanism, scenario, number)
-    parts = [_held_row(coordinate) for coordinate, _, _ in items]
+    n, items = mechanism.n, items_held(mechanism, scenario, number)
+    parts = [_row_held(coordinate) for coordinate, _, _ in items]
 
     def of(q: Array) -> tuple[Array, Array]:
         held = [part(q) for part in parts]
@@ -281,7 +281,7 @@ def held_coordinates(mechanism: Mechanism, scenario: dict[str, Any], number: Num
     return Held(of, np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
 
 
-def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+def _angles_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
     start = scenario.get("start", {})
     placed = mechanism.placed
@@ -295,7 +295,7 @@ def _held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number)
     return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
 
 
-def _held_row(coordinate: Coordinate) -> Residual:
+def _row_held(coordinate: Coordinate) -> Residual:
     return lambda q: (value(coordinate, q)[None], gradient(coordinate, q)[None])
 
 
@@ -327,7 +327,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 break
         return state, error
 
-    near = turned(mechanism, held, q)
+    near = turn_links(mechanism, held, q)
     far = bool(np.abs(held.of(q)[0] - held.target).max(initial=0.0) > MOST_STEPS * STEP)
     for start, closed in ((near, True), (near, False)) if far else ((q, True), (near, True), (q, False)):
         reached, error = follow(start, closed)
@@ -345,7 +345,7 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     return reached
 
 
-def turned(mechanism: Mechanism, held: Held, q: Array) -> Array:
+def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """The same pose with each held angle within half a turn of its target: whole turns of a link move nothing.
 
     Links that slides tie to it turn along.

@@ -11,7 +11,7 @@ BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # points of either link
 
 
-def written_out(document: dict[str, Any]) -> dict[str, Any]:
+def write_out(document: dict[str, Any]) -> dict[str, Any]:
     """The document with links and joints instead of cylinders; itself where it has none."""
     cylinders = document.get("cylinders")
     if not cylinders:

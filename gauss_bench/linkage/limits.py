@@ -97,7 +97,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
                 continue
             for name, x in item.items():
                 if len(name) > LONGEST_KEY or any(map(unprintable, name)):
-                    said = f"a key {_shown(name)}: keys are printable and have at most {LONGEST_KEY} characters"
+                    said = f"a key {_show(name)}: keys are printable and have at most {LONGEST_KEY} characters"
                     faults.append(Fault(path, said))
                     continue
                 bounds = name if name in RANGES or name in COUNTS else key
@@ -109,7 +109,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters, and {LONGEST_TEXT} are the most that are read")]
     if any(unprintable(x) for x in text):
-        return [Fault(path, f"{_shown(text)} holds characters that cannot be printed")]
+        return [Fault(path, f"{_show(text)} holds characters that cannot be printed")]
     return []
 
 
@@ -119,13 +119,13 @@ def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
     bound = RANGES.get(key, ANY)
     size = abs(x)
     if size > bound.most:
-        return [Fault(path, f"{_told(x)} is larger than {bound.most:g}: {bound.reason}")]
+        return [Fault(path, f"{_describe(x)} is larger than {bound.most:g}: {bound.reason}")]
     if 0 < size < bound.least:
-        return [Fault(path, f"{_told(x)} is smaller than {bound.least:g}, and not 0: {SQUARES}")]
+        return [Fault(path, f"{_describe(x)} is smaller than {bound.least:g}, and not 0: {SQUARES}")]
     return []
 
 
-def _told(x: Any) -> str:
+def _describe(x: Any) -> str:
     if isinstance(x, int) and abs(x) > 10**15:
         return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"
     return f"{x:g}"
@@ -173,7 +173,7 @@ def harmless(text: str) -> str:
     return "".join(x.encode("unicode_escape").decode() if unprintable(x) else x for x in text)
 
 
-def _shown(text: str) -> str:
+def _show(text: str) -> str:
     """The beginning of a text of others, in quotes and harmless."""
     return harmless(repr(text[:40])) + (" ..." if len(text) > 40 else "")
 

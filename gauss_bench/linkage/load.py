@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, sketched
+from gauss_bench.linkage.closure import assemble, sketch_from
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.linkage.generate import generated
 from gauss_bench.linkage.limits import limit_faults
@@ -95,21 +95,21 @@ def load_document(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load`, for a document that is already parsed."""
-    return _placed(document, scenario, source, sha256, stem, assemble)
+    return _place_links(document, scenario, source, sha256, stem, assemble)
 
 
 def load_sketched(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load_document`, but at rest where the sketch has it, whatever the scenario holds: that may be too little for a start."""
-    return _placed(document, scenario, source, sha256, stem, _at_rest(sketched))
+    return _place_links(document, scenario, source, sha256, stem, _at_rest(sketch_from))
 
 
 def load_drawn(
     document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
 ) -> Mechanism:
     """As `load_sketched`, but with q0 as the sketch has it and the joints left open: for those who ask why they do not close."""
-    return _placed(document, scenario, source, sha256, stem, _at_rest(sketch))
+    return _place_links(document, scenario, source, sha256, stem, _at_rest(sketch))
 
 
 def _at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Callable[[Mechanism, dict[str, Any]], Mechanism]:
@@ -122,7 +122,7 @@ def _at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Callable[[M
     return placed
 
 
-def _placed(
+def _place_links(
     document: dict[str, Any],
     scenario: str | None,
     source: str,
@@ -133,7 +133,7 @@ def _placed(
     """The mechanism of a document, placed; what its numbers make of it is a fault too, and no warning of a library."""
     try:
         with np.errstate(all="ignore"):
-            mechanism, merged = _checked(document, scenario, source, sha256, stem)
+            mechanism, merged = _check(document, scenario, source, sha256, stem)
             placed = place(mechanism, merged)
     except AssemblyError as error:
         raise LinkageError(source, [error.fault]) from error
@@ -170,7 +170,7 @@ def of_one_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
     return merged | {"scenarios": {scenario: {key: value for key, value in own.items() if key != "override"}}}
 
 
-def _checked(
+def _check(
     document: dict[str, Any], scenario: str | None, source: str, sha256: str, stem: str | None
 ) -> tuple[Mechanism, dict[str, Any]]:
     """The mechanism, not yet assembled, and the document with the scenario's override in place."""

@@ -8,7 +8,7 @@ from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.linkage.cylinders import BARREL, ROD, written_out
+from gauss_bench.linkage.cylinders import BARREL, ROD, write_out
 from gauss_bench.linkage.errors import Fault
 
 Document = dict[str, Any]
@@ -83,7 +83,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         return []  # which the schema has refused; whatever else is named may be theirs
     if spoilt := _cylinder_faults(document):
         return spoilt
-    document = written_out(document)
+    document = write_out(document)
     names = Names(document)
     name = document.get("name")
     if stem is not None and isinstance(name, str) and name != stem:

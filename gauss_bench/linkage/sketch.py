@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import NotPlaced
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.mechanism.numbers import turn_vector
@@ -25,7 +25,7 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     assembly = document.get("assembly", {})
     angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
     given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
-    drawn = drawn_points(mechanism, document, assembly.get("sketch", {}))
+    drawn = draw_points(mechanism, document, assembly.get("sketch", {}))
     theta: dict[int, float] = {GROUND: 0.0}
     centre: dict[int, Array] = {GROUND: np.zeros(2)}
 
@@ -41,10 +41,10 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return np.concatenate([[*centre[i], theta[i]] for i in range(len(mechanism.links))])
 
 
-def drawn_points(mechanism: Mechanism, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
+def draw_points(mechanism: Mechanism, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
     """Name of a point -> drawn world position, from joints, single points and ground pivots."""
     drawn: dict[str, Array] = {}
-    for name, joint in written_out(document).get("joints", {}).items():
+    for name, joint in write_out(document).get("joints", {}).items():
         references = joint.get("at") or [joint["block"]]
         grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
         where = drawing.get(name, grounded[0] if grounded else None)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import RANK_TOLERANCE, assemble, held_coordinates, joint_residual
+from gauss_bench.linkage.closure import RANK_TOLERANCE, assemble, joint_residual, list_held
 from gauss_bench.mechanism.constraints import Constraints, Rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -117,7 +117,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
         raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
     free = replace(mechanism, drivers=())
     close = joint_residual(Constraints(replace(free, knife_edges=())))
-    held = held_coordinates(mechanism, document["scenarios"][scenario], LONG)
+    held = list_held(mechanism, document["scenarios"][scenario], LONG)
 
     def gap(q: Array) -> Array:
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.assembly import put_together, rank_about
-from gauss_bench.kinematics.topology import find_graph, held, loose_links
+from gauss_bench.kinematics.topology import coordinates_held, find_graph, loose_links
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
@@ -339,11 +339,14 @@ def _scenarios(document: Document) -> Iterator[Problem]:
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
     """The links of every independent loop, without the ground, whatever hangs on nothing."""
-    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in find_graph(held(mechanism)).loops]
+    return [
+        [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
+        for loop in find_graph(coordinates_held(mechanism)).loops
+    ]
 
 
 def pins_of(document: Document) -> list[tuple[str, list[str]]]:
     """Joint -> references of every pin joint, those of cylinders too."""
     return [
-        (name, sequence(joint, "at")) for name, joint in items(written_out(document), "joints") if joint.get("type") == "revolute"
+        (name, sequence(joint, "at")) for name, joint in items(write_out(document), "joints") if joint.get("type") == "revolute"
     ]

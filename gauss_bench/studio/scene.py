@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
@@ -207,7 +207,7 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
 def drivers_possible(document: Document) -> list[dict[str, str]]:
     """The coordinates that a law can prescribe: links that turn on the ground, slides, cylinders among them."""
     kinds: dict[str, str] = {}
-    for name, joint in items(written_out(document) if _cylinders_are_sound(document) else document, "joints"):
+    for name, joint in items(write_out(document) if _cylinders_are_sound(document) else document, "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:
             kinds |= {x: "angle" for x in owners if x != "ground"}

@@ -30,7 +30,7 @@ from gauss_bench.runs.one_run import one_run, receive, sampling_at
 from gauss_bench.runs.scrutiny import seen
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.family import Family, family_of, told
+from gauss_bench.sweep.family import Family, describe, family_of
 from gauss_bench.sweep.figures import Motions, figures, units
 from gauss_bench.sweep.paths import Document
 from gauss_bench.terms import Array
@@ -225,7 +225,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     try:
         mechanism = load_document(document, asked.scenario, asked.source)
     except LinkageError as error:
-        return NOT_ASSEMBLED, told(error), {}
+        return NOT_ASSEMBLED, describe(error), {}
     h, _, _, t = times(choice.step, asked.until)
     h = h / parts
     wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)

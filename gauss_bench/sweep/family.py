@@ -18,13 +18,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
-from gauss_bench.linkage.closure import CLOSED, STEP, held_items
+from gauss_bench.linkage.closure import CLOSED, STEP, items_held
 from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Along, Coordinate, Force, Joint, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.sweep.paths import Document, changed, number_at
+from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
 STRIDE = 0.02  # of the linkage's size: largest change of a dimension between two closures
@@ -83,7 +83,7 @@ class Family:
 
     def document_of(self, values: Sequence[float]) -> Document:
         """The document of one sample."""
-        return changed(self.document, dict(zip(self.paths, map(float, values), strict=True)))
+        return change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
 
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
         """One sample, read and assembled on its own.
@@ -115,7 +115,7 @@ class Family:
                 for path in (self.paths[k] for k in places):
                     old = number_at(self.document, path)
                     try:
-                        numbers = self._numbers(head, changed(self.document, {path: old * factor if old else factor - 1.0}))
+                        numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
                     except (BuildError, ValidationError):
                         continue
                     moved |= {name for name, x in numbers.items() if x != self._parameters[name]}
@@ -164,7 +164,7 @@ class Family:
             contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
             which, numbers = which.ravel(), list[dict[str, float] | None]()
             for j, row in enumerate(contents.tolist()):
-                document = changed(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
+                document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
                 try:
                     numbers.append(self._numbers(head, document))
                     if head[0] == "scenarios":
@@ -192,7 +192,7 @@ class Family:
         try:
             self.mechanism_of(values)
         except LinkageError as error:
-            return told(error)
+            return describe(error)
         return "the numbers are no linkage's"
 
     def _alone(self, values: Sequence[float], k: int, reasons: dict[int, str]) -> tuple[Array, Array]:
@@ -201,13 +201,13 @@ class Family:
         try:
             one = self.mechanism_of(values)
         except LinkageError as error:
-            reasons[k] = told(error)
+            reasons[k] = describe(error)
             return none, none
         return one.q0, one.v0
 
     def _goals(self, document: Document) -> Array:
         """Targets and rates (2, h) of the coordinates that a start holds."""
-        items = held_items(self.nominal, document["scenarios"][self.scenario])
+        items = items_held(self.nominal, document["scenarios"][self.scenario])
         return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
 
     def _closed(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
@@ -249,7 +249,7 @@ class _Closing:
                 self.gaps += [(Along(world, joint.a, 0.0, x), Along(world, joint.b, 0.0, x)) for x in (False, True)]
             else:
                 self.held += joint.held
-        self.items = [x for x, _, _ in held_items(mechanism, scenario)]
+        self.items = [x for x, _, _ in items_held(mechanism, scenario)]
 
     def __call__(self, q: Array, target: Array) -> tuple[Array, Array]:
         rows: list[tuple[Array, Array]] = [(value(b, q) - value(a, q), gradient(b, q) - gradient(a, q)) for a, b in self.gaps]
@@ -372,6 +372,6 @@ def _places(prefix: str, points: Mapping[str, Array]) -> dict[str, float]:
     return {f"{prefix}.{name}.{axis}": float(x) for name, xy in points.items() for axis, x in zip("xy", xy, strict=True)}
 
 
-def told(error: LinkageError) -> str:
+def describe(error: LinkageError) -> str:
     """The faults of a sample in one sentence."""
     return "; ".join(f"{x.path}: {x.text}" if x.path else x.text for x in error.faults)

@@ -58,7 +58,7 @@ def figures(mechanism: Mechanism, motions: Motions, size: float) -> tuple[dict[s
             for axis, way in zip("xy", x.end(p).place.parts, strict=True):
                 by_name |= {f"{p.name}.{axis}_min": way.min(axis=0), f"{p.name}.{axis}_max": way.max(axis=0)}
         by_name |= _forces(mechanism, motions.multipliers)
-        opened = _opened(mechanism, x, motions.t)
+        opened = _gaps(mechanism, x, motions.t)
         gain, bar, scale = _energy(mechanism, motions, x)
     by_name |= {"loops": opened.max(axis=0), "energy_error": np.abs(gain).max(axis=0), "energy_bar": bar, "energy_scale": scale}
     still = np.zeros(len(motions.t))
@@ -80,7 +80,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     return largest
 
 
-def _opened(mechanism: Mechanism, x: Placed, t: Array) -> Array:
+def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
     """Largest residual (k, batch) of joints and drivers [m, rad]."""
     rows = [np.abs(state(held, x).value - fixed) for joint in mechanism.joints for held, fixed in joint.held]
     for driver in mechanism.drivers:

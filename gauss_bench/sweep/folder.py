@@ -44,7 +44,7 @@ class Folder:
         self.schema = pa.schema(told)
 
     def __enter__(self) -> "Folder":
-        checked(self.path, self.asked)
+        check(self.path, self.asked)
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
         self.lock = os.open(self.path, os.O_RDONLY)
         try:
@@ -91,7 +91,7 @@ def _table(path: Path) -> Any:
         return file.read()
 
 
-def checked(path: Path, asked: Mapping[str, Any]) -> None:
+def check(path: Path, asked: Mapping[str, Any]) -> None:
     """Refuse a folder that is not this sweep's.
 
     Raises:

@@ -17,7 +17,7 @@ UNITS = ("m", "rad")
 HALF = "half the step"
 
 
-def halved(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
+def halve(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
     """Return what a repetition changes in places and extremes of some samples that are ok, or None where none is ok.
 
     Args:

@@ -62,7 +62,7 @@ def _numbers(item: Any, path: str) -> Iterator[str]:
         yield from _numbers(value, where)
 
 
-def changed(document: Document, values: Mapping[str, float]) -> Document:
+def change(document: Document, values: Mapping[str, float]) -> Document:
     """The document with other numbers at some paths, lengths last; what is not touched is shared."""
     made = dict(document)
     for head in {tuple(path.split(".")[:2]) for path in values}:

@@ -20,8 +20,8 @@ from gauss_bench.runs.asked import check_budget, duration
 from gauss_bench.runs.offers import is_isolated, offer
 from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, checked
-from gauss_bench.sweep.halving import halved
+from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, check
+from gauss_bench.sweep.halving import halve
 from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
 from gauss_bench.sweep.summary import summary
@@ -104,14 +104,14 @@ def sweep(
     figures = columns_of(nominal, [])
     columns = columns_of(nominal, some.paths)
     stamp = _stamp(asked, vary, some, sampling, seed)
-    checked(out, stamp)
+    check(out, stamp)
     for engine in filter(in_batches, engines):
         tell(f"{engine}: generating and compiling, with {', '.join(_open(asked, engine)) or 'nothing'} left open")
     with Folder(out, stamp, columns) as folder:
         _run(folder, asked, some, engines, where, tell)
         rows = folder.read()
     tell("some samples again at half the step")
-    halves = {engine: halved(asked, engine, rows[rows["engine"] == engine], some.values) for engine in engines}
+    halves = {engine: halve(asked, engine, rows[rows["engine"] == engine], some.values) for engine in engines}
     told = {"linkage": nominal.name, "scenario": asked.scenario, "samples": len(some.values), "until": asked.until}
     told |= {
         "paths": list(some.paths),

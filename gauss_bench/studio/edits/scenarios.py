@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import written_out
+from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.coordinates import gradient, value
@@ -69,7 +69,7 @@ def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
         a, b = (given["between"] + [None, None])[:2] if isinstance(given["between"], list) else (None, None)
         return {"between": [*d.ends(a, b)]}
     name = given.get("name") if isinstance(given, dict) else given
-    joints = written_out(d.document).get("joints", {})
+    joints = write_out(d.document).get("joints", {})
     if isinstance(name, str) and name in d.group("links"):
         return {"link": name}
     if isinstance(name, str) and table(joints, name).get("type") == "prismatic":
