@@ -150,4 +150,4 @@ def replace_engine(monkeypatch: pytest.MonkeyPatch, name: str, clock: Clock, cos
         return SyntheticModel(mechanism, choice, clock, costs, get(truth).build(mechanism, same) if truth else None, **errors)
 
     monkeypatch.setattr(type(get(name)), "build", build)
-    monkeypatch.setattr(apart, "isolated", lambda _: False)  # what stands in for it is known in this process alone
+    monkeypatch.setattr(apart, "is_isolated", lambda _: False)  # what stands in for it is known in this process alone

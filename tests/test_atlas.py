@@ -169,7 +169,7 @@ def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypat
     family = FAMILIES["size"]
     verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
     answer = {value: RunVerdict(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
-    monkeypatch.setattr(surveying, "looked_at", lambda way, family, value, *_: answer[value])
+    monkeypatch.setattr(surveying, "look_at", lambda way, family, value, *_: answer[value])
     found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     ends = min(passing + degraded, 7)
     assert found.passes_to == (family.values[passing - 1] if passing else None)
@@ -199,7 +199,7 @@ def test_a_linkage_of_a_family_is_made_once_with_its_own_truth_where_it_has_one(
         return Run(Status.CRASHED, "why", None, None, request.wanted)
 
     asked: list[float | None] = []
-    monkeypatch.setattr(surveying, "performed", perform)
+    monkeypatch.setattr(surveying, "perform", perform)
     course, worker = Course(tmp_path), Worker()
     mechanism, reference = course.at(FAMILIES["size"], 1.0, worker)
     assert isinstance(reference, Reference)
@@ -219,7 +219,7 @@ def test_a_reference_is_the_run_at_the_tighter_tolerance_and_its_bar_what_the_ot
         states = np.full((3, len(t), mechanism.n), 1e6 * request.choice.tolerance)
         return Run(Status.OK, "", Trajectory(t, *states, 10), None, request.wanted)
 
-    monkeypatch.setattr(surveying, "performed", perform)
+    monkeypatch.setattr(surveying, "perform", perform)
     reference = Course(tmp_path).at(replace(FAMILIES["size"], truth=None), 1.0, Worker())[1]
     assert isinstance(reference, Reference)
     assert reference.q.max() == pytest.approx(1e-6)
@@ -254,7 +254,7 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
             time.sleep(0.2)
         return RunVerdict(Verdict.PASS if value < family.values[-1] and left > 0 else Verdict.OPEN)
 
-    monkeypatch.setattr(surveying, "looked_at", looked_at)
+    monkeypatch.setattr(surveying, "look_at", looked_at)
     with pytest.raises(KeyboardInterrupt):
         survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], jobs=1, told=told.append)
     assert len(begun) == 1

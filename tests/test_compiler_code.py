@@ -542,7 +542,7 @@ def test_steps_of_their_own_choice_take_redundant_rows_back_too() -> None:
 @pytest.fixture
 def by_pose(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Kernel]]:
     """Kernels of the parallelogram that drop a row of the file, and another where the others are singular."""
-    monkeypatch.setattr(partition, "_mixed", lambda *_: None)
+    monkeypatch.setattr(partition, "_mix", lambda *_: None)
     monkeypatch.setattr(elimination, "ATTEMPTS", 1)
     partition.study.cache_clear()
     elimination.known_program.cache_clear()

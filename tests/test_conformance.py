@@ -189,7 +189,7 @@ def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
 
 @pytest.mark.slow
 def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    only(monkeypatch, "changed_numbers")
+    only(monkeypatch, "change_numbers")
     (message,) = broken("tests.faulty_engines:Fixed").values()
     assert "links.rod.inertia x 1.4" in message
     assert "shows on 3 of 71" in message

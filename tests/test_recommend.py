@@ -214,7 +214,7 @@ def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
 
     seen, found = list[int](), iter(bars)
     monkeypatch.setattr(truths, "_run", lambda run, engine, steps, left, worker: seen.append(steps) or object())
-    monkeypatch.setattr(truths, "_compared", known_to)
+    monkeypatch.setattr(truths, "_compare", known_to)
     followed = truths._Followed(SHORT, {"position": wanted}, lambda: seconds, None, quiet, "gauss")  # type: ignore[arg-type]
     followed.join(30.0)
     assert (seen, followed.quick, followed.reason) == (taken, quick, "")
@@ -264,11 +264,11 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
         return sample(run, steps, samples)
 
     seen: list[tuple[int, int]] = []
-    monkeypatch.setattr("gauss_bench.advice.recommending.sampled", sampled_by)
+    monkeypatch.setattr("gauss_bench.advice.recommending.sample", sampled_by)
     monkeypatch.setattr(
         "gauss_bench.advice.recommending.run_apart", lambda request, *_, **__: Ended(Status.OK, "", None, None, request.wanted)
     )
-    monkeypatch.setattr("gauss_bench.advice.recommending.judged", lambda *_: Trial(1e-3, errors, 1000))
+    monkeypatch.setattr("gauss_bench.advice.recommending.judge_trial", lambda *_: Trial(1e-3, errors, 1000))
     judge = Evaluator(SHORT.mechanism)
     with Recommender(
         SHORT, {"position": 1e-6, "force": 0.1}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet
@@ -466,7 +466,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock on the wall and the seconds that others had the processor: [wall, waited], to be set."""
     clock = [0.0, 0.0]
     monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(budget, "waited", lambda: {"worker": clock[1] / 2, "other worker": clock[1] / 2})
+    monkeypatch.setattr(budget, "wait", lambda: {"worker": clock[1] / 2, "other worker": clock[1] / 2})
     return clock
 
 
@@ -488,7 +488,7 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
 def test_waiting_of_processes_that_have_ended_still_counts(slow: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     own = Budget(60.0)
     for told in ({"a": 6.0}, {}, {"b": 4.0}, {"b": 5.0}):
-        monkeypatch.setattr(budget, "waited", lambda told=told: told)
+        monkeypatch.setattr(budget, "wait", lambda told=told: told)
         slow[0] += 10.0
         own.spent()
     assert own.spent() == pytest.approx(40.0 - 11.0 / 2)

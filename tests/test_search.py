@@ -375,7 +375,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
             memory.flush()
             return json.loads(json.dumps(function(*arguments, tuple(engines), memory.name))), {}
 
-    monkeypatch.setattr(measured, "survived", here)
+    monkeypatch.setattr(measured, "list_survivors", here)
 
     def build(self: Any, mechanism: Any, choice: Choice) -> SyntheticModel:
         off, order, seconds = WAYS.get(choice.settings, (0.0, 4.0, 1e-7))
@@ -388,7 +388,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(type(get("mujoco")), "variants", variants)
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     monkeypatch.setattr(apart, "_again", apart._Again())
-    monkeypatch.setattr(apart, "isolated", lambda _: False)  # what stands in for them is known in this process alone
+    monkeypatch.setattr(apart, "is_isolated", lambda _: False)  # what stands in for them is known in this process alone
     return clock
 
 

@@ -205,8 +205,8 @@ METRICS = (
     measure("errors of velocities are left out", "state_errors", of_fields(velocity=np.zeros_like)),
     measure("energy is never gained", "energy_error", lambda f: lambda *a: (0 * f(*a)[0], f(*a)[1])),
     measure("accelerations are compared ten times too kindly", "relative_acceleration_error", scale_result(0.1)),
-    measure("orders are told of rounding too", "observed_order", lambda f: lambda h, e, floor: f(h, e, 0 * floor)),
-    measure("orders are one too high", "observed_order", lambda f: lambda *a: f(*a) + 1.0),
+    measure("orders are told of rounding too", "order_observed", lambda f: lambda h, e, floor: f(h, e, 0 * floor)),
+    measure("orders are one too high", "order_observed", lambda f: lambda *a: f(*a) + 1.0),
     measure("moments in slides have the wrong sign", "joint_forces", turn_moments),
     measure("forces in joints are turned by a quarter", "joint_forces", swap_forces),
     fault("metrics", "the work of dampers is gained", metrics, "_work", scale_result(-1.0), checks.measures),
@@ -313,14 +313,14 @@ class Wakeful:
 
 
 CLOCKS = (
-    timing("the clock runs ten times too slowly", "timed", scale_result(0.1)),
+    timing("the clock runs ten times too slowly", "measure_seconds", scale_result(0.1)),
     timing("repetitions are not counted", "seconds", lambda f: lambda self: f(self) * self.count, clock.Block),
     timing("getting ready is timed too", "seconds", with_getting_ready, clock.Block),
     timing("a call's work is counted twice", "lasting", lambda f: lambda e, c, work=1: f(e, c, 2 * work)),
     timing("blocks are a hundred times too short", "BLOCK", constant(2e-5)),
     timing("ratios are those of medians", "ratio", of_medians),
     timing("spreads hold a half", "ratio", narrow),
-    timing("blocks take turns in one order", "interleaved", in_one_order),
+    timing("blocks take turns in one order", "interleave", in_one_order),
     timing("the garbage collector works while it is timed", "gc", constant(Wakeful())),
 )
 

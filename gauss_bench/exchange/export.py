@@ -35,11 +35,11 @@ class Kind:
 
 
 KINDS: Mapping[str, Kind] = {
-    "mujoco": Kind("to_mjcf:written", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
-    "pinocchio": Kind("to_pinocchio:written", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
-    "exudyn": Kind("to_exudyn:written", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
-    "casadi": Kind("to_casadi:written", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
-    "c": Kind("to_c:written", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
+    "mujoco": Kind("to_mjcf:write_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
+    "pinocchio": Kind("to_pinocchio:write_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
+    "exudyn": Kind("to_exudyn:write_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
+    "casadi": Kind("to_casadi:write_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
+    "c": Kind("to_c:write_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
 }
 OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
 
