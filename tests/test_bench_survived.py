@@ -51,10 +51,10 @@ def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
 
 CODE = """
 import json
-from gauss_bench.bench.measurements.cost import measured_by_linkage, raced
+from gauss_bench.bench.measurements.cost import gather_by_linkage, race_cost
 from gauss_bench.suites.schema import Cost
 part = Cost(linkages={}, engines=("gauss", "aborts"), integrators=1, step=1e-2, rounds=2)
-print(json.dumps(raced("four_bar", "torque", part, 0)))
+print(json.dumps(race_cost("four_bar", "torque", part, 0)))
 """
 
 

@@ -28,7 +28,7 @@ from scipy.special import stdtrit
 
 from gauss_bench.engines.base import Model
 from gauss_bench.engines.extras import not_installed
-from gauss_bench.runs.processor_time import measure_seconds as timed
+from gauss_bench.runs.processor_time import measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -70,14 +70,14 @@ class Block:
         whole = 0.0
         for _ in range(self.again):
             self.ready()
-            whole += timed(self.go)
+            whole += measure_seconds(self.go)
         return whole / (self.count * self.again)
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """A call that needs nothing ready, as often as BLOCK seconds take; each counts as `work` repetitions."""
     call()
-    count = max(1, math.ceil(BLOCK / max(min(timed(call) for _ in range(3)), 1e-8)))
+    count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
     def calls() -> None:
         for _ in range(count):
@@ -96,7 +96,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     while True:
         block = Block(entry, _starting(model, step * np.arange(2.0) * count, native), model.run, count)
         block.ready()
-        elapsed = timed(block.go)
+        elapsed = measure_seconds(block.go)
         if elapsed >= BLOCK or count >= most:
             block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block

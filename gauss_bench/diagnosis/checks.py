@@ -361,14 +361,14 @@ def ticking() -> Iterator[Ticks]:
 def clocks() -> str | None:
     """Measurements with a clock of known ticks."""
     with ticking() as ticks:
-        if off(clock.timed(lambda: ticks.spend(1.0)), 1.0, 1e-9):
+        if off(clock.measure_seconds(lambda: ticks.spend(1.0)), 1.0, 1e-9):
             return "a second is not a second"
         block = clock.Block("steps", lambda: ticks.spend(5.0), lambda: ticks.spend(0.5), 500, 2)
         if off(block.seconds(), 1e-3, 1e-9):
             return "a thousand steps in a second do not take a millisecond each, or getting ready is timed"
         for seconds, work in ((1e-7, 1), (3e-5, 40)):
             lasting = clock.lasting("call", lambda seconds=seconds: ticks.spend(seconds), work)  # type: ignore[misc]
-            whole = clock.timed(lasting.go)
+            whole = clock.measure_seconds(lasting.go)
             if off(whole / lasting.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
                 return "a call does not cost what it costs, or its block is too short"
         blocks = [clock.Block(name, lambda: None, lambda: ticks.spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]

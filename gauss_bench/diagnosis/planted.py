@@ -287,7 +287,7 @@ def timing(sentence: str, name: str, made: Callable[[Any], Any], owner: Any = cl
 
 def with_getting_ready(f: Any) -> Any:
     def seconds(self: Any) -> float:
-        whole = sum(clock.timed(lambda: (self.ready(), self.go())) for _ in range(self.again))
+        whole = sum(clock.measure_seconds(lambda: (self.ready(), self.go())) for _ in range(self.again))
         return float(whole / (self.count * self.again))
 
     return seconds
