@@ -54,11 +54,11 @@ def test_a_suite_that_is_not_sound_fails_though_all_is_seen(
 
 
 def test_what_is_planted_is_put_back() -> None:
-    before = clock.timed, clock.Block.seconds, gate.RULES["position_error"]
+    before = clock.measure_seconds, clock.Block.seconds, gate.RULES["position_error"]
     for one in PLANTED:
         if one.kind in ("clocks", "gate"):
             one.check()
-    assert before == (clock.timed, clock.Block.seconds, gate.RULES["position_error"])
+    assert before == (clock.measure_seconds, clock.Block.seconds, gate.RULES["position_error"])
     with patch(gate, "FLATTERING", lambda x: 2 * x):
         assert gate.FLATTERING == 20.0
     assert gate.FLATTERING == 10.0
