@@ -22,7 +22,6 @@ ALLOWED = {
     "integrate": {"terms"},
     "engines": {"mechanism", "formulations", "integrate", "compiler", "gauss_bench", *LIGHT},
     "compiler": {"kinematics", "linkage", "mechanism", "integrate", *LIGHT},
-    "kernels": {"compiler"},
     "kinematics": {"linkage", "mechanism", *LIGHT},
     "reference": {"linkage", "mechanism", *LIGHT},
     "metrics": {"mechanism", *LIGHT},

@@ -14,7 +14,6 @@ import mpmath
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import partition
 from gauss_bench.compiler.elimination import program as elimination
@@ -884,17 +883,6 @@ def test_the_code_of_a_long_chain_stays_short() -> None:
     body = loops.body(code, "rk4", steps.REACHES["rk4"][0])
     assert body.operations < 2 * code.acceleration.operations + 13 * m.n
     assert 4 * code.acceleration.operations > loops.WRITTEN_OUT
-
-
-def test_the_old_names_still_serve_with_a_warning() -> None:
-    from gauss_bench.kernels import closure as old_closure
-    from gauss_bench.kernels import kernel as old_kernel
-
-    with pytest.warns(DeprecationWarning, match="compile_kernel"):
-        assert isinstance(old_kernel.compile(mechanism("crank_slider")), gauss_bench.Kernel)
-    with pytest.warns(DeprecationWarning, match=r"compiler\.closure"):
-        assert old_closure.compile_closure(mechanism("crank_slider")).unknowns
-    assert gauss_bench.compile_kernel is compile_kernel
 
 
 def test_samples_before_a_step() -> None:

@@ -131,5 +131,5 @@ def test_every_room_has_a_line_among_at_most_fourteen(page: str) -> None:
     table = page[page.index("| rooms of `gauss_bench/`") :].split("\n\n")[0].splitlines()[2:]
     assert len(table) <= 14
     named = [x for line in table for x in re.findall(r"`(\w+)/`", line.split("|")[1])]
-    rooms = {x.parent.name for x in (ROOT / "gauss_bench").glob("*/__init__.py")} - {"kernels"}  # a former name, for one release
+    rooms = {x.parent.name for x in (ROOT / "gauss_bench").glob("*/__init__.py")}
     assert sorted(named) == sorted(rooms | {"docs"})
