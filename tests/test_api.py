@@ -1,6 +1,7 @@
 """One recipe, one judge, and one way to ask for more: what simulate, compare and kinematics promise."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -221,3 +222,10 @@ def test_the_former_name_of_intervals_serves_for_one_release() -> None:
     with pytest.warns(DeprecationWarning, match="intervals"):
         found = gauss_bench.kinematics("four_bar", steps=2)
     assert len(found.t) == 3
+
+
+def test_a_linkage_is_read_under_the_rooms_former_name_too_with_a_warning() -> None:
+    former = import_module("gauss_bench.mechanism.load")
+    with pytest.warns(DeprecationWarning, match=r"gauss_bench\.linkage\.load"):
+        read = former.load
+    assert read is gauss_bench.load
