@@ -298,7 +298,7 @@ def loss(x: State, law: Linear) -> Real:
 class _ArrayArithmetic:
     """Of arrays. The inverse of zero is zero: two points that coincide have a distance without a direction."""
 
-    sqrt = staticmethod(np.sqrt)
+    sqrt, sin, cos = staticmethod(np.sqrt), staticmethod(np.sin), staticmethod(np.cos)
 
     @staticmethod
     def inverse(x: Array) -> Array:
@@ -306,22 +306,14 @@ class _ArrayArithmetic:
         return np.where(zero, 0.0, 1.0 / np.where(zero, 1.0, x)) if zero.any() else 1.0 / x
 
 
-def unit(angle: float, across: bool = False) -> Array:
-    """Unit vector (2,) at an angle [rad], or where `across` the one a quarter turn on."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([-s, c] if across else [c, s])
-
-
-class Placed:
+class Placed(Placement):
     """The bodies of a mechanism at state(s) q, v (..., n), as arrays; at rest where v is not given."""
 
-    space = PLANE
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
         self.q, self.v = q, np.zeros_like(q) if v is None else v
         self.frames: dict[int, Frame] = {}
-        self.turns: dict[int, Vec] = {}
 
     def frame(self, body: int) -> Frame:
         if body not in self.frames:
@@ -331,26 +323,6 @@ class Placed:
             )
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
         return self.frames[body]
-
-    def turned(self, frame: Frame, s: Sequence[Real] | Array) -> Vec:
-        """Turn a vector fixed in a body into world axes."""
-        if frame.rests:
-            return Vec(*s)
-        if frame.body not in self.turns:
-            self.turns[frame.body] = Vec(np.cos(frame.angle), np.sin(frame.angle))
-        return PLANE.turned(self.turns[frame.body], Vec(*s))
-
-    def end(self, point: Point) -> End:
-        frame = self.frame(point.link)
-        return End(frame, self.turned(frame, point.local))
-
-    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
-        return self.vector(body, unit(angle, across))
-
-    def vector(self, body: int, value: Sequence[Real] | Array) -> Direction:
-        """A vector that is fixed in a body's frame, in world axes."""
-        frame = self.frame(body)
-        return Direction(frame, self.turned(frame, value))
 
 
 def value(coordinate: Coordinate, q: Array) -> Array:
@@ -394,23 +366,21 @@ def arm(q: Array, point: Point) -> Array:
 
 def position(q: Array, point: Point) -> Array:
     """World position (..., 2) [m]."""
-    if point.link == GROUND:
-        return np.broadcast_to(point.local, (*q.shape[:-1], 2))
-    return q[..., 3 * point.link : 3 * point.link + 2] + arm(q, point)
+    return _stacked(Placed(q).end(point).place, q)
 
 
 def velocity(q: Array, v: Array, point: Point) -> Array:
     """World velocity (..., 2) [m/s]."""
-    if point.link == GROUND:
-        return np.zeros((*q.shape[:-1], 2))
-    r, w = arm(q, point), angle(v, point.link)
-    return v[..., 3 * point.link : 3 * point.link + 2] + np.stack((-w * r[..., 1], w * r[..., 0]), axis=-1)
+    frame, r = Placed(q, v).end(point)
+    return _stacked(frame.u + PLANE.cross(frame.omega, r), q)
 
 
 def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
     """World acceleration (..., 2) [m/s^2]."""
-    if point.link == GROUND:
-        return np.zeros((*q.shape[:-1], 2))
-    r = arm(q, point)
-    w, alpha = angle(v, point.link)[..., None], angle(a, point.link)
-    return a[..., 3 * point.link : 3 * point.link + 2] + np.stack((-alpha * r[..., 1], alpha * r[..., 0]), axis=-1) - r * w**2
+    (now, r), then = Placed(q, v).end(point), Placed(q, a).frame(point.link)
+    return _stacked(then.u + PLANE.cross(then.omega, r) - r * (now.omega * now.omega), q)
+
+
+def _stacked(x: Vec, q: Array) -> Array:
+    """A vector's components (..., 2), as many as there are states."""
+    return np.stack([np.broadcast_to(part, q.shape[:-1]) for part in x.parts], axis=-1)

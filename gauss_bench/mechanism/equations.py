@@ -9,7 +9,7 @@ the file's order, drivers, knife edges.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, assert_never
+from typing import Any, assert_never
 
 from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
 from gauss_bench.mechanism.frames import Placement
@@ -20,16 +20,16 @@ from gauss_bench.mechanism.spaces import Real
 Motion = tuple[Real, Real, Real]  # value, rate, second rate
 
 
-class Given(Placement, Protocol):
+class Given(Placement):
     """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
 
-    def held(self, joint: str, place: int, value: Any, /) -> Real:
+    def held(self, joint: str, place: int, value: Any) -> Real:
         """The number that the coordinate at a place of a joint is held at."""
-        ...
+        return value
 
-    def law(self, law: MotionLaw, /) -> Motion:
+    def law(self, law: MotionLaw) -> Motion:
         """A law of time, now."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)

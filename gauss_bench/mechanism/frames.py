@@ -4,10 +4,14 @@ A `Placement` says where all bodies of a linkage are; the ground is one that res
 frames, ends and directions, whatever its numbers are.
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from gauss_bench.mechanism.model import Point
-from gauss_bench.mechanism.spaces import Plane, Real, Turning, Vec
+from gauss_bench.mechanism.spaces import PLANE, Real, Turning, Vec
+from gauss_bench.terms import Array
 
 
 class Frame(NamedTuple):
@@ -51,22 +55,50 @@ class Arithmetic(Protocol):
     """The operations that numbers have no operators for."""
 
     def sqrt(self, x: Real, /) -> Real: ...
+    def sin(self, x: Real, /) -> Real: ...
+    def cos(self, x: Real, /) -> Real: ...
     def inverse(self, x: Real, /) -> Real: ...
 
 
-class Placement(Protocol):
-    """The bodies of a linkage at a state."""
+def unit(angle: float, across: bool = False) -> Array:
+    """Unit vector (2,) at an angle [rad], or where `across` the one a quarter turn on."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([-s, c] if across else [c, s])
 
-    @property
-    def space(self) -> Plane: ...
-    @property
-    def arithmetic(self) -> Arithmetic: ...
-    def frame(self, body: int, /) -> Frame: ...
-    def end(self, point: Point, /) -> End: ...
-    def direction(self, body: int, angle: float, across: bool, /) -> Direction:
-        """The direction at an angle [rad] of a body's frame, or where `across` the one a quarter turn on."""
-        ...
 
-    def vector(self, body: int, value: Any, /) -> Direction:
+class Placement:
+    """The bodies of a linkage at a state: a kind of numbers says where a body's frame is, and the rest follows.
+
+    Attributes:
+        arithmetic: of its numbers.
+    """
+
+    space = PLANE
+    arithmetic: Arithmetic
+
+    def frame(self, body: int) -> Frame:
+        raise NotImplementedError
+
+    def numbers(self, value: Any) -> Vec:
+        """A vector of the file, (2,), in numbers of this kind."""
+        return Vec(*value)
+
+    def vector(self, body: int, value: Any) -> Direction:
         """A vector that is fixed in a body's frame, in world axes."""
-        ...
+        frame, s = self.frame(body), self.numbers(value)
+        if frame.rests:
+            return Direction(frame, s)
+        if body not in self.turns:
+            self.turns[body] = Vec(self.arithmetic.cos(frame.angle), self.arithmetic.sin(frame.angle))
+        return Direction(frame, self.space.turned(self.turns[body], s))
+
+    @cached_property
+    def turns(self) -> dict[int, Vec]:
+        return {}
+
+    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
+        """The direction at an angle [rad] of a body's frame, or where `across` the one a quarter turn on."""
+        return self.vector(body, unit(angle, across))
+
+    def end(self, point: Point) -> End:
+        return End(*self.vector(point.link, point.local))

@@ -9,6 +9,7 @@ any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), s
     twist    w x m of two turnings; None where it vanishes, as it does in the plane
     pull     n . (w x (w x r))
     swing    d x (w x r), a turning
+    cross    w x r
 """
 
 from typing import Any
@@ -66,6 +67,10 @@ class Plane:
         """A vector by the cosine and sine of an angle."""
         (c, i), (x, y) = turn.parts, s.parts
         return Vec(x * c - y * i, x * i + y * c)
+
+    def cross(self, w: Turning, r: Vec) -> Vec:
+        x, y = r.parts
+        return Vec(-(w * y), w * x)
 
     def levers(self, m: Turning) -> tuple[Real, ...]:
         """The components of a turning."""

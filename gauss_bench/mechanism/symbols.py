@@ -9,19 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import unit
-from gauss_bench.mechanism.frames import Direction, End, Frame
-from gauss_bench.mechanism.model import GROUND, Point
+from gauss_bench.mechanism.equations import Given
+from gauss_bench.mechanism.frames import Frame
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Vec
+from gauss_bench.mechanism.spaces import Vec
 from gauss_bench.mechanism.written import Number, Program, Symbol, Written
 from gauss_bench.terms import Array
 
 
-class Symbols:
+class Symbols(Given):
     """The bodies of a mechanism of n coordinates; a `Given` of `equations.py`."""
-
-    space = PLANE
 
     def __init__(self, n: int):
         self.n, self.program = n, Program()
@@ -41,18 +39,8 @@ class Symbols:
             self._frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
         return self._frames[body]
 
-    def end(self, point: Point) -> End:
-        frame, arm = self.vector(point.link, point.local)
-        return End(frame, arm)
-
-    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
-        return self.vector(body, unit(angle, across))
-
-    def vector(self, body: int, value: Sequence[Number] | Array) -> Direction:
-        """A vector that is fixed in a body's frame, in world axes."""
-        frame, s = self.frame(body), Vec(*map(self.program.symbol, value))
-        turn = Vec(self.program.cos(frame.angle), self.program.sin(frame.angle))
-        return Direction(frame, s if frame.rests else PLANE.turned(turn, s))
+    def numbers(self, value: Any) -> Vec:
+        return Vec(*map(self.program.symbol, value))
 
     def held(self, joint: str, place: int, value: Any) -> Symbol:
         return self.program.symbol(value)

@@ -23,10 +23,9 @@ from gauss_bench.compiler.equations.laws import law_of_time
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
-from gauss_bench.mechanism.coordinates import unit
-from gauss_bench.mechanism.equations import Motion
+from gauss_bench.mechanism.equations import Given, Motion
 from gauss_bench.mechanism.factors import Factor
-from gauss_bench.mechanism.frames import Direction, End, Frame
+from gauss_bench.mechanism.frames import Direction, End, Frame, unit
 from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Prismatic, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import PLANE, Vec
@@ -139,13 +138,11 @@ class State:
     velocities: np.ndarray
 
 
-class Links:
+class Links(Given):
     """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too.
 
     They are a `Given` of `mechanism/equations.py`, whose real numbers are nodes.
     """
-
-    space = PLANE
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact

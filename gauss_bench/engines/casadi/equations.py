@@ -11,13 +11,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import unit
-from gauss_bench.mechanism.equations import Motion, Row, energies, generalise, rows
-from gauss_bench.mechanism.frames import Direction, End, Frame
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, loads
+from gauss_bench.mechanism.equations import Given, Motion, Row, energies, generalise, rows
+from gauss_bench.mechanism.frames import Frame
+from gauss_bench.mechanism.model import GROUND, Mechanism, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Vec
-from gauss_bench.terms import Array
+from gauss_bench.mechanism.spaces import Vec
 
 Symbol = Any  # casadi.SX, which has no types
 
@@ -49,10 +47,8 @@ class Equations:
     power: Symbol
 
 
-class Symbols:
+class Symbols(Given):
     """The bodies of a mechanism at a state of symbols t (1), q and v (n,); a `Given` of `mechanism/equations.py`."""
-
-    space = PLANE
 
     def __init__(self, t: Symbol, q: Symbol, v: Symbol):
         self.t, self.q, self.v = t, q, v
@@ -64,20 +60,6 @@ class Symbols:
         (x, y, angle), (u, w, omega) = ([s[3 * body + k] for k in range(3)] for s in (self.q, self.v))
         return Frame(body, Vec(x, y), Vec(u, w), omega, angle)
 
-    def end(self, point: Point) -> End:
-        return End(*self.vector(point.link, point.local))
-
-    def direction(self, body: int, angle: float, across: bool = False) -> Direction:
-        return self.vector(body, unit(angle, across))
-
-    def vector(self, body: int, value: Sequence[Any] | Array) -> Direction:
-        frame, (x, y) = self.frame(body), value
-        turn = Vec(ca.cos(frame.angle), ca.sin(frame.angle))
-        return Direction(frame, Vec(x, y) if frame.rests else PLANE.turned(turn, Vec(x, y)))
-
-    def held(self, joint: str, place: int, value: Any) -> Any:
-        return value
-
     def law(self, law: MotionLaw) -> Motion:
         x = prescribe(law, self.t)
         rate = ca.jacobian(x, self.t)
@@ -85,9 +67,7 @@ class Symbols:
 
 
 class _Arithmetic:
-    @staticmethod
-    def sqrt(x: Symbol) -> Symbol:
-        return ca.sqrt(x)
+    sqrt, sin, cos = staticmethod(ca.sqrt), staticmethod(ca.sin), staticmethod(ca.cos)
 
     @staticmethod
     def inverse(x: Symbol) -> Symbol:

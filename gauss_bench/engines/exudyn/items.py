@@ -22,7 +22,8 @@ from typing import Any, assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL, spatial
-from gauss_bench.mechanism.coordinates import gradient, rate, unit, value
+from gauss_bench.mechanism.coordinates import gradient, rate, value
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,

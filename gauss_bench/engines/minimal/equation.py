@@ -31,9 +31,9 @@ from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
 from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, Dyad, Held, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
-from gauss_bench.mechanism.frames import Direction, End, Frame
+from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
-from gauss_bench.mechanism.spaces import PLANE, Vec
+from gauss_bench.mechanism.spaces import Vec
 from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] by a part of which the expressions' random points lie off the samples
@@ -401,10 +401,8 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
     return m, h, moment
 
 
-class _Rates:
+class _Rates(Placement):
     """The links as coordinates of forces see them, at a speed of the coordinate; points stand for themselves, without arms."""
-
-    space = PLANE
 
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
@@ -420,10 +418,6 @@ class _Rates:
     def end(self, point: Point) -> End:
         place = self.motion.at(point)
         return End(self._frame(point.link, _parts(place.p), _parts(place.d * self.speed)), self.still)
-
-    def direction(self, link: int, angle: float, across: bool = False) -> Direction:
-        n = self.motion.bodies[link].e * _unit(self.motion.graph, angle)
-        return Direction(self.frame(link), _parts(n.turned() if across else n))
 
     def vector(self, link: int, value: Array) -> Direction:
         x, y = (self.motion.graph.constant(float(part)) for part in value)
