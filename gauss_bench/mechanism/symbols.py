@@ -23,12 +23,9 @@ class Symbols(Given):
 
     def __init__(self, n: int):
         self.n, self.program = n, Program()
+        self.arithmetic = self.program
         self.laws: list[MotionLaw] = []
         self._frames: dict[int, Frame] = {}
-
-    @property
-    def arithmetic(self) -> Program:
-        return self.program
 
     def frame(self, body: int) -> Frame:
         if body not in self._frames:

@@ -148,13 +148,9 @@ class Links(Given):
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
-        self.zero = graph.constant(0.0)
+        self.arithmetic, self.zero = graph, graph.constant(0.0)
         self._frames: dict[int, Frame] = {}
         self._ends: dict[tuple[object, ...], End] = {}
-
-    @property
-    def arithmetic(self) -> ExpressionGraph:
-        return self.graph
 
     @property
     def time(self) -> Node:
