@@ -94,7 +94,9 @@ def unwrapped(text: str) -> str:
 def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
     screen = page[: page.index("## Install")]
     lines = [x.strip("| ").split(" | ") for x in screen.splitlines() if x.startswith("| ")][2:]
-    assert {x[0].removesuffix(" (own)"): x[-1] for x in lines} == multiples()
+    told = {x[0].removesuffix(" (own)"): x[-1] for x in lines}
+    assert multiples().items() <= told.items()
+    assert told.keys() - multiples().keys() <= {"pinocchio, called from Python"}, "an engine's dearer loop has times, and wins nothing"
     assert {x[0].removesuffix(" (own)") for x in lines if "(own)" in x[0]} == {*AUTHORED} & multiples().keys()
     assert all(sentence in unwrapped(screen) for sentence in losses())
     assert len(screen.splitlines()) < 45
