@@ -182,7 +182,7 @@ def test_halving_finds_where_a_way_breaks(passing: int, degraded: int, monkeypat
 def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
     monkeypatch.setattr(
-        surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
+        surveying, "look_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
     )
     found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
@@ -237,7 +237,7 @@ def test_what_ends_a_way_is_said_as_what_it_is(last: Verdict, said: str) -> None
 def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["redundancy"], {0.0: Verdict.PASS}
     monkeypatch.setattr(
-        surveying, "looked_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.CANNOT), 0.0, "rows")
+        surveying, "look_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.CANNOT), 0.0, "rows")
     )
     found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.last) == (0.0, Verdict.CANNOT)
