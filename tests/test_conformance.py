@@ -70,7 +70,7 @@ def test_a_formula_that_is_wrong_as_published_is_told(monkeypatch: pytest.Monkey
         ("Late", "_derivatives", "velocities and accelerations are derivatives"),
         ("Short", "_times", "samples are at the times asked for"),
         ("Weightless", "forces", "a torque acts as defined"),
-        ("Unsure", "_undisturbed", "an acceleration is a finite number"),
+        ("Unsure", "_is_undisturbed", "an acceleration is a finite number"),
     ],
 )
 def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: pytest.MonkeyPatch) -> None:

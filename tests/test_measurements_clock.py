@@ -9,7 +9,19 @@ import sys
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import BLOCK, CERTAIN, Block, Key, Measured, foreseen, interleave, lasting, ratio, stepping, timed
+from gauss_bench.bench.clock import (
+    BLOCK,
+    CERTAIN,
+    Block,
+    Key,
+    Measured,
+    foreseen,
+    interleave,
+    lasting,
+    measure_seconds,
+    ratio,
+    stepping,
+)
 from gauss_bench.bench.measurements import cold_builds, cost
 from gauss_bench.bench.measurements.cost import race
 from gauss_bench.engines import get
@@ -28,7 +40,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def test_a_second_of_the_processor_is_a_second(clock: Clock) -> None:
-    assert timed(lambda: clock.spend(1.0)) == pytest.approx(1.0)
+    assert measure_seconds(lambda: clock.spend(1.0)) == pytest.approx(1.0)
 
 
 def test_a_clock_that_ticks_one_second_per_thousand_steps_reports_a_millisecond_a_step(clock: Clock) -> None:
@@ -47,7 +59,7 @@ def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, 
     """A repetition is a piece of the call's work, and a block lasts a millisecond at least, or as long as one call."""
     block = lasting("call", lambda: clock.spend(seconds), work)
     block.ready()
-    whole = timed(block.go)
+    whole = measure_seconds(block.go)
     assert whole / block.count == pytest.approx(seconds / work)
     assert 1e-3 <= whole <= max(5e-3, seconds * 1.001)
 

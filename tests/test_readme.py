@@ -96,7 +96,7 @@ def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
     lines = [x.strip("| ").split(" | ") for x in screen.splitlines() if x.startswith("| ")][2:]
     told = {x[0].removesuffix(" (own)"): x[-1] for x in lines}
     assert multiples().items() <= told.items()
-    assert told.keys() - multiples().keys() <= {"pinocchio, called from Python"}, "an engine's dearer loop has times, and wins nothing"
+    assert told.keys() - multiples().keys() <= {"pinocchio, called from Python"}, "a dearer loop has times, and wins nothing"
     assert {x[0].removesuffix(" (own)") for x in lines if "(own)" in x[0]} == {*AUTHORED} & multiples().keys()
     assert all(sentence in unwrapped(screen) for sentence in losses())
     assert len(screen.splitlines()) < 45
@@ -120,7 +120,7 @@ def test_what_the_page_links_to_is_there(page: str) -> None:
         assert target.startswith("../../actions/") or (ROOT / target).exists(), target
 
 
-MAP = ROOT / "gauss_bench/docs/pages/map.md"
+MAP = ROOT / "gauss_bench/README.md"
 
 
 def test_the_map_names_files_that_exist_and_each_once() -> None:

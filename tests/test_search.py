@@ -557,7 +557,7 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     assert one == other
     assert len(set(one)) == len(one) == sum(len(space(offer(x))) for x in PART.engines)
     rows = [{"mechanism": "four_bar", "scenario": "torque", "step": 1e-3}]
-    races = [measured.time_found(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
+    races = [measured.timed(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
     (first,), (same,), (changed,) = races
     assert first.key == same.key != changed.key
 
@@ -573,7 +573,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
 
     def asked(races: list[dict[str, Any]]) -> list[Any]:
-        return measured.time_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
+        return measured.timed_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
 
     tasks = asked([*here[:2], lost])
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [

@@ -13,7 +13,7 @@ from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, hold_back, stretches
+from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import JAMMED
@@ -141,7 +141,7 @@ class InterpretedModel:
         projected = self.choice.stabilization == "projection"
         q, v = self.mechanism.q0, self.mechanism.v0
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
-            rate = hold_back(self.stabilized, last)
+            rate = held_back(self.stabilized, last)
             for i in range(count):
                 t = begin + i * h
                 q, v = step(rate, t, q, v, h)

@@ -53,7 +53,7 @@ def unsteady(mechanism: Mechanism, library: str) -> str | None:
     return f"force {names} varies with time or direction, which {library} is not given here" if names else None
 
 
-def refusal_of(mechanism: Mechanism, library: str) -> str | None:
+def refused(mechanism: Mechanism, library: str) -> str | None:
     """The reason why no adapter takes the mechanism, or None.
 
     Raises:
@@ -65,7 +65,7 @@ def refusal_of(mechanism: Mechanism, library: str) -> str | None:
     return None
 
 
-def drivers_on_joints(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
+def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
     """The drivers that prescribe a link's angle or a slide, in order; lengths are no coordinates of a tree."""
     return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
@@ -74,12 +74,12 @@ def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     """For each driver the tree coordinate that it prescribes, or None where that is a sum or no coordinate."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
-    return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in drivers_on_joints(mechanism)]
+    return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
     """The reason why a tree of joints that only pins may close cannot be the mechanism, or None."""
-    if reason := refusal_of(mechanism, library):
+    if reason := refused(mechanism, library):
         return reason
     if mechanism.knife_edges:
         return f"{library} has no constraint on velocities alone (knife edge)"

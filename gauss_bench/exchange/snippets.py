@@ -49,7 +49,7 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
     if reason := unsteady(mechanism, "such a program"):
         raise ExchangeError(f"{mechanism.source}: no program for {engine}: {reason}")
     write: Callable[[Mechanism, Choice, list[str]], str]
-    write = import_module(f"gauss_bench.exchange.{WRITERS[engine]}").written
+    write = getattr(import_module(f"gauss_bench.exchange.{WRITERS[engine]}"), f"write_{engine}")
     head = [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
     try:
         return write(mechanism, choice, head)

@@ -165,6 +165,6 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
             yield Stretch(float(nodes[k]), count, size, float(last), row if whole else None)
 
 
-def hold_back(acceleration: Acceleration, last: float) -> Acceleration:
+def held_back(acceleration: Acceleration, last: float) -> Acceleration:
     """The accelerations of steps that end where they jump."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

@@ -27,7 +27,7 @@ QUANTITY = "batch of different states"
 CHECKED = 32  # trajectories that are run again alone
 
 
-def time_batch(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return [
         patient(context.task("kernel_batch", race_batch, (*place, part), *place), part.processes)

@@ -62,7 +62,7 @@ def count(linkage: str, scenario: str) -> Tables:
     return {"kernel_claim": [start]}
 
 
-def time_claim(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process; those of a linkage lie apart in time."""
     tasks = [
         context.task("claim_races", race_claim, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)

@@ -21,7 +21,7 @@ from gauss_bench.suites.schema import Suite
 from gauss_bench.trajectory import RunFailure
 
 
-def time_build(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage and engine."""
     return [
         context.task("untimed", first_build, (*place, engine, part.step), *place, engine=engine, quantity=COLD)

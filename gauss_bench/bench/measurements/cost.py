@@ -38,7 +38,7 @@ BATCH_STEPS = 200  # of each of them
 Make = Callable[[], Block]
 
 
-def time_cost(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process, of the engines that can share one: they have neither crashed nor hung on it.
 
     Those of a linkage lie apart in time, so that what disturbs the machine for a minute is in few of them.

@@ -48,7 +48,7 @@ Row = dict[str, Any]
 Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
 
-def time_growth(suite: Suite, context: Context, tables: Tables) -> list[Request]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
     """A race for each process and size; those of a size lie apart in time."""
     tasks = [
         context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)

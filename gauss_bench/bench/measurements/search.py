@@ -92,12 +92,12 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     return tasks
 
 
-def time_found(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The first process of every race: what is worth it, given the ladders, and its times."""
     return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
-def time_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The further processes, of what the first one found to be near the fastest; each goes over all linkages before the next."""
     most = max((part.processes for part in suite.search), default=1)
     return [

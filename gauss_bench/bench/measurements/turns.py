@@ -28,7 +28,7 @@ PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all 
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
-def time_turns(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return [
         patient(context.task("kernel_kinematics", race_turns, (*place, part), *place), part.processes)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
-from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, hold_back
+from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, held_back
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -77,7 +77,7 @@ class RankDecision:
             return self.acceleration(t, q, v, damped=True)
 
         last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
-        return self.project(t + h, *STEPS[integrator](hold_back(acceleration, last), t, q, v, h))
+        return self.project(t + h, *STEPS[integrator](held_back(acceleration, last), t, q, v, h))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """The nearest consistent state."""

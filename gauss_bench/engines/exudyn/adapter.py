@@ -27,7 +27,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite, finite_acceleration, refusal_of
+from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts, stretches
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -72,7 +72,7 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := refusal_of(mechanism, "Exudyn"):
+        if reason := refused(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"

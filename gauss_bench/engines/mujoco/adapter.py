@@ -28,10 +28,10 @@ from gauss_bench.engines.shared import (
     beyond_a_tree,
     closing_pins,
     driven_coordinates,
-    drivers_on_joints,
     finite,
     finite_acceleration,
     joint_tree,
+    jointed,
     require_agreement,
     tree_states,
     with_accelerations,
@@ -155,7 +155,7 @@ class MujocoModel:
 
     def _drive(self) -> None:
         """Give driven hinges, slides and lengths their armatures, as if they had been compiled into the model."""
-        laws = [d.law for d in drivers_on_joints(self.mechanism)]
+        laws = [d.law for d in jointed(self.mechanism)]
         at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
         lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
         if not (laws or lengths):

@@ -28,7 +28,7 @@ from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, hold_back, stretches
+from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -149,7 +149,7 @@ class PinocchioModel:
             if isinstance(self.stabilized, CompiledDynamics):
                 y, dy = self.stabilized.advance(self.choice.integrator, begin, y, dy, h, count)
             else:
-                dynamics = hold_back(self.stabilized, last)
+                dynamics = held_back(self.stabilized, last)
                 for i in range(count):
                     t = begin + i * h
                     y, dy = step(dynamics, t, y, dy, h)
