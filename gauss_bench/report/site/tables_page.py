@@ -13,20 +13,27 @@ from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_p
 
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
+HUGE = 150_000  # a table with more is there as Parquet alone: the site stays below its 8 MB
 PACKED = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}]  # text of numbers: no bytes are aligned
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
-    """Both files of every table that has rows; a large CSV file is compressed. The same rows give the same bytes."""
+    """Write every table that has rows as Parquet, and as CSV unless it is huge. The same rows give the same bytes."""
     written = []
     for name, rows in tables.items():
         if rows:
-            text = csv_text(TABLES[name].columns, rows, digits_of(name)).encode()
-            path = folder / csv_file(name, rows)
-            write_bytes(path, lzma.compress(text, filters=PACKED) if path.suffix == ".xz" else text)
             write_parquet(name, TABLES[name].columns, rows, folder / f"{name}.parquet")
-            written += [path, folder / f"{name}.parquet"]
+            written.append(folder / f"{name}.parquet")
+            if not is_huge(name, rows):
+                text = csv_text(TABLES[name].columns, rows, digits_of(name)).encode()
+                path = folder / csv_file(name, rows)
+                write_bytes(path, lzma.compress(text, filters=PACKED) if path.suffix == ".xz" else text)
+                written.append(path)
     return written
+
+
+def is_huge(name: str, rows: tuple[Row, ...]) -> bool:
+    return len(rows) * len(TABLES[name].columns) > HUGE
 
 
 def csv_file(name: str, rows: tuple[Row, ...]) -> str:
@@ -43,9 +50,9 @@ def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
             (Cell(f"`{c.name}`", c.name), text_cell(c.kind), text_cell(c.unit), text_cell(c.meaning)) for c in TABLES[name].columns
         )
         columns = table(Table(f"Columns of {name}", ("column", "kind", "unit", "meaning"), lines), caption=False, most=999)
-        files = Markup("{} · {}").format(
-            link(f"{FOLDER}/{csv_file(name, rows)}", "CSV"), link(f"{FOLDER}/{name}.parquet", "Parquet")
-        )
+        files = link(f"{FOLDER}/{name}.parquet", "Parquet")
+        if not is_huge(name, rows):
+            files = Markup("{} · {}").format(link(f"{FOLDER}/{csv_file(name, rows)}", "CSV"), files)
         said = rich(f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}.")
         parts.append(
             Markup("<section>{}<p>{} {}</p>{}</section>").format(
