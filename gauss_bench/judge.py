@@ -303,7 +303,7 @@ def remark(evidence: Evidence) -> str:
     return "; ".join(told)
 
 
-def until_trusted(
+def trusted_until(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, finer: Reference | None = None
 ) -> float:
     """The last time [s] up to which nothing is objected to in loops, energy and motion; found by halving, to a sample.

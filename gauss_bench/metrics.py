@@ -326,7 +326,7 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
     return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 
 
-def order_observed(steps: Array, errors: Array, floors: Array) -> Array:
+def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Observed order (k,) of each run against the one with the next larger step; NaN where an error is at its floor.
 
     `steps` must decrease. Errors within ten times their floor say nothing about the integrator and are left out.

@@ -24,7 +24,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from tests.conftest import DATA, needs
 
 needs("llvmlite")
@@ -134,7 +134,7 @@ def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
 @pytest.mark.parametrize("count", [1, 16, 64])
 def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel], count: int) -> None:
     kernel = four_bars[count]
-    motion = form_in_closed(kernel.mechanism, ["0.5"])
+    motion = closed_form(kernel.mechanism, ["0.5"])
     assert motion is not None
     q, v = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 500)
     assert np.abs(q - motion.q[0].astype(float)).max() < 1e-11  # the method's own error is h^4 = 1e-12 in the units of the linkage
@@ -146,7 +146,7 @@ def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel]
 def test_a_singular_position_is_passed(four_bars: dict[int, Kernel], count: int) -> None:
     """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
     kernel = four_bars[count]
-    motion = form_in_closed(kernel.mechanism, ["1.5"])
+    motion = closed_form(kernel.mechanism, ["1.5"])
     assert motion is not None
     q, _ = kernel.rollout(kernel.mechanism.q0, kernel.mechanism.v0, 1e-3, 1500)
     assert kernel.fallbacks > 0

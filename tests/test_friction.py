@@ -324,7 +324,7 @@ def test_rk4_converges_to_the_reference_at_its_order() -> None:
         model.prepare(reference.t)
         model.run()
         errors.append(np.abs(model.read().q[-1] - reference.q[-1]).max())
-    order = metrics.order_observed(steps, np.array(errors), np.full(3, reference.error_q[-1]))
+    order = metrics.observed_order(steps, np.array(errors), np.full(3, reference.error_q[-1]))
     # the law turns round within some 10 ms, which a step of 1 ms resolves but for the next term of the error
     assert order[2] == pytest.approx(4.0, abs=0.4)
 

@@ -38,7 +38,7 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     true = q[-1, 0]
     steps = np.array(FEW.get(integrator, (1 / 40, 1 / 80, 1 / 160)))
     errors = np.array([abs(end(integrator, h) - true) for h in steps])
-    order = metrics.order_observed(steps, errors, np.full(3, 1e-14))
+    order = metrics.observed_order(steps, errors, np.full(3, 1e-14))
     assert np.isnan(order[0])
     # the next term of the error is still felt, at steps of a tenth of the period and more
     assert np.abs(order[1:] - ORDERS[integrator]).max() < MARGINS.get(integrator, 0.15)
@@ -62,7 +62,7 @@ def test_order_shows_on_every_linkage(name: str) -> None:
     assert truth.t[-1] == pytest.approx(0.4)
     errors = np.abs(np.array([run(mechanism, h=h, t=0.4).q[-1, 2] for h in steps]) - truth.q[-1, 2])
     # the six-bar's sharp turns still show the next term of the error at 2 ms; at 1 ms it is a quarter of an order
-    assert metrics.order_observed(steps, errors, np.zeros(3))[2] == pytest.approx(4.0, abs=0.3)
+    assert metrics.observed_order(steps, errors, np.zeros(3))[2] == pytest.approx(4.0, abs=0.3)
 
 
 def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_back() -> None:

@@ -158,13 +158,13 @@ def test_an_acceleration_is_judged_relative_to_the_largest_true_one() -> None:
 
 def test_an_order_is_told_only_above_ten_times_the_floor() -> None:
     steps, errors = np.array([4e-3, 2e-3, 1e-3]), np.array([16e-6, 1e-6, 0.5e-6])
-    assert metrics.order_observed(steps, errors, np.full(3, 1e-9))[1:] == pytest.approx([4.0, 1.0])
-    assert metrics.order_observed(steps, errors, np.full(3, 0.49e-7))[1:] == pytest.approx([4.0, 1.0])
-    floors = metrics.order_observed(steps, errors, np.full(3, 0.51e-7))
+    assert metrics.observed_order(steps, errors, np.full(3, 1e-9))[1:] == pytest.approx([4.0, 1.0])
+    assert metrics.observed_order(steps, errors, np.full(3, 0.49e-7))[1:] == pytest.approx([4.0, 1.0])
+    floors = metrics.observed_order(steps, errors, np.full(3, 0.51e-7))
     assert floors[1] == pytest.approx(4.0)
     assert np.isnan(floors[2])
-    assert np.isnan(metrics.order_observed(steps, errors, np.full(3, 2e-7))[1:]).all()
-    assert np.isnan(metrics.order_observed(steps, np.array([16e-6, np.nan, 1e-6]), np.zeros(3))).all()
+    assert np.isnan(metrics.observed_order(steps, errors, np.full(3, 2e-7))[1:]).all()
+    assert np.isnan(metrics.observed_order(steps, np.array([16e-6, np.nan, 1e-6]), np.zeros(3))).all()
 
 
 def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:

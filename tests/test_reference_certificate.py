@@ -19,7 +19,7 @@ from gauss_bench.reference.certificate import (
     write_certificate,
 )
 from gauss_bench.reference.certify import distance, sample_times, split
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.store import find_certified
 from gauss_bench.reference.verification import verify
 from gauss_bench.terms import Array
@@ -173,7 +173,7 @@ def test_differences_are_right_far_below_double_precision() -> None:
 
 
 def test_a_closed_form_is_rounded_correctly() -> None:
-    motion = form_in_closed(load("projectile"), ["0.7"])
+    motion = closed_form(load("projectile"), ["0.7"])
     assert motion is not None
     assert split(motion.q).high[0, 2] == 3.0 * 0.7 or abs(split(motion.q).high[0, 2] - 2.1) < 2.3e-16
     assert split(motion.q).high[0, 1] == float("2.49655")  # 7 x 0.7 - 9.81 x 0.49 / 2

@@ -6,7 +6,7 @@ import pytest
 from gauss_bench.api.simulate import simulate
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.terms import Array
 
@@ -14,7 +14,7 @@ FORMS = ("pendulum", "projectile", "sleigh", "n_four_bar_1", "n_four_bar_3")
 
 
 def exact(name: str, times: list[float]) -> Motion:
-    found = form_in_closed(load(name), [repr(t) for t in times])
+    found = closed_form(load(name), [repr(t) for t in times])
     assert found is not None
     return found
 
@@ -49,8 +49,8 @@ def test_a_closed_form_starts_where_the_linkage_does(name: str) -> None:
 def test_a_linkage_that_only_bears_the_name_has_no_closed_form() -> None:
     from dataclasses import replace
 
-    assert form_in_closed(replace(load("pendulum"), digest="another"), ["0"]) is None
-    assert form_in_closed(load("four_bar"), ["0"]) is None
+    assert closed_form(replace(load("pendulum"), digest="another"), ["0"]) is None
+    assert closed_form(load("four_bar"), ["0"]) is None
 
 
 def n_four_bar(count: int, t: list[float]) -> tuple[Array, Array]:

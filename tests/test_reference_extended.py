@@ -18,7 +18,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.numbers import PI
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre, gauss_tableau
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.extended_linkage import start
 from gauss_bench.reference.motion import Motion
@@ -241,7 +241,7 @@ def test_halving_the_step_changes_rounding_only(linkage: Any, scenario: str, unt
 )
 def test_the_motion_follows_closed_forms_in_forty_digits(name: str, scenario: str, until: str) -> None:
     motion = run(name, scenario, until, spacing="0.1")
-    exact = form_in_closed(load(name, scenario), motion.times)
+    exact = closed_form(load(name, scenario), motion.times)
     assert exact is not None
     for level, bound in (("q", 1e-17), ("v", 1e-16), ("a", 1e-15)):
         error = [

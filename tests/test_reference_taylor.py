@@ -14,7 +14,7 @@ from gauss_bench.linkage.load import built_in, decimal_document, load, load_docu
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular, solve_positive
@@ -198,7 +198,7 @@ def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_dig
 def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
     needs("heyoka")
     times = decimals(end, 6)
-    found, exact = motion(linkage, scenario, times), form_in_closed(load(linkage, scenario), times)
+    found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
     assert exact is not None
     assert found.stopped == ""
     for level in ("q", "v", "a"):

@@ -446,11 +446,11 @@ def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(
     q = x.q.copy()
     q[broken:, 0] += 0.5
     evaluator = Evaluator(mechanism)
-    assert judge.until_trusted(evaluator, x) == x.t[-1]
-    assert judge.until_trusted(evaluator, replace(x, q=q)) == x.t[broken - 1]
+    assert judge.trusted_until(evaluator, x) == x.t[-1]
+    assert judge.trusted_until(evaluator, replace(x, q=q)) == x.t[broken - 1]
     moved = as_truth(replace(x, q=q))
-    assert judge.until_trusted(evaluator, x, finer=moved) == x.t[broken - 1]
-    assert judge.until_trusted(evaluator, x, moved) == x.t[broken - 1]
+    assert judge.trusted_until(evaluator, x, finer=moved) == x.t[broken - 1]
+    assert judge.trusted_until(evaluator, x, moved) == x.t[broken - 1]
 
 
 @pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])

@@ -9,7 +9,7 @@ from gauss_bench.api.results import Simulation, name_files
 from gauss_bench.api.telling import Told, nobody, tell
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, until_trusted
+from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -95,7 +95,7 @@ def simulate(
         run = run_of(request, mechanism, limit, worker)
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
-            truth = until_certified(mechanism, at[-1])
+            truth = certified_until(mechanism, at[-1])
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
                 again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
                 finer = at_samples(again, trajectory.t)
@@ -104,7 +104,7 @@ def simulate(
     return judge_run(mechanism, engine, choice, run, at, truth, finer, adaptive)
 
 
-def until_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
+def certified_until(mechanism: Mechanism, t_end: float) -> Reference | None:
     """The certified motion of a linkage that nothing has been changed in, or None."""
     try:
         return find_certified(mechanism, t_end)
@@ -152,7 +152,7 @@ def _judge(
         evaluator = Evaluator(mechanism)
         evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
         figures, verdict = measure(evidence, trajectory, run), judge(evidence)
-        until = float(trajectory.t[-1]) if verdict.valid else until_trusted(evaluator, trajectory, truth, _second(finer))
+        until = float(trajectory.t[-1]) if verdict.valid else trusted_until(evaluator, trajectory, truth, _second(finer))
         last, status = float(trajectory.t[-1]), run.status
         chosen = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
         if run.trajectory:

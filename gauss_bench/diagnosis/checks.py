@@ -218,8 +218,8 @@ def measures() -> str | None:
     if off(float(metrics.relative_acceleration_error(1.01 * sound.a, sound.a).max()), 0.01, 1e-9):
         return "accelerations 1 % off are not off by 1 %"
     steps = np.array([4e-3, 2e-3, 1e-3])
-    order = metrics.order_observed(steps, steps**3, np.zeros(3))
-    if off(float(order[1]), 3.0, 1e-9) or np.isfinite(metrics.order_observed(steps, np.full(3, 1e-12), np.full(3, 1e-12))[1]):
+    order = metrics.observed_order(steps, steps**3, np.zeros(3))
+    if off(float(order[1]), 3.0, 1e-9) or np.isfinite(metrics.observed_order(steps, np.full(3, 1e-12), np.full(3, 1e-12))[1]):
         return "an order of three is not seen as one, or rounding has an order"
     return forces()
 

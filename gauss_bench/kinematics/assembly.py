@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.kinematics.freedom import Freedom, Place
-from gauss_bench.kinematics.topology import Loop, coordinates_held, find_graph
+from gauss_bench.kinematics.topology import Loop, find_graph, held_coordinates
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism, Point, Revolute
@@ -90,7 +90,7 @@ def put_together(mechanism: Mechanism) -> Assembly:
     Raises:
         ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
     """
-    graph = find_graph(coordinates_held(mechanism))
+    graph = find_graph(held_coordinates(mechanism))
     names = tuple(tuple(_links(mechanism, loop)) for loop in graph.loops)
     bare = replace(mechanism, drivers=(), knife_edges=())
     chords = [_open(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]

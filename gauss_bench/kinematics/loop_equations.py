@@ -24,7 +24,7 @@ import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
-from gauss_bench.kinematics.topology import Levels, absolute_states, angles_shared, find_graph
+from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
@@ -109,7 +109,7 @@ class LoopEquations:
         bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
         self.bars = [bars[x.joint] for x in inputs if x.joint in bars]
         self.graph = find_graph(mechanism, self.bars)
-        self.roots, self.phase = angles_shared(self.graph)
+        self.roots, self.phase = shared_angles(self.graph)
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]

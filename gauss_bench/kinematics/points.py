@@ -44,7 +44,7 @@ def place(point: Point) -> complex:
     return complex(*point.local)
 
 
-def angles_shared(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
+def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Link -> (root, phase) with theta = theta_root + phase: links joined by a slide turn by the same angle. GROUND is a root."""
     slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
     roots: dict[int, tuple[int, float]] = {}
@@ -121,7 +121,7 @@ class Points:
 
     def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
         self.mechanism, self.inputs = mechanism, inputs
-        self.frames = angles_shared(mechanism)
+        self.frames = shared_angles(mechanism)
         self.slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
         self.bars = active_bars(mechanism)
         self.turned, self.pushed, self.stretched = self._driven()

@@ -175,7 +175,7 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
     return tuple(i for i in range(len(mechanism.links)) if i not in reached)
 
 
-def coordinates_held(mechanism: Mechanism) -> Mechanism:
+def held_coordinates(mechanism: Mechanism) -> Mechanism:
     """With a pin to the frame for every group of links that no joints hold to it; that closes no loop."""
     while loose := loose_links(mechanism):
         name = f"loose {loose[0]}"
@@ -206,7 +206,7 @@ def _loop(tree: dict[int, TreeEdge], chord: Pair, pairs: Sequence[Pair]) -> Loop
     return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
 
 
-def angles_shared(graph: LinkageGraph) -> tuple[list[int], Array]:
+def shared_angles(graph: LinkageGraph) -> tuple[list[int], Array]:
     """Per link, the frame last: the link whose angle it shares because slides join them, and its angle minus that one [rad].
 
     The frame gives its angle to whatever slides along it; else the first link that is nobody's block does.

@@ -247,13 +247,13 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def items_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
+def list_held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
     """List the coordinates that the start and the drivers at t = 0 hold, with their values and rates."""
     held: list[tuple[Coordinate, Any, Any]] = []
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
         held.append((driver.coordinate, target, rate))
-    for link, (target, rate) in _angles_held(mechanism, scenario, number).items():
+    for link, (target, rate) in _list_held_angles(mechanism, scenario, number).items():
         held.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
     by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
@@ -271,8 +271,8 @@ def items_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = 
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their rates."""
-    n, items = mechanism.n, items_held(mechanism, scenario, number)
-    parts = [_row_held(coordinate) for coordinate, _, _ in items]
+    n, items = mechanism.n, list_held_items(mechanism, scenario, number)
+    parts = [_hold_row(coordinate) for coordinate, _, _ in items]
 
     def of(q: Array) -> tuple[Array, Array]:
         held = [part(q) for part in parts]
@@ -281,7 +281,7 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
     return Held(of, np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
 
 
-def _angles_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
     start = scenario.get("start", {})
     placed = mechanism.placed
@@ -295,7 +295,7 @@ def _angles_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number)
     return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
 
 
-def _row_held(coordinate: Coordinate) -> Residual:
+def _hold_row(coordinate: Coordinate) -> Residual:
     return lambda q: (value(coordinate, q)[None], gradient(coordinate, q)[None])
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import Certificate
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.sensitivity import floors
@@ -82,7 +82,7 @@ def certify(
     times = sample_times(duration)
     said = report or (lambda stage, t: None)
     first = taylor_motion(document, mechanism.scenario, times, progress=lambda t: said("Taylor series", t))
-    exact = form_in_closed(mechanism, times)
+    exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
     second, step = _collocation(document, mechanism, first, truth, said)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}

@@ -22,7 +22,7 @@ DIGITS = 40
 Objects = NDArray[Any]  # of mpmath's numbers
 
 
-def form_in_closed(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
+def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
     """The exact motion at times written as decimals, or None where none is known."""
     import mpmath
 

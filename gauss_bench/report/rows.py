@@ -133,7 +133,7 @@ def plain(row: Row) -> bool:
     return row["stabilization"] in ("none", "")
 
 
-def until_searched(run: Run, mechanism: str = "") -> float:
+def searched_until(run: Run, mechanism: str = "") -> float:
     """End [s] of the runs that were searched, on one linkage or on all: the longest where they differ, NaN where none was."""
     rows = (r for r in run.table("search_ladder") if mechanism in ("", r["mechanism"]))
     return max((x for r in rows if is_known(x := number(r, "until"))), default=math.nan)
@@ -141,7 +141,7 @@ def until_searched(run: Run, mechanism: str = "") -> float:
 
 def over_time(run: Run) -> str:
     """The length of the runs that were searched, in words."""
-    until = until_searched(run)
+    until = searched_until(run)
     return f"over {until:g} s" if is_known(until) else "over the whole run"
 
 

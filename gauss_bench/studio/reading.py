@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.assembly import put_together, rank_about
-from gauss_bench.kinematics.topology import coordinates_held, find_graph, loose_links
+from gauss_bench.kinematics.topology import find_graph, held_coordinates, loose_links
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.cylinders import write_out
@@ -341,7 +341,7 @@ def loops_of(mechanism: Mechanism) -> list[list[str]]:
     """The links of every independent loop, without the ground, whatever hangs on nothing."""
     return [
         [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
-        for loop in find_graph(coordinates_held(mechanism)).loops
+        for loop in find_graph(held_coordinates(mechanism)).loops
     ]
 
 

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
-from gauss_bench.linkage.closure import CLOSED, STEP, items_held
+from gauss_bench.linkage.closure import CLOSED, STEP, list_held_items
 from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
@@ -207,7 +207,7 @@ class Family:
 
     def _goals(self, document: Document) -> Array:
         """Targets and rates (2, h) of the coordinates that a start holds."""
-        items = items_held(self.nominal, document["scenarios"][self.scenario])
+        items = list_held_items(self.nominal, document["scenarios"][self.scenario])
         return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
 
     def _closed(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
@@ -249,7 +249,7 @@ class _Closing:
                 self.gaps += [(Along(world, joint.a, 0.0, x), Along(world, joint.b, 0.0, x)) for x in (False, True)]
             else:
                 self.held += joint.held
-        self.items = [x for x, _, _ in items_held(mechanism, scenario)]
+        self.items = [x for x, _, _ in list_held_items(mechanism, scenario)]
 
     def __call__(self, q: Array, target: Array) -> tuple[Array, Array]:
         rows: list[tuple[Array, Array]] = [(value(b, q) - value(a, q), gradient(b, q) - gradient(a, q)) for a, b in self.gaps]

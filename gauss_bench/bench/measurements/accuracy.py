@@ -12,7 +12,7 @@ from gauss_bench.bench.measure import measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import keep, play, true_poses
 from gauss_bench.bench.tasks import Rows, Tables, Task
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.metrics import CHECKPOINTS, order_observed
+from gauss_bench.metrics import CHECKPOINTS, observed_order
 from gauss_bench.runs.apart import Alteration
 from gauss_bench.runs.offers import is_isolated
 from gauss_bench.suites.schema import Suite
@@ -93,7 +93,7 @@ def with_orders(rows: Rows) -> Rows:
         told = (_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05"))
         errors = next((x for x in told if not np.isnan(x).all()), None)
         if errors is not None and len(group) > 1:
-            for row, order in zip(group, order_observed(steps, errors, floors), strict=True):
+            for row, order in zip(group, observed_order(steps, errors, floors), strict=True):
                 row["observed_order"] = float(order)
     return rows
 

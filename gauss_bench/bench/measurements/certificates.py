@@ -110,7 +110,7 @@ def _last(values: Array) -> float | None:
     return float(known[-1]) if len(known) else None
 
 
-def scenarios_certified() -> list[tuple[str, str]]:
+def certified_scenarios() -> list[tuple[str, str]]:
     """Linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
     names = [*built_in(), *CLOSED_FORMS]
     pairs = [(name, scenario) for name in names for scenario in document_of(name)[0]["scenarios"]]
@@ -123,7 +123,7 @@ def _want(name: str, scenario: str) -> bool:
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
     """Make every certificate of the suite anew, in its place; one row each."""
-    return _rows([_task(x, _certify_in_place, x) for x in scenarios_certified()], jobs)
+    return _rows([_task(x, _certify_in_place, x) for x in certified_scenarios()], jobs)
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
@@ -144,7 +144,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
         CertificateError: a file is missing, damaged or holds for another linkage.
     """
     if not files:
-        files = [path for name, scenario in scenarios_certified() if (path := certificate_path(load(name, scenario))) is not None]
+        files = [path for name, scenario in certified_scenarios() if (path := certificate_path(load(name, scenario))) is not None]
     tasks = []
     for path in files:
         certificate = read_certificate(path)
@@ -184,7 +184,7 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 def certificate_table() -> Tables:
     """A row for every scenario of the suite: its certificate, or that it has none and why."""
     rows = []
-    for name, scenario in scenarios_certified():
+    for name, scenario in certified_scenarios():
         mechanism = load(name, scenario)
         path = certificate_path(mechanism)
         row: dict[str, Any] = {"status": "failed", "mechanism": name, "scenario": scenario}

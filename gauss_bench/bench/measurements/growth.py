@@ -31,7 +31,7 @@ from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.exact import form_in_closed
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -118,7 +118,7 @@ def scaling(size: int, rounds: int, number: int = 0, engines: Sequence[str] = ()
 def right(size: int) -> Right:
     """The N-four-bar of a size."""
     mechanism = load(f"n_four_bar_{size}")
-    motion = form_in_closed(mechanism, [MOMENT])
+    motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
     return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 

@@ -76,7 +76,7 @@ class Equation:
         return np.concatenate([q, v])
 
 
-def angles_needed(mechanism: Mechanism) -> list[int]:
+def needed_angles(mechanism: Mechanism) -> list[int]:
     """Links whose angles forces need, in the file's order."""
     sprung = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and isinstance(x.coordinate, Angle) and x.k]
     return sorted({link for x in sprung for link in (x.a, x.b)} - {GROUND})
@@ -112,7 +112,7 @@ def write_equation(
         least: (dyads,) opening of each dyad below which the equation is not to be used.
         others: the ways that are to be seen.
     """
-    needed, roots = angles_needed(mechanism), _roots(way)
+    needed, roots = needed_angles(mechanism), _roots(way)
     followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
     place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
     angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}

@@ -106,7 +106,7 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
     return -derivative(lambda x: rate(x, v), q, v)
 
 
-def motions_constrained() -> list[tuple[Rate, Array, Array, Array]]:
+def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
     """Rate of the constraint and true q, v, a: the crank-slider, and a blade that is led around a circle."""
 
     def slider(q: Number, v: Number) -> Number:
@@ -123,7 +123,7 @@ def motions_constrained() -> list[tuple[Rate, Array, Array, Array]]:
 
 def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
     errors = []
-    for rate, q, v, a in motions_constrained():
+    for rate, q, v, a in constrained_motions():
         Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
         errors.append(relative(form(rate, q, v), Ja))
     return worst(errors)

@@ -46,7 +46,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list
     coordinates, start = rows.coordinates, scenario.get("start", {})
     mechanism = coordinates.mechanism
     holds = []
-    for link, (target, rate) in _angles_held(mechanism, start, number).items():
+    for link, (target, rate) in _list_held_angles(mechanism, start, number).items():
         holds.append(Held(coordinates.angle[link], coordinates.turn[link], (), (target,), (rate,)))
     for name, target in start.get("slides", {}).items():
         rate = exact(number, start.get("slide_speeds", {}).get(name, 0))
@@ -58,7 +58,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> list
     return holds
 
 
-def _angles_held(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
