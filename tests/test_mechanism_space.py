@@ -73,15 +73,15 @@ def entries(at: Symbols, found: dict[int, Real]) -> dict[int, Symbol]:
     return {k: x for k, x in symbols.items() if not x.zero}
 
 
-def told(mechanism: Mechanism, at: Symbols) -> dict[tuple[object, ...], Symbol]:
+def describe(mechanism: Mechanism, at: Symbols) -> dict[tuple[object, ...], Symbol]:
     """Everything that the equations say of a mechanism, by what it is."""
     found: dict[tuple[object, ...], Symbol] = {}
     for i, row in enumerate(equations.rows(mechanism, at)):
         found |= {("J", i, k): x for k, x in entries(at, row.entries).items()}
         found |= {(name, i): at.program.symbol(getattr(row, name) or 0.0) for name in ("gamma", "phi", "phi_t")}
-    for i, load_ in enumerate(loads(f for f in mechanism.forces if not factor_of(f))):
-        found |= {("Q", i, k): x for k, x in entries(at, equations.generalise(at, load_)).items()}
-        found |= {("energies", i, k): at.program.symbol(x) for k, x in enumerate(equations.energies(at, load_))}
+    for i, each in enumerate(loads(f for f in mechanism.forces if not factor_of(f))):
+        found |= {("Q", i, k): x for k, x in entries(at, equations.generalise(at, each)).items()}
+        found |= {("energies", i, k): at.program.symbol(x) for k, x in enumerate(equations.energies(at, each))}
     return found
 
 
@@ -94,7 +94,7 @@ def operations(at: Symbols, found: dict[tuple[object, ...], Symbol]) -> Counter[
 
 def assert_same_operations(mechanism: Mechanism, rng: np.random.Generator) -> None:
     both = Symbols(mechanism.n), Lifted(mechanism.n)
-    plane, space = (told(mechanism, at) for at in both)
+    plane, space = (describe(mechanism, at) for at in both)
     assert plane.keys() == space.keys()
     assert operations(both[0], plane) == operations(both[1], space)
     q, v = rng.normal(size=(2, mechanism.n))

@@ -14,6 +14,7 @@ from gauss_bench.engines.casadi import functions
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.written import FEW
 from tests.conftest import DATA, everything, redundant
 from tests.second_derivation import equations
 
@@ -81,6 +82,15 @@ def test_a_batch_of_states_is_the_states_one_by_one(any_mechanism: Mechanism, rn
         one = evaluator.constraints(0.0, q[k], v[k])
         for batch, single in ((rows.phi, one.phi), (rows.J, one.J), (rows.gamma, one.gamma)):
             np.testing.assert_array_equal(batch[k], single)
+
+
+def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+    """Below FEW states the equations run on floats, from there on arrays; sines of both round differently in the last bit."""
+    evaluator = Evaluator(any_mechanism)
+    q, v = rng.normal(size=(2, FEW, any_mechanism.n))
+    many, few = evaluator.constraints(0.0, q, v), evaluator.constraints(0.0, q[1:], v[1:])
+    for name in ("phi", "J", "gamma", "phi_t"):
+        np.testing.assert_allclose(getattr(many, name)[1:], getattr(few, name), rtol=1e-12, atol=1e-12)
 
 
 def test_active_bars_keep_their_lengths_and_do_the_work() -> None:

@@ -19,12 +19,14 @@ from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
+from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.first import headlines, pack
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import rich, script_text
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
 from gauss_bench.suites.read import read_suite, restrict
+from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION
 
 REPORTS = Path(__file__).parents[1] / "reports"
@@ -258,6 +260,15 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
     assert "3 moving links" in page.lead
     for damaged in ({}, {"mine": "not ["}, {"mine": 3}, ["mine"]):
         assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque", []).body
+
+
+def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = read_table("scaling", Path(__file__).parents[1] / "reports")
+    numbers = len(rows) * len(TABLES["scaling"].columns)
+    for most, files in ((numbers, {"scaling.csv", "scaling.parquet"}), (numbers - 1, {"scaling.parquet"})):
+        monkeypatch.setattr(tables_page, "HUGE", most)
+        (folder := tmp_path / str(most)).mkdir()
+        assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
 
 
 @pytest.mark.slow

@@ -32,6 +32,7 @@ import numpy as np
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip
 from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec
+from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
 
 
@@ -296,14 +297,9 @@ def loss(x: State, law: Linear) -> Real:
 
 
 class _ArrayArithmetic:
-    """Of arrays. The inverse of zero is zero: two points that coincide have a distance without a direction."""
+    """The functions of arrays."""
 
-    sqrt, sin, cos = staticmethod(np.sqrt), staticmethod(np.sin), staticmethod(np.cos)
-
-    @staticmethod
-    def inverse(x: Array) -> Array:
-        zero = np.equal(x, 0.0)
-        return np.where(zero, 0.0, 1.0 / np.where(zero, 1.0, x)) if zero.any() else 1.0 / x
+    sqrt, sin, cos, inverse = staticmethod(np.sqrt), staticmethod(np.sin), staticmethod(np.cos), staticmethod(inverse)
 
 
 class Placed(Placement):
@@ -348,11 +344,6 @@ def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
     return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)
 
 
-def angle(x: Array, link: int) -> Array:
-    """Angle (or, of a velocity, angular speed) of a link: (...)."""
-    return np.zeros(x.shape[:-1]) if link == GROUND else x[..., 3 * link + 2]
-
-
 def rotate(x: Array, theta: Array) -> Array:
     """A vector (2,) turned by angle(s) [rad] (...): (..., 2)."""
     c, s = np.cos(theta), np.sin(theta)
@@ -361,7 +352,7 @@ def rotate(x: Array, theta: Array) -> Array:
 
 def arm(q: Array, point: Point) -> Array:
     """Arm from the centre of mass to the point in world axes (..., 2); zero for the ground, which carries no coordinates."""
-    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotate(point.local, angle(q, point.link))
+    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotate(point.local, q[..., 3 * point.link + 2])
 
 
 def position(q: Array, point: Point) -> Array:

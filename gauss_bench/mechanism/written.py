@@ -171,7 +171,7 @@ class Written:
         self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({groups},)"])
         self.sizes = [len(group) for group in told]
         floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": _inverse}
-        arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": _inverses}
+        arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse}
         code = compile(self.source, "<equations>", "exec")
         self._of_floats, self._of_arrays = (_function(code, names | program.constants) for names in (floats, arrays))
         self._in_floats = not program.constants
@@ -212,6 +212,7 @@ def _inverse(x: float) -> float:
     return 1.0 / x if x else 0.0
 
 
-def _inverses(x: Array) -> Array:
+def inverse(x: Array) -> Array:
+    """1 / x; zero of zero, as `Program.inverse` has it."""
     zero = np.equal(x, 0)
     return np.where(zero, 0, 1 / np.where(zero, 1, x)) if zero.any() else 1 / x

@@ -1,4 +1,4 @@
-"""Applied forces and potential energy as expressions: laws on scalar coordinates and forces at points, as in `mechanism/forces.py`.
+"""Applied forces and potential energy as expressions: laws on coordinates and forces at points, as in `mechanism/equations.py`.
 
 Where two points coincide a spring with a rest length is not finite (the linkage's own evaluation takes no direction there).
 

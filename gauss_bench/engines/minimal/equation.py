@@ -420,8 +420,7 @@ class _Rates(Placement):
         return End(self._frame(point.link, _parts(place.p), _parts(place.d * self.speed)), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
-        x, y = (self.motion.graph.constant(float(part)) for part in value)
-        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * Vector(x, y)))
+        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * _fix(self.motion.graph, *value)))
 
 
 def _parts(x: Vector) -> Vec:
