@@ -19,12 +19,12 @@ from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
 
 DATA = Path(__file__).parent / "data"
-# mark -> the tests that bear it because they take time; those that need tools are marked in place
-LISTED = {mark: Path(__file__).parent / f"{mark}.txt" for mark in ("slow", "long")}
+TIMED = ("slow", "long")  # marks of tests that take time; one with arguments marks the cases of these ids alone
 DOCUMENTATION = 0.9e6  # bytes that the documentation may take of the 8 MB of the whole site
 FEW = 8  # attempts of the search for a program
 DEAREST = ("test_mutations", "test_isolation", "test_wheel", "test_contributing", "test_selftest", "test_recommend", "test_site")
 CACHE = pytest.StashKey[str]()
+COLLECTED = pytest.StashKey[list[pytest.Function]]()  # whether they are run or not
 USERS_CACHE = "GAUSS_BENCH_TESTS_USERS_CACHE"  # in the environment: the cache that a user has
 
 
@@ -44,14 +44,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests in a list bear its mark; the dearest files come first, so that no process waits for the other's last one."""
-    listed = {mark: set(path.read_text(encoding="utf-8").splitlines()) for mark, path in LISTED.items()}
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """A mark that names cases is a mark of those alone; the dearest files come first, so no process waits for the other's last."""
     items.sort(key=lambda item: DEAREST.index(item.path.stem) if item.path.stem in DEAREST else len(DEAREST))
     for item in items:
-        for mark, tests in listed.items():
-            if item.nodeid.removeprefix("tests/") in tests:
-                item.add_marker(mark)
+        case = item.callspec.id if isinstance(item, pytest.Function) and hasattr(item, "callspec") else ""
+        item.own_markers = [mark for mark in item.own_markers if not (mark.name in TIMED and mark.args and case not in mark.args)]
+    config.stash[COLLECTED] = [item for item in items if isinstance(item, pytest.Function)]
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -46,6 +46,7 @@ def test_a_time_that_whole_steps_miss_is_met_by_two_short_ones() -> None:
     assert found.count == 201
 
 
+@pytest.mark.slow
 def test_compare_labels_a_row_with_the_step_it_took() -> None:
     rows = gauss_bench.compare("four_bar", ["gauss"], steps=(4e-4, 7e-4), t_end=0.1, jobs=1)
     plain = rows[(rows["stabilization"] == "none") & (rows["integrator"] == "rk4")].set_index("step")
@@ -182,6 +183,7 @@ def measured_file(folder: Path, table: str) -> str:
     return str(path)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(("table", "unit"), [('joint = "guide"', "m"), ('point = "rod.P"\nangle_deg = 90.0', "m")])
 def test_a_measured_coordinate_runs_through_every_verb(

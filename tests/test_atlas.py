@@ -358,6 +358,7 @@ def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytes
     assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "index.html"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_atlas_finds_the_step_that_is_too_long_and_a_wrong_formulation(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -133,6 +133,7 @@ def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder / "mark"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["judges", "pickles"])
 def test_simulate_judges_on_this_side(name: str, mark: Path) -> None:
     found = gauss_bench.simulate("four_bar", name, at=[0.1], step=1e-2, limit=60.0)

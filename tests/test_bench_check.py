@@ -34,12 +34,14 @@ def changed(found: pd.DataFrame, metric: str, factor: float) -> pd.DataFrame:
     return worse
 
 
+@pytest.mark.long
 def test_the_same_figures_pass(found: pd.DataFrame, baseline: Path) -> None:
     verdicts = compare(found, read_baseline(baseline))
     assert {v.outcome for v in verdicts} == {"ok"}
     assert len(verdicts) > 10
 
 
+@pytest.mark.slow("measured_error_t1")
 @pytest.mark.parametrize("metric", ["measured_error_t1", "position_error", "velocity_error", "position_drift", "energy_error"])
 def test_a_worse_figure_fails_and_a_better_one_is_told(metric: str, found: pd.DataFrame, baseline: Path) -> None:
     worse = list(failures(compare(changed(found, metric, 3.0), read_baseline(baseline))))

@@ -72,6 +72,7 @@ def table(folder: Path, name: str) -> tuple[dict[str, Any], ...]:
     return read_table(name, folder)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -> None:
     for name, columns in PROMISED.items():
@@ -87,6 +88,7 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
     assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_headlines_of_a_run_are_those_of_its_raw_rows(folder: Path) -> None:
     assert {"steps", "one_value", "right_hand_sides", "claim", "share", "kinematics"} <= set(compared(with_raw_rows(folder)))
@@ -247,6 +249,7 @@ def test_the_report_renders_from_the_tables_alone(folder: Path, tmp_path: Path) 
     assert [path.read_bytes() for path in files] == again
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run_in_which_everything_failed_tells_why(tmp_path: Path) -> None:
     row = {"mechanism": "four_bar", "scenario": "torque", "status": "crashed", "message": "the process died with signal SIGSEGV"}
     for name in KERNEL:

@@ -69,6 +69,7 @@ print(json.dumps([told, {k: [str(x.status), x.message] for k, x in runs.items()}
 """
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_engines_of_others_are_results_with_a_reason(environment: dict[str, str]) -> None:
     code = f"NAMES = {NAMES!r}\n{CODE}"

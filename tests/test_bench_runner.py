@@ -17,6 +17,7 @@ from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.schema import Cost
 
 
+@pytest.mark.slow
 def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
     chosen = [
         Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1),
@@ -33,6 +34,7 @@ def test_two_runs_do_not_write_into_one_journal(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.long
 def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
     with Journal(tmp_path / "a.jsonl") as journal:
         journal.add("case", "old", {"results": [{"x": 1}]})
@@ -45,6 +47,7 @@ def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
     return {"results": [{"status": "ok"}]}
 
 
+@pytest.mark.slow
 def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path) -> None:
     told = []
     for limit in (0.5, 0.5, 60.0, 0.5):
@@ -54,6 +57,7 @@ def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path)
     assert told == [("timeout", 1), ("timeout", 1), ("ok", 2), ("ok", 2)]
 
 
+@pytest.mark.long
 def test_a_run_is_judged_at_its_end_wherever_that_lies(tmp_path: Path) -> None:
     rows = [
         measure(Case("four_bar", "torque", "gauss-native", "default", "rk4", "none", step, 0.1234), str(tmp_path))["row"]

@@ -35,6 +35,7 @@ def race_of(engines: Sequence[str], path: str) -> dict[str, list[dict[str, str]]
     return {"samples": rows}
 
 
+@pytest.mark.slow
 def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
     tables, lost = list_survivors(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=8.0)
     assert tables == {"samples": [{"engine": x} for x in ("first", "second", "third")]}
@@ -58,6 +59,7 @@ print(json.dumps(race_cost("four_bar", "torque", part, 0)))
 """
 
 
+@pytest.mark.long
 def test_a_plug_in_that_aborts_in_the_race_of_costs_is_a_row_with_the_reason(tmp_path_factory: pytest.TempPathFactory) -> None:
     where = installed(tmp_path_factory.mktemp("plugin"))
     done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, env=where, timeout=300, check=False)

@@ -143,6 +143,7 @@ def test_a_users_file_works_like_a_built_in_one(tmp_path: Path, capsys: pytest.C
     assert mine["links"] == theirs["links"]
 
 
+@pytest.mark.slow
 def test_the_python_interface_mirrors_the_command_line() -> None:
     mechanism = gauss_bench.load("four_bar")
     assert mechanism.dof == 1

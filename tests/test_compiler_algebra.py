@@ -98,6 +98,7 @@ def trusted(p: Program, *state: Any) -> bool:
     return bool((np.abs(values(p.acceleration, *state, p.values)[1]) >= p.thresholds).all())
 
 
+@pytest.mark.long("crank_slider-driven-gauss")
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, QUICK))
 def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: str | None, formulation: str) -> None:
@@ -250,6 +251,7 @@ def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None
         assert found[0] == (3 * mechanism.crank + 2,)
 
 
+@pytest.mark.long
 def test_a_large_chain_costs_as_much_a_cell_as_a_small_one() -> None:
     small, large = (costs(program(f"n_four_bar_{n}", None, "gauss")).operations for n in (4, 24))
     assert large <= 1.1 * 6 * small
@@ -268,6 +270,7 @@ def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str
     assert found.divisions <= divisions
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_auto_takes_the_cheaper_formulation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elimination, "ATTEMPTS", 12)  # fewer do not find what makes eight pendulums cheap
@@ -473,6 +476,7 @@ def test_where_every_entry_changes_sign_the_rest_is_squared() -> None:
     assert lu(graph, steady, range(2), range(2), Search(), squares=True).rest is None
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("full_search")
 def test_a_single_trajectory_and_a_batch_want_different_programs() -> None:
     single, batch = (costs(generate(linkage("crank_slider", "paper"), "gauss", aim=aim)) for aim in ("single", "batch"))

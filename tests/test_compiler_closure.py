@@ -80,6 +80,7 @@ def whole_turn(name: str, count: int) -> LoopMotion:
     return library(mechanism(name), turn_angles(mechanism(name), count))
 
 
+@pytest.mark.slow("eight_bar-llvm", "jansen-llvm", "squeezer-llvm")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", TURNING)
 def test_a_whole_turn_is_that_of_the_link_units(name: str, backend: str) -> None:
@@ -218,6 +219,7 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     assert_same(part(sweep, slice(0, loss.sample)), truth.q, truth.v, truth.a)
 
 
+@pytest.mark.long
 def test_next_to_a_limit_the_library_decides() -> None:
     """Down to 1e-9 rad: what it closes is taken over, what it refuses is lost, and nothing is closed that it refuses."""
     m = mechanism("four_bar")
@@ -404,6 +406,7 @@ def test_what_does_not_fit_is_refused() -> None:
         closure("four_bar").turn(8, parameters=np.ones(2))
 
 
+@pytest.mark.long
 def test_the_command_line_moves_a_linkage_natively() -> None:
     for linkage in ("eight_bar", "excavator"):
         loop, native = (kinematics(linkage, intervals=90, method=x) for x in ("loop", "native"))
@@ -413,6 +416,7 @@ def test_the_command_line_moves_a_linkage_natively() -> None:
                 assert np.abs(native["links"][link][key] - wanted).max() < ROUNDING * max(1.0, np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_a_motion_that_ends_says_so_in_the_words_of_the_library() -> None:
     driver = "constant:link=rocker,start_deg=100.0,speed=1.0"
     loop, native = (kinematics("four_bar", driver=driver, intervals=90, method=x) for x in ("loop", "native"))

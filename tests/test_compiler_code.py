@@ -142,6 +142,7 @@ def test_no_series_pretends_to_reach_everywhere() -> None:
         trigonometry.short_series(4.0)
 
 
+@pytest.mark.slow("llvm-parallelogram")
 @pytest.mark.parametrize("name", [*LINKAGES, *DRIVEN])
 @pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
@@ -154,6 +155,8 @@ def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
     np.testing.assert_array_equal(alone, found[0])
 
 
+@pytest.mark.long("none-crank_slider-400", "none-shaper-1600")
+@pytest.mark.slow("baumgarte-crank_slider-400")
 @pytest.mark.parametrize(
     ("name", "steps_taken"),
     [("crank_slider", 400), pytest.param("shaper", 1600, marks=pytest.mark.long)],  # a slide, and a guide that moves
@@ -208,6 +211,8 @@ def closed() -> Array:
     return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
 
 
+@pytest.mark.long("gauss-none")
+@pytest.mark.slow("gauss-projection", "lagrange-none")
 @pytest.mark.parametrize(("formulation", "stabilization"), [("gauss", "none"), ("lagrange", "none"), ("gauss", "projection")])
 def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(
     formulation: str, stabilization: str
@@ -282,6 +287,7 @@ def test_a_loop_has_no_implicit_steps() -> None:
         compile_kernel(m, form="looped").rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
 
 
+@pytest.mark.slow
 def test_fixed_and_adaptive_steps_are_those_of_the_interpreted_formulation() -> None:
     m, times = mechanism("crank_slider"), np.linspace(0.0, 0.3, 31)
     for choice in (Choice(integrator="dop853_fixed", step=2e-3), Choice(integrator="dop853")):
@@ -365,6 +371,7 @@ def test_samples_are_the_states_on_the_way() -> None:
     np.testing.assert_array_equal(many, np.tile(q, (3, 1, 1)))
 
 
+@pytest.mark.slow("0.001-parallelogram")
 @pytest.mark.parametrize("name", ["crank_slider", "parallelogram", *long("six_bar", "eight_bar", "excavator")])
 @pytest.mark.parametrize("h", [1e-3, 1e-4])
 def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None:
@@ -579,6 +586,7 @@ def test_native_code_hands_over_from_row_to_row(monkeypatch: pytest.MonkeyPatch,
     assert residuals(m, found[None, : m.n], found[None, m.n :])[0].max() < 1e-8
 
 
+@pytest.mark.slow("lagrange")
 @pytest.mark.parametrize("formulation", ["gauss", "lagrange"])
 def test_a_state_is_taken_back_to_the_nearest_one(formulation: str) -> None:
     """Off by 1e-6 in all coordinates: native code and numpy agree in second order; no number has no way back."""
@@ -633,6 +641,7 @@ def test_a_projected_step_of_a_millisecond_is_corrected_once(name: str, h: float
     assert not code.alone(m.q0, m.v0, 20 * h, 25)  # which takes more
 
 
+@pytest.mark.slow
 def test_speeding_up_goes_through_all_reaches() -> None:
     """From rest to 50 rad/s at h = 1e-3: the shortest reach is left on the way, alone and in a batch."""
     m, code = mechanism("crank_slider"), kernel("crank_slider")
@@ -748,6 +757,7 @@ def test_forces_and_energy() -> None:
         assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
 
 
+@pytest.mark.long("crank_slider-more0", "parallelogram-more1")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more"),
@@ -815,6 +825,7 @@ def test_object_code_belongs_to_its_name(tmp_path: Path, monkeypatch: pytest.Mon
     assert user_cache.load("a.o") is None
 
 
+@pytest.mark.slow
 def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     m, searches = mechanism("four_bar"), []
@@ -875,6 +886,7 @@ def test_unknown_names_are_refused(wrong: dict[str, object]) -> None:
         compile_kernel(mechanism("crank_slider"), **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_code_of_a_long_chain_stays_short() -> None:
     """Sixteen windows would need 7000 operations written out."""

@@ -97,6 +97,14 @@ def four_bars() -> dict[int, Kernel]:
     return {count: large_kernel(load(f"n_four_bar_{count}")) for count in (1, 16, 64)}
 
 
+@pytest.mark.long("ladder_11-fall-gauss", "n_four_bar_12-fall-gauss")
+@pytest.mark.slow(
+    "ladder_11-fall-lagrange",
+    "n_four_bar_12-driven-gauss",
+    "n_four_bar_12-fall-lagrange",
+    "pendulums_9-swing-gauss",
+    "pendulums_9-swing-lagrange",
+)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(
     "mechanism",
@@ -112,6 +120,7 @@ def test_accelerations_are_those_of_the_linkage(mechanism: Mechanism, formulatio
         np.testing.assert_array_equal(kernel.acceleration(q, v, float(t)), a)
 
 
+@pytest.mark.slow("n_four_bar_12-fall-gauss")
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(
     "name", ["four_bar-cycloid", "n_four_bar_12-fall", pytest.param("squeezer-squeeze", marks=pytest.mark.long)]
@@ -131,6 +140,8 @@ def test_a_step_is_that_of_runge_and_kutta(name: str, formulation: str) -> None:
         assert np.abs(own - wanted).max() <= ROUNDING * np.abs(wanted).max()
 
 
+@pytest.mark.long("1")
+@pytest.mark.slow("16")
 @pytest.mark.parametrize("count", [1, 16, 64])
 def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel], count: int) -> None:
     kernel = four_bars[count]
@@ -142,6 +153,7 @@ def test_n_four_bars_fall_as_their_closed_form_says(four_bars: dict[int, Kernel]
     assert kernel.lost == kernel.fallbacks == 0
 
 
+@pytest.mark.slow("16")
 @pytest.mark.parametrize("count", [1, 16])
 def test_a_singular_position_is_passed(four_bars: dict[int, Kernel], count: int) -> None:
     """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
@@ -196,6 +208,7 @@ def test_many_trajectories_are_many_single_ones(lanes: int) -> None:
             assert np.abs(own - wanted).max() <= ROUNDING * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 def test_what_cannot_go_on_is_not_a_number() -> None:
     mechanism = load("n_four_bar_12")
     kernel = large_kernel(mechanism)
@@ -208,6 +221,7 @@ def test_what_cannot_go_on_is_not_a_number() -> None:
     assert kernel.lost == 1
 
 
+@pytest.mark.long
 def test_code_does_not_grow_with_the_linkage_and_operations_do_in_proportion() -> None:
     made = [loop_program(generate_in_rounds(study(load(f"n_four_bar_{n}")), Plan("gauss", (2,)))) for n in (32, 128)]
     programs = [p.plain for p in made]
@@ -217,6 +231,7 @@ def test_code_does_not_grow_with_the_linkage_and_operations_do_in_proportion() -
     assert loops[1] < 1.4 * loops[0]
 
 
+@pytest.mark.slow("n_four_bar_40", "n_four_bar_4")
 @pytest.mark.parametrize("name", ["n_four_bar_4", "n_four_bar_6", "n_four_bar_40"])
 def test_the_engine_and_the_library_choose_the_same_form(name: str) -> None:
     mechanism = load(name)
@@ -236,6 +251,7 @@ def test_the_form_depends_on_the_number_of_links_once() -> None:
         compile_kernel(load("four_bar"), independent=(2,), form="looped")
 
 
+@pytest.mark.slow("lagrange-projection")
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_loops_take_the_steps_of_straight_line_code(stabilization: str, formulation: str) -> None:
@@ -253,6 +269,7 @@ def test_loops_take_the_steps_of_straight_line_code(stabilization: str, formulat
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9 if stabilization == "projection" else 1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_loops_take_steps_of_semi_implicit_euler_and_know_forces_and_energy() -> None:
     mechanism = load("n_four_bar_5")
@@ -300,6 +317,7 @@ def test_answers_are_not_changed_by_later_questions(name: str) -> None:
     np.testing.assert_array_equal(np.stack([q, v]), np.stack([q_kept, v_kept]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_where_no_pivot_serves_everywhere_another_program_goes_on(formulation: str) -> None:
     m = load(str(DATA / "uneven_pivots_07.toml"))

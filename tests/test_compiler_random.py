@@ -39,6 +39,8 @@ def exact(seed: int) -> Array:
     return interpreted(mechanism(seed), integrator="dop853_fixed", stabilization="projection")
 
 
+@pytest.mark.long("2-none", "2-projection", "4-none", "4-projection", "7-none")
+@pytest.mark.slow("0-none", "0-projection")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 @pytest.mark.parametrize("seed", [*range(3), *MORE])
 def test_native_steps_are_as_exact_as_interpreted_ones(seed: int, stabilization: str) -> None:

@@ -39,6 +39,7 @@ def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ in names])
 
 
+@pytest.mark.slow
 def test_a_sound_adapter_keeps_every_rule() -> None:
     checks = conformance("tests.faulty_engines:Sound")
     assert all(x.passed for x in checks), checks
@@ -49,6 +50,7 @@ def test_a_sound_adapter_keeps_every_rule() -> None:
     assert said == "72 states of 9 linkages"
 
 
+@pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, *ALIKE)])
 def test_built_in_engines_keep_every_rule(name: str) -> None:
@@ -109,6 +111,7 @@ def test_second_settings_and_integrators_are_looked_at_too(monkeypatch: pytest.M
     assert not any(name.startswith("accelerations (default, rk4") for name in found)
 
 
+@pytest.mark.long("Deaf")
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["TwoFaced", "Deaf"])
 def test_a_run_is_held_against_what_it_should_follow(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,6 +198,7 @@ def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.Monk
     assert "shows on 3 of 71" in message
 
 
+@pytest.mark.slow
 def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joints() -> None:
     base = probe(PROBE, "loaded")
     single = {name: x for name, x in changes(PROBE, "loaded").items() if len(x) == 1}

@@ -40,6 +40,7 @@ def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
     return done.stdout.split()[0].count(".")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     for name in ("gauss_bench", "tests", "mechanisms"):
@@ -59,6 +60,7 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     assert passed >= 6  # states of two linkages, a linkage of others, what it skips, a missing library, a planted fault
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_new_engine_in_a_package_of_its_own_is_an_entry_point(tmp_path: Path) -> None:
     (tmp_path / "outside_heuns.py").write_text(ADAPTER.replace("NAME", "heuns"), encoding="utf-8")
@@ -167,6 +169,7 @@ print(*engines)
 """
 
 
+@pytest.mark.slow
 def test_a_force_touches_its_keys_and_its_kind(tmp_path: Path) -> None:
     """Keys in schema.py, what it is and what it comes to in model.py; terms, formulations, kernels and adapters follow."""
     package = copy_of_the_package(tmp_path)
@@ -220,6 +223,7 @@ def said_by(folder: Path, *command: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_the_schema(tmp_path: Path) -> None:
     folder = copied(tmp_path)
     (folder / "gauss_bench" / "report" / "sections" / "weather.py").write_text(SECTION, encoding="utf-8")
@@ -288,6 +292,7 @@ write_schema(Path("run"))
 """
 
 
+@pytest.mark.slow
 def test_a_metric_is_a_function_its_call_and_its_column(tmp_path: Path) -> None:
     folder = copied(tmp_path)
     package = folder / "gauss_bench"

@@ -47,6 +47,7 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
     return diagnose_runs(lambda c, wanted: one_run(engine, mechanism, c, wanted), mechanism, truth, chosen, until)
 
 
+@pytest.mark.slow("soft_loop")
 @pytest.mark.parametrize("fault", [pytest.param(x, id=x.name) for x in ENGINES if x.name in QUICK])
 def test_a_planted_fault_is_named(fault: Fault) -> None:
     found = diagnose_fault(fault)
@@ -56,6 +57,7 @@ def test_a_planted_fault_is_named(fault: Fault) -> None:
     assert parts[-1] is fault.cause.part, found.parts
 
 
+@pytest.mark.slow
 def test_a_sound_engine_has_no_dominant_cause_and_the_little_error_it_has_falls_as_its_integrator_says() -> None:
     found = verdict(CLEAN, FOUR_BAR)
     assert found.cause is Cause.NONE
@@ -123,6 +125,8 @@ VARIATIONS = [  # none of them is one of the catalogue's
 ]
 
 
+@pytest.mark.long("projection")
+@pytest.mark.slow("none")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> None:
     """A coupler that is a millimetre too long: by the file's dimensions its loop is open, and no step or force changes that."""
@@ -150,6 +154,7 @@ def test_accelerations_that_a_cause_reproduces_are_no_round_off() -> None:
     assert found.cause is Cause.INERTIA, found.sentence
 
 
+@pytest.mark.long("a step under Euler-where7-choice7", "gravity in a larger linkage-where10-choice10")
 @pytest.mark.slow
 @pytest.mark.parametrize(("fault", "where", "choice"), VARIATIONS, ids=lambda x: getattr(x, "name", None))
 def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
@@ -330,6 +335,7 @@ def plugins(tmp_path: Path) -> Iterator[None]:
         yield
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_engines_of_others_are_diagnosed_in_a_worker(plugins: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diagnose", "four_bar", "--engine", "heavy", "--step", "0.004", "--until", "0.3", "--json"]) == 0

@@ -224,6 +224,7 @@ def test_a_folder_that_may_not_be_written_is_told_before_anything_is_run(tmp_pat
     assert not list(closed.iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: Path) -> None:
     """A limit on the size of files stands for the disk."""

@@ -55,6 +55,7 @@ SETTINGS = [(engine, settings) for engine in names() for settings in get(engine)
 HARDEST = ("crank_slider", "eight_bar")  # a slide, and the worst condition; the gate has them all, in every engine
 
 
+@pytest.mark.slow("gauss-default-crank_slider", "gauss-native-default-eight_bar", "lagrange-native-default-eight_bar")
 @pytest.mark.parametrize("linkage", HARDEST)
 @pytest.mark.parametrize(("engine", "settings"), SETTINGS)
 def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: str, worker: Worker, store: str) -> None:
@@ -72,6 +73,7 @@ def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: st
         assert found["valid"], found["flag"]
 
 
+@pytest.mark.slow("gauss-native", "lagrange-native")
 @pytest.mark.parametrize("engine", sorted(set(names()) - CONTROLS))
 def test_a_linkage_of_others_runs_in_every_engine(engine: str, worker: Worker, store: str) -> None:
     settings, integrator = list(get(engine).settings)[-1], get(engine).integrators[0]  # the last setting is each engine's best
@@ -81,6 +83,8 @@ def test_a_linkage_of_others_runs_in_every_engine(engine: str, worker: Worker, s
     assert found["valid"], found["flag"]
 
 
+@pytest.mark.long("lagrange-native")
+@pytest.mark.slow("gauss-native")
 @pytest.mark.parametrize("engine", names())
 def test_what_an_engine_cannot_model_it_skips_with_a_reason_or_runs(engine: str, worker: Worker, store: str) -> None:
     adapter = get(engine)

@@ -88,6 +88,7 @@ def test_accelerations_under_a_driver(name, scenario):
     np.testing.assert_array_less(acceleration_errors(ENGINE, mechanism, "default", states), 1e-4)
 
 
+@pytest.mark.slow("four_bar-cycloid", "shaper-cycloid")
 @pytest.mark.parametrize(("name", "scenario"), TURNS)
 def test_driving_torques_over_a_turn(name, scenario):
     mechanism = load(name, scenario)
@@ -144,6 +145,7 @@ def test_halving_the_step_quarters_the_error(name, integrator, linkages):
     assert 3.5 < coarse / fine < 4.5, "both integrators are of order two; the next order is far smaller at these steps"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", VARIANTS.settings)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_crank_slider_of_the_paper_at_one_second(integrator, settings, linkages):
@@ -208,6 +210,7 @@ def test_a_model_can_be_run_again(linkages):
     assert np.array_equal(ends[0], ends[2])
 
 
+@pytest.mark.slow("tuned")
 @pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_leave_the_motion_right(settings):
     mechanism = load("parallelogram", "torque")

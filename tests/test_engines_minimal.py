@@ -70,6 +70,7 @@ def test_accelerations_are_those_of_the_linkage(name: str, scenario: str) -> Non
         assert relative_error(model.acceleration(t, q, v), a) < 1e-9  # rounding, amplified by dyads that are nearly stretched
 
 
+@pytest.mark.long
 def test_every_way_and_every_kind_of_dyad_gives_the_same_accelerations() -> None:
     mechanism = linkage("dyads", "loaded")
     model, states = ENGINE.build(mechanism, Choice()), random_states(mechanism, 12)
@@ -118,6 +119,8 @@ def test_order_eight_of_fixed_steps(name: str) -> None:
     assert np.log2(coarse / fine) > 7.0
 
 
+@pytest.mark.long("rockers-rk4")
+@pytest.mark.slow("rockers-dop853", "rockers-dop853_fixed")
 @pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
 @pytest.mark.parametrize("name", ["rockers", "short_rod"])
 def test_dead_centres_are_passed_in_another_coordinate(name: str, integrator: str) -> None:
@@ -132,6 +135,7 @@ def test_dead_centres_are_passed_in_another_coordinate(name: str, integrator: st
     assert open_by(mechanism, found) < 1e-13
 
 
+@pytest.mark.slow("rockers")
 @pytest.mark.parametrize("name", ["rockers", "short_rod"])
 def test_order_is_kept_through_changes_of_coordinate(name: str) -> None:
     mechanism, times = with_dead_centres(name), np.linspace(0.0, 1.0, 5)
@@ -159,6 +163,7 @@ def test_angles_are_followed_over_turns_however_rare_the_samples() -> None:
     assert np.abs(np.diff(often.q, axis=0)).max() < 1.0
 
 
+@pytest.mark.slow
 def test_a_spring_on_the_angle_of_a_link_that_dyads_hold_counts_whole_turns() -> None:
     """The shaper's lever only swings, the crank turns; a coil between them is wound up turn by turn."""
     coil = {"type": "rotational_spring_damper", "links": ["lever", "crank"], "k": 0.02, "c": 0.005}

@@ -64,6 +64,7 @@ def test_accelerations_under_a_driver_are_those_of_geometry(name: str, scenario:
     assert errors.max() < 1e-10  # at the ends of the sine law the true acceleration is small
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "scenario"), TURNS)
 def test_driving_torques_over_a_turn(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
@@ -73,6 +74,7 @@ def test_driving_torques_over_a_turn(name: str, scenario: str) -> None:
     assert torque_error(ENGINE, mechanism, integrator="dop853") < 1e-8  # rtol 1e-10 over one second
 
 
+@pytest.mark.slow
 def test_two_driven_links_that_hang_on_other_links() -> None:
     mechanism, times = load("five_bar", "driven"), np.linspace(0.0, 0.5, 6)
     found = ran(mechanism, times, stabilization="projection")
@@ -234,6 +236,7 @@ def test_a_second_run_repeats_the_first() -> None:
     assert runs[0].evaluations == runs[1].evaluations == 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["redundant", "parallelogram"])
 @pytest.mark.parametrize("settings", VARIANTS.settings)
 def test_redundant_rows_run_when_projection_keeps_them_together(name: str, settings: str) -> None:

@@ -79,6 +79,8 @@ SHIFTED = {
 }
 
 
+@pytest.mark.long("crank_slider-paper-changes0")
+@pytest.mark.slow("four_bar-torque-changes1")
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize(("name", "scenario", "changes"), [("crank_slider", "paper", MOVED), ("four_bar", "torque", SHIFTED)])
 def test_no_number_of_the_linkage_is_taken_for_granted(name: str, scenario: str, changes: dict[str, Any]) -> None:

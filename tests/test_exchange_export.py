@@ -127,6 +127,8 @@ def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
+@pytest.mark.long("pendulums_13-c")
+@pytest.mark.slow("four_bar/cycloid-c")
 @pytest.mark.parametrize(("name", "kind"), [*QUICK, *(pytest.param(*x, marks=pytest.mark.long) for x in SLOW)])
 def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
     needs(kind)
@@ -170,6 +172,7 @@ def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
     return replace(mechanism, name=HOSTILE[0], links=links, joints=joints, title=told, scenario=told, scenarios=(told, *HOSTILE))
 
 
+@pytest.mark.slow("c")
 @pytest.mark.parametrize("kind", KINDS)
 def test_names_and_titles_of_any_kind_stay_names_and_titles(kind: str, tmp_path: Path) -> None:
     needs(kind)
@@ -226,6 +229,7 @@ def test_what_a_format_cannot_hold_is_refused_by_name(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("casadi")
     file = tmp_path / "mine.py"
@@ -276,6 +280,7 @@ def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> N
     assert f"{found.tuning.loops_open:.1e}" in file.read_text()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("casadi")
@@ -317,6 +322,7 @@ def test_what_cannot_be_held_is_said_to_be_missed() -> None:
 ANY_TEXT = st.text(max_size=60) | st.sampled_from(HOSTILE)
 
 
+@pytest.mark.long
 @given(st.lists(ANY_TEXT, max_size=8, unique=True))
 def test_identifiers_are_unique_and_valid(names: list[str]) -> None:
     found = identifiers([*names, "while", "int"], C_WORDS)

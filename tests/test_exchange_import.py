@@ -280,6 +280,7 @@ def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str,
         assert word in said, said
 
 
+@pytest.mark.long
 def test_the_verb_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "model.xml", tmp_path / "my.toml"
     file.write_text(REFUSED["ball"][0])
@@ -296,6 +297,7 @@ def test_the_verb_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.Capt
     assert {x.name for x in tmp_path.iterdir()} == {"model.xml", "my.toml"}
 
 
+@pytest.mark.long
 def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "upright.toml"
     assert main(["import", str(UPRIGHT), "--out", str(out), "--json"]) == 0
@@ -459,6 +461,7 @@ def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pyt
         compile_document(model())
 
 
+@pytest.mark.long
 def test_a_hostile_file_ends_in_bounded_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

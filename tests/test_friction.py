@@ -115,6 +115,7 @@ def test_a_block_slides_down_at_the_textbook_acceleration(name: str) -> None:
     assert np.abs(way - (found.t + expected * found.t**2 / 2)).max() < 1e-12  # RK4 is exact for a parabola
 
 
+@pytest.mark.slow
 def test_a_block_below_the_friction_angle_creeps_at_the_speed_of_the_regularised_law() -> None:
     slope, mu, speed = np.radians(10.0), 0.3, 0.05
     model = get("gauss").build(block(10.0, mu, speed), Choice(integrator="rk4", stabilization="projection", step=4e-3))
@@ -209,6 +210,7 @@ def test_joint_forces_leave_friction_out() -> None:
     assert found["fy"] == pytest.approx(normal * np.cos(slope), rel=1e-12)
 
 
+@pytest.mark.long
 def test_no_coefficient_is_no_friction_to_the_last_bit() -> None:
     names = ("main_bearing", "crank_pin", "wrist_pin", "slideway")
     without = replace(crank_slider(), frictions=())
@@ -256,6 +258,7 @@ def test_references_and_reactions_refuse_redundant_rows_too() -> None:
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_pendulum_loses_what_its_pin_dissipates() -> None:
     mechanism = pendulum(mu=0.3, radius=0.05, speed=0.5)
@@ -267,6 +270,7 @@ def test_a_pendulum_loses_what_its_pin_dissipates() -> None:
     assert np.abs(energy).max() < 1e-9  # RK4 at a millisecond
 
 
+@pytest.mark.long
 def test_the_balance_of_work_closes_with_friction_in_pins_and_slide() -> None:
     mechanism = crank_slider()
     evaluator, found = Evaluator(mechanism), run(mechanism, t=0.4)
@@ -312,6 +316,7 @@ def test_a_driven_crank_moves_as_geometry_says_whatever_the_friction(name: str) 
 # Integration ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_rk4_converges_to_the_reference_at_its_order() -> None:
     mechanism = crank_slider()
@@ -329,6 +334,7 @@ def test_rk4_converges_to_the_reference_at_its_order() -> None:
     assert order[2] == pytest.approx(4.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_the_crank_angle_and_absolute_coordinates_tell_the_same_motion() -> None:
     mechanism = crank_slider()
     one, other = build_reference(mechanism, 0.1), absolute_reference(mechanism, sample_times(0.1))
@@ -336,6 +342,7 @@ def test_the_crank_angle_and_absolute_coordinates_tell_the_same_motion() -> None
     assert np.abs(one.a - other.a).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_simulation_reports_joint_forces_and_drivers() -> None:
     found = simulate(str(FILE), "gauss", "driven", stabilization="projection", at=[0.0, 0.05])
     assert found["status"] == "ok"

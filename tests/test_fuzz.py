@@ -110,6 +110,7 @@ def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: p
     assert "\x1b" not in told
 
 
+@pytest.mark.long
 def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -171,6 +172,7 @@ def test_the_same_numbers_make_the_same_files() -> None:
     assert len(set(CHANGES)) > 10
 
 
+@pytest.mark.slow
 def test_damaged_files_are_refused_or_run(tmp_path: Path) -> None:
     assert [x for x in over_files(3, 0, 12, tmp_path) if x[1].fault] == []
 

@@ -51,6 +51,7 @@ def run(mechanism: Mechanism, integrator: str = "rk4", stabilization: str = "non
     return model.read()
 
 
+@pytest.mark.slow("crank_slider", "six_bar")
 @pytest.mark.parametrize(
     "name", ["crank_slider", "six_bar", *(pytest.param(x, marks=pytest.mark.slow) for x in ("four_bar", "eight_bar"))]
 )
@@ -76,6 +77,7 @@ def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_
     assert drift["baumgarte"].position[-1] < 0.2 * drift["none"].position[-1]  # ... small after stabilisation
 
 
+@pytest.mark.slow("projection")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_energy_is_kept_at_the_order_of_the_integrator(stabilization: str) -> None:
     mechanism = load("four_bar", "conservative")
@@ -87,6 +89,7 @@ def test_energy_is_kept_at_the_order_of_the_integrator(stabilization: str) -> No
     assert errors[0] / errors[1] > 10  # 16 at order 4; the projection adds a part of order 5
 
 
+@pytest.mark.long
 def test_energy_gained_equals_work_done_where_dampers_and_turning_forces_act() -> None:
     mechanism = everything()
     energy, bar = metrics.energy_error(Evaluator(mechanism), run(mechanism, h=1e-3))
@@ -100,6 +103,7 @@ def test_redundant_rows_follow_the_motion_of_the_plain_linkage() -> None:
     assert np.abs(plain.q - twice.q).max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_driven_crank_follows_its_law_to_the_integrator_order() -> None:
     mechanism = load("six_bar", "cycloid")
     trajectory = run(mechanism, stabilization="projection", h=1e-3)
@@ -108,6 +112,7 @@ def test_a_driven_crank_follows_its_law_to_the_integrator_order() -> None:
     assert np.abs(trajectory.q[:, 2] - angle).max() < 1e-12
 
 
+@pytest.mark.long
 def test_the_mean_driving_torque_of_a_conservative_turn_is_zero() -> None:
     mechanism = load("eight_bar", "driven")
     trajectory = run(mechanism, stabilization="projection", h=1e-3)
@@ -116,6 +121,7 @@ def test_the_mean_driving_torque_of_a_conservative_turn_is_zero() -> None:
     assert np.abs(torque).max() > 1.0
 
 
+@pytest.mark.long
 def test_adaptive_integration_reaches_its_tolerance_on_a_linkage() -> None:
     mechanism = load("four_bar")
     fine, adaptive = run(mechanism, h=2.5e-4, t=0.5), run(mechanism, integrator="dop853", t=0.5)
@@ -131,6 +137,7 @@ def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
     assert step_counts(np.array([0.0, 1.0]), 1e-3)[0][0] == 1000
 
 
+@pytest.mark.long
 def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock() -> None:
     mechanism = load("parallelogram", "torque")
     with pytest.raises(RunFailure, match="redundant rows have drifted apart") as caught:

@@ -31,6 +31,7 @@ def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[s
     assert f"stay {gap:.4g} m apart" in str(found)
 
 
+@pytest.mark.long
 def test_the_length_that_is_told_closes_the_loop() -> None:
     document = four_bar(rocker=0.9)
     found = put_together(load_drawn(document)).open

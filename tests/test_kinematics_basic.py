@@ -581,6 +581,7 @@ def test_what_is_not_finite_stalls(method: str) -> None:
     assert ROOT_FINDERS[method](lambda x: (x, np.eye(1)), np.array([np.nan])).flag == ExitFlag.STALLED
 
 
+@pytest.mark.long
 def test_near_starts_find_the_assembly_and_far_ones_any() -> None:
     mechanism = load("shaper", "driven")
     near, far = (basins(mechanism, inputs_of(mechanism), [spread], starts=60) for spread in (0.04, 0.8))

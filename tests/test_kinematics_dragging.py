@@ -60,6 +60,7 @@ def nearest_in_reach(target: Array) -> Array | None:
     return None
 
 
+@pytest.mark.slow
 def test_two_freedoms_follow_the_pointer_and_an_arm_pulled_straight_folds_back_as_it_was() -> None:
     mechanism = load("five_bar")
     drag, rng = Drag(mechanism, mechanism.q0, "left_arm.C"), np.random.default_rng(3)
@@ -79,6 +80,7 @@ def test_two_freedoms_follow_the_pointer_and_an_arm_pulled_straight_folds_back_a
     assert told > 10
 
 
+@pytest.mark.long("1000")
 @pytest.mark.parametrize("targets", [30, pytest.param(1000, marks=pytest.mark.slow)])
 def test_random_targets_leave_the_eight_bar_on_its_branch(targets: int) -> None:
     """The branch is the closed curve of positions, followed by its length with a step of `singular`: every drag ends on it."""

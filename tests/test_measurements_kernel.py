@@ -97,12 +97,14 @@ def costs() -> dict[str, Rows]:
     return found
 
 
+@pytest.mark.long
 def test_a_step_is_compared_with_a_step(costs: dict[str, Rows]) -> None:
     for row in costs["kernel_steps"]:
         assert (row["seconds"], row["rival_seconds"]) == pytest.approx((STEP, MUJOCO))
         assert row["ratio"] == pytest.approx(50.0)
 
 
+@pytest.mark.slow
 def test_a_right_hand_side_is_a_quarter_of_a_step_of_runge_and_kutta(costs: dict[str, Rows]) -> None:
     """The step takes 4 us, so that one of its four stages takes 1 us; constraintDynamics 12 us, of which 2 us are the call."""
     known = {

@@ -221,6 +221,8 @@ def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, A
     return dict(row)
 
 
+@pytest.mark.long("errors2-acceleration_error_max-0.5-False", "errors3-measured_error_t1-0.03-None")
+@pytest.mark.slow("errors0-acceleration_error_median-0.008-True", "errors1-acceleration_error_median-0.012-False")
 @pytest.mark.parametrize(
     ("errors", "column", "value", "valid"),
     [
@@ -241,6 +243,7 @@ def test_an_engine_that_is_off_by_a_known_amount_is_told_so(
         assert ("accelerations off" in row["flag"]) is not valid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap", "shut"), [(3.7e-3, True), (4.3e-3, False)])
 def test_a_loop_that_opens_by_a_hundredth_of_its_size_is_not_this_linkage(
     gap: float, shut: bool, tmp_path_factory: pytest.TempPathFactory

@@ -35,6 +35,7 @@ def turns_in_which_pylinkage_aborts(linkage: str, scenario: str, part: Turns, me
     return turns.turn(linkage, scenario, part, methods, watching(path))
 
 
+@pytest.mark.long
 def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growth, "_race_of", growth_in_which_straight_lines_abort)
     for name in set(growth.CONTENDERS) - {"loops, gauss", "straight line, gauss"}:
@@ -46,6 +47,7 @@ def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monke
     assert "SIGABRT" in lost["message"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_batch_whose_rival_aborts_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "_race_of", batch_in_which_the_rival_aborts)
@@ -56,6 +58,7 @@ def test_a_batch_whose_rival_aborts_says_so(monkeypatch: pytest.MonkeyPatch) -> 
     assert row["met"] is False
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_turns_are_told_of_those_who_survive_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(turns, "_race_of", turns_in_which_pylinkage_aborts)

@@ -135,6 +135,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.long
 def test_stored_references_and_journals_know_a_change_at_any_depth_of_their_rooms(tmp_path: Path) -> None:
     shutil.copytree(PACKAGE, tmp_path / "gauss_bench", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(built_in()["four_bar"].parent, tmp_path / "mechanisms")

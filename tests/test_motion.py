@@ -22,6 +22,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("linkage", read_suite("quick").geometry[0].linkages)
 def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.bench.measurements.geometry.POSITIONS", 73)  # every five degrees

@@ -2,11 +2,10 @@
 
 import shutil
 import sys
-from pathlib import Path
 
 import pytest
 
-from tests.conftest import LISTED, needs
+from tests.conftest import COLLECTED, TIMED, needs
 
 
 def test_a_module_or_a_program_that_is_there_is_given() -> None:
@@ -23,15 +22,11 @@ def test_a_missing_tool_is_a_named_skip_and_in_ci_a_failure(monkeypatch: pytest.
         needs("no-such-tool")
 
 
-@pytest.mark.parametrize("path", LISTED.values(), ids=LISTED)
-def test_a_list_of_tests_names_tests_that_are_there(path: Path) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines == sorted(set(lines)), "each once, in order"
-    for line in lines:
-        file, _, test = line.partition("::")
-        assert f"def {test.partition('[')[0]}(" in (path.parent / file).read_text(encoding="utf-8"), line
-
-
-def test_no_test_is_both_slow_and_long() -> None:
-    slow, long = (set(path.read_text(encoding="utf-8").splitlines()) for path in LISTED.values())
-    assert not slow & long
+def test_a_mark_names_cases_that_are_there(request: pytest.FixtureRequest) -> None:
+    named: dict[tuple[str, str, tuple[str, ...]], set[str]] = {}  # file, function and what its mark names -> its cases
+    for item in request.config.stash[COLLECTED]:
+        for mark in getattr(item.obj, "pytestmark", ()):
+            if mark.name in TIMED and mark.args:
+                named.setdefault((item.path.name, item.originalname, mark.args), set()).add(item.callspec.id)
+    for (file, function, cases), there in named.items():
+        assert set(cases) <= there, f"{file}, {function}: no case of {sorted(set(cases) - there)}"

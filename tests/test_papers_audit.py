@@ -63,6 +63,7 @@ READ = {
 }
 
 
+@pytest.mark.slow
 def test_every_line_has_a_name_of_its_own_and_wrong_corrections() -> None:
     assert len(LINES) == len(lines())
     assert MUTATIONS.keys() == LINES.keys()
@@ -251,6 +252,7 @@ def test_a_computer_inverts_the_singular_projector_to_noise() -> None:
         assert np.abs(problem.J @ a - problem.g).max() > 1.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_misprints_by_symbols() -> None:
     sp = needs("sympy")

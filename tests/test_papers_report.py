@@ -49,6 +49,7 @@ def changed(rows: Rows, key: str, name: str, **cells: Any) -> Rows:
     return tuple(row | cells if row[key] == name else row for row in rows)
 
 
+@pytest.mark.long
 def test_every_statement_is_printed_once(told: Run) -> None:
     section = papers.section(told)
     tables = [block for block in section.blocks if block.kind == "table"]

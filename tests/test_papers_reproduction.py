@@ -116,6 +116,7 @@ def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
     assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
 
 
+@pytest.mark.long("-0.0001")
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [1e-4, -1e-4])
 def test_the_bound_of_the_torque_is_that_of_the_general_library(rows: dict[str, dict[str, Any]], side: float) -> None:
@@ -123,6 +124,7 @@ def test_the_bound_of_the_torque_is_that_of_the_general_library(rows: dict[str, 
     assert comes_round(twisted(torque)) == (side < 0)
 
 
+@pytest.mark.slow
 def test_the_upper_bound_is_the_static_one(rows: dict[str, dict[str, Any]]) -> None:
     assert rows["settles_below"]["value"] == pytest.approx(-rows["force_least"]["value"], abs=2 * rows["settles_below"]["bracket"])
 
@@ -159,6 +161,7 @@ def test_the_regime_is_that_of_a_long_run(motion: CrankMotion, rows: dict[str, d
     assert rows["slowest"]["value"] > rows["mean"]["value"] > rows["fastest"]["value"]
 
 
+@pytest.mark.slow
 def test_a_steady_turn_loses_what_it_takes(rows: dict[str, dict[str, Any]]) -> None:
     assert rows["taken"]["value"] == pytest.approx(2 * math.pi * 0.5, rel=1e-15)
     assert rows["lost"]["value"] == pytest.approx(rows["taken"]["value"], abs=2 * rows["lost"]["bracket"])

@@ -229,6 +229,7 @@ def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
     return np.asarray(x.reshape(-1, 3)[[names.index(name) for name in order]])
 
 
+@pytest.mark.slow
 @given(
     linkages(
         parts=[x for x in PARTS if x != "sled"],

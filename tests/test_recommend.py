@@ -281,6 +281,7 @@ def test_a_run_is_held_against_all_that_is_required_at_as_many_samples_as_divide
     assert seen == [(1000, 250), (400, 400), (401, 1)]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) -> None:
     certified = find_certified(SHORT.mechanism, SHORT.until)
@@ -294,6 +295,7 @@ def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) ->
     np.testing.assert_allclose(own.a, certified.a, rtol=0, atol=1e-5 * np.abs(certified.a).max())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
     """The gripper's kernel changes its partition three times on its way, and compiles each time; numpy is there long before."""
@@ -307,6 +309,7 @@ def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
     assert known.bars["position"] < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_impossible_requirement_is_told_as_that(uncompiled: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.advice.truth.MOST", 100)  # steps of the coarser run: a hundred more do not tell more
@@ -330,6 +333,7 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
     assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None:
     """The recommended setting in `simulate`, against the certified motion at the end of the run."""
@@ -397,6 +401,7 @@ def pasted(mechanism: Mechanism, engine: str, choice: Choice, file: Path, end: f
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
     at_once: None, known: Truth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -418,6 +423,7 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
     assert "is there already" in capsys.readouterr().err
 
 
+@pytest.mark.long("gauss-native-default-dop853_fixed", "minimal-fixed/rk4-rk4")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "settings", "integrator"),
@@ -448,6 +454,7 @@ def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
     assert np.array_equal(kept.trajectory.a, anew.trajectory.a)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_candidates_and_errors_are_the_same_bit_for_bit(both: tuple[Recommendation, Searched]) -> None:
     def accuracy(searched: Searched) -> dict[str, list[tuple[object, ...]]]:
@@ -501,6 +508,7 @@ def test_processes_that_it_has_started_are_asked() -> None:
         assert str(process.pid) in budget.wait()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
@@ -677,6 +685,7 @@ def test_a_scale_begins_no_coarser_than_asked() -> None:
     assert no_coarser(scale, 0.1) == Scale((0.25,), (0,))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_moves_as_it_must_is_told_as_that(uncompiled: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.api.recommend.variants", lambda engine, settings: variants(engine, settings)[:1])

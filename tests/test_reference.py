@@ -33,6 +33,7 @@ def pendulum() -> Mechanism:
     )
 
 
+@pytest.mark.long
 def test_a_pendulum_follows_its_elliptic_functions_within_the_bar() -> None:
     reference = build_reference(pendulum(), 2.0)
     # from the lowest point, phi = theta + pi/2 swings with amplitude 60 degrees: sin(phi/2) = k sn(K - w t, k^2)
@@ -44,6 +45,7 @@ def test_a_pendulum_follows_its_elliptic_functions_within_the_bar() -> None:
     assert reference.error_q.max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["crank_slider", "eight_bar"])
 def test_two_integrators_agree_to_far_below_what_they_judge(name: str) -> None:
     reference = build_reference(load(name), 0.3)
@@ -52,6 +54,7 @@ def test_two_integrators_agree_to_far_below_what_they_judge(name: str) -> None:
     assert (np.diff(reference.error_q) >= 0).all()
 
 
+@pytest.mark.slow
 def test_the_crank_angle_and_absolute_coordinates_tell_the_same_motion() -> None:
     mechanism, times = load("four_bar"), sample_times(0.2)
     one, other = minimal_reference(mechanism, times), absolute_reference(mechanism, times)

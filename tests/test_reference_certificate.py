@@ -129,6 +129,7 @@ def shifted(c: Certificate, level: str, size: float) -> Certificate:
     return replace(c, **{level: values})  # type: ignore[arg-type]
 
 
+@pytest.mark.long("four_bar-torque")
 @pytest.mark.parametrize(("name", "scenario"), [("four_bar", "torque"), ("parallelogram", "driven"), ("sleigh", "glide")])
 def test_a_true_certificate_is_verified_and_a_false_one_is_not(name: str, scenario: str) -> None:
     certificate, mechanism = from_doubles(name, scenario, 0.1), load(name, scenario)
@@ -138,6 +139,7 @@ def test_a_true_certificate_is_verified_and_a_false_one_is_not(name: str, scenar
         assert not verify(shifted(certificate, level, 1e-7), mechanism).passed, level
 
 
+@pytest.mark.long
 def test_a_certificate_of_a_slightly_heavier_linkage_is_not_verified() -> None:
     document, _, _ = document_of("crank_slider")
     document["links"]["rod"]["mass"] *= 1.0 + 1e-6

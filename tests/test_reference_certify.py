@@ -57,6 +57,7 @@ def test_where_a_motion_has_a_closed_form_both_pipelines_follow_it_until_they_st
                 assert pipeline["until"] == certificate.duration or "singular" in pipeline["stopped"]
 
 
+@pytest.mark.slow
 def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digits() -> None:
     hy = needs("heyoka")
     motion = taylor_motion(decimal_document("squeezer"), "squeeze", ["0", "0.0001"])
@@ -87,6 +88,7 @@ def needs_heyoka() -> None:
     needs("heyoka")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.usefixtures("needs_heyoka")
 def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -107,6 +109,7 @@ def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytes
     assert fewer["until"] == longer > found["until"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("needs_heyoka")
 def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     text = built_in()["four_bar"].read_text(encoding="utf-8").replace("[0.12, 0.0]", "[0.30, 0.0]")
@@ -121,6 +124,7 @@ def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], t
     assert found["digits"] >= 14
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("needs_heyoka")
 def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
     mpmath = needs("mpmath")

@@ -59,6 +59,8 @@ def n_four_bar(count: int, t: list[float]) -> tuple[Array, Array]:
     return np.pi / 2 - doubles(motion.q[:, 2]), -doubles(motion.v[:, 2])
 
 
+@pytest.mark.long("7-gauss")
+@pytest.mark.slow("1-gauss")
 @pytest.mark.parametrize(("count", "engine"), [(1, "gauss"), (2, "lagrange"), (7, "gauss")])
 def test_the_chain_follows_its_closed_form_up_to_the_first_singular_position(count: int, engine: str) -> None:
     at = [0.2, 0.4, 0.6]  # the bars lie on the ground line after 0.7 s
@@ -68,6 +70,7 @@ def test_the_chain_follows_its_closed_form_up_to_the_first_singular_position(cou
     assert np.abs(-np.array(found["links"][f"v{count}"]["omega"]) - w).max() < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_chain_passes_singular_positions_under_projection() -> None:
     at = [2.0, 3.0]
@@ -81,6 +84,8 @@ def test_a_chain_of_forty_windows_loads_and_counts_its_loops() -> None:
     assert (mechanism.dof, mechanism.redundant, len(mechanism.joints) - len(mechanism.links)) == (1, 0, 40)
 
 
+@pytest.mark.long("udwadia_kalaba")
+@pytest.mark.slow("gauss", "lagrange")
 @pytest.mark.parametrize("engine", ["gauss", "lagrange", "udwadia_kalaba"])
 def test_the_sleigh_follows_its_closed_form(engine: str) -> None:
     at = [0.5, 1.0, 2.0]
@@ -93,6 +98,7 @@ def test_the_sleigh_follows_its_closed_form(engine: str) -> None:
     assert found["metrics"]["velocity_drift"] < 1e-10
 
 
+@pytest.mark.long
 def test_five_bar_and_sleigh_are_the_same_in_gauss_and_lagrange() -> None:
     for linkage in ("five_bar", "sleigh"):
         one, other = (simulate(linkage, engine, at=[0.25, 0.5]) for engine in ("gauss", "lagrange"))

@@ -210,6 +210,7 @@ MOTIONS = [
 TAKE_LONG = ("six_bar", "eight_bar", "shaper", "four_bar", "jansen")  # no kind of joint, driver or row that the others lack
 
 
+@pytest.mark.slow("five_bar-spring-0.2")
 @pytest.mark.parametrize(
     ("linkage", "scenario", "until"),
     [pytest.param(*x, marks=pytest.mark.slow if x[0] in TAKE_LONG else (), id=f"{x[0]}-{x[1]}-{x[2]}") for x in MOTIONS],

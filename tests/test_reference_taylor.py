@@ -183,6 +183,7 @@ def one_angle_crank_slider(times: Sequence[str]) -> Any:
     return np.array(found)
 
 
+@pytest.mark.long
 def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_digits() -> None:
     times = ["0", "0.5", "1", "2"]
     found, wanted = motion("crank_slider", "paper", times), one_angle_crank_slider(times)
@@ -191,6 +192,7 @@ def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_dig
     assert max(found.drift) < LAST_DIGITS
 
 
+@pytest.mark.slow("n_four_bar_3-fall-0.6")
 @pytest.mark.parametrize(
     ("linkage", "scenario", "end"),
     [("pendulum", "swing", "3"), ("projectile", "flight", "3"), ("sleigh", "glide", "3"), ("n_four_bar_3", "fall", "0.6")],
@@ -224,6 +226,9 @@ DRIVEN = [
 ]
 
 
+@pytest.mark.long(
+    "eight_bar-conservative", "five_bar-spring", "jansen-walk", "parallelogram-torque", "shaper-torque", "squeezer-squeeze"
+)
 @pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN])
 def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
@@ -275,6 +280,7 @@ def test_starts_are_held_at_the_decimals_of_the_file() -> None:
     assert max(found.drift) < 1e-32
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "end"), [(2, "10"), pytest.param(5, "10", marks=pytest.mark.slow)])
 def test_a_singular_position_is_never_passed(count: int, end: str) -> None:
     times = decimals(end, 100)
@@ -287,6 +293,7 @@ def test_a_singular_position_is_never_passed(count: int, end: str) -> None:
     assert driven.times[-1] == "1.56"  # pi / 2 at 1 rad/s
 
 
+@pytest.mark.long
 def test_redundant_loops_stay_closed_through_the_positions_where_one_of_them_is_singular() -> None:
     found = motion("parallelogram", "conservative", decimals("0.8", 20))
     assert float(found.q[-1, 2]) > 2 * np.pi  # a whole turn: every loop has been flat
@@ -300,6 +307,7 @@ LAWS: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "law", [pytest.param(x, id=x["law"], marks=() if x["law"] == "constant" else pytest.mark.slow) for x in LAWS]
 )
@@ -321,6 +329,7 @@ def test_dry_friction_is_refused() -> None:
         motion(str(DATA / "friction.toml"), "torque", ["0", "0.1"])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
     taylor = needs("gauss_bench.reference.taylor.series")

@@ -189,6 +189,7 @@ def test_cheapest_at_equal_accuracy_takes_no_invalid_row(tmp_path: Path) -> None
     assert not re.search(r"Cheapest within \S+ rad: `(mujoco|yuan)", said)
 
 
+@pytest.mark.long
 def test_failures_keep_their_sentence(report: Path) -> None:
     page = long(report)
     assert r"Newton did not converge at t = 0.31 s \| step &lt;size> see \*log\*" in page
@@ -196,6 +197,7 @@ def test_failures_keep_their_sentence(report: Path) -> None:
     assert "Newton did not converge at t = 0.31 s | step &lt;size&gt;" in (report / "site" / "method.html").read_text()
 
 
+@pytest.mark.slow
 def test_every_case_is_in_the_tables(report: Path) -> None:
     run = read_run(report)
     page = long(report)
@@ -239,6 +241,7 @@ def test_inline_pictures_follow_the_page_colours() -> None:
     assert len(set(ENGINES.values())) == len(ENGINES)
 
 
+@pytest.mark.slow
 def test_drawings_show_every_link_and_are_up_to_date(tmp_path: Path) -> None:
     for path in write_drawings(tmp_path):
         svg = path.read_text()

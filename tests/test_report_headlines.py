@@ -12,6 +12,7 @@ PUBLISHED = Path(__file__).parents[1] / "reports"
 COMPARED = {"steps", "one_value", "costs", "right_hand_sides", "claim", "batch", "share", "kinematics", "search"}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     format_of(PUBLISHED) < FORMAT or not all(files_of(name, PUBLISHED) for name in RAW),
     reason="what is published was written before raw rows were",

@@ -212,6 +212,7 @@ def test_a_motion_that_does_not_return_rests_at_its_end_and_keeps_time() -> None
         assert abs(track(group, "rotate", np.zeros(1))[0] - end[1]) > 1
 
 
+@pytest.mark.slow
 def test_many_states_are_thinned_by_how_far_they_turn() -> None:
     mechanism = load("four_bar", "driven")
     angles = np.linspace(0, 2 * np.pi, 3001)
@@ -241,6 +242,7 @@ def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Poi
     return mechanism, t, q, v, a, [mechanism.point(0, "2"), *mechanism.observed_points][:points]
 
 
+@pytest.mark.long("4")
 @pytest.mark.parametrize("count", [1, 4])
 def test_curves_have_a_row_for_each_point_and_come_out_the_same(count: int) -> None:
     given = driven(count)
@@ -270,6 +272,7 @@ def test_a_path_has_equal_scales() -> None:
     assert circle[0] == pytest.approx(circle[1], rel=1e-3)  # 120 sides: their corners hit the extremes
 
 
+@pytest.mark.slow("0", "3")
 @pytest.mark.parametrize("row", [0, 1, 2, 3])
 def test_curves_are_the_velocity_and_acceleration_of_the_point(row: int) -> None:
     _, t, q, v, a, points = driven(4)

@@ -83,6 +83,7 @@ def test_the_fastest_rate_of_a_pendulum_is_its_own() -> None:
     assert found == pytest.approx(np.sqrt(1.5 * 9.81), rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_step_that_resolves_no_period_is_not_ok(tmp_path: Any) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8)))  # a period of 0.3 ms
@@ -135,6 +136,7 @@ def test_energy_that_nothing_else_decides_is_objected_to() -> None:
     assert not judge.remark(judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=evidence.energy))
 
 
+@pytest.mark.long
 def test_half_the_step_decides_where_no_truth_is_known(tmp_path: Any) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=800.0)))  # a period of 0.3 s
@@ -224,6 +226,7 @@ def test_a_motion_that_runs_away_makes_no_noise(tmp_path: Any, capfd: pytest.Cap
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_rows_are_judged_like_single_runs_where_no_truth_is_known(tmp_path: Any) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8)))  # no reference passes it

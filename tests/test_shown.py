@@ -75,6 +75,7 @@ def written(svg: str) -> list[tuple[str, Box]]:
     return found
 
 
+@pytest.mark.long
 def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
     for name in built_in():
         svg = draw(*pose_links(name))
@@ -204,6 +205,7 @@ def test_names_stay_as_near_as_their_distance_allows() -> None:
     assert crowded.max() <= 100
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_film_ends_where_trust_does(failing: Simulation, driven: Simulation) -> None:
     assert driven.trajectory is not None

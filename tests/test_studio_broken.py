@@ -134,6 +134,8 @@ ASKED = [
 ]
 
 
+@pytest.mark.long("too long a crank")
+@pytest.mark.slow("counts that are others")
 @pytest.mark.parametrize("name", BROKEN)
 def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -> None:
     """Each request gets what it asks for, or a sentence."""

@@ -47,6 +47,7 @@ def test_what_was_drawn_is_a_file_that_the_suite_takes(drawn: dict[str, Pen], na
         assert not mechanism.v0.any() or scenario == "driven"
 
 
+@pytest.mark.long
 def test_a_drawn_four_bar_runs_in_own_and_foreign_engines(drawn: dict[str, Pen]) -> None:
     from gauss_bench.api.simulate import simulate
 
@@ -72,6 +73,7 @@ def test_every_edit_is_taken_back_and_made_again(tmp_path: Path) -> None:
     assert pen.session.text == last
 
 
+@pytest.mark.slow("five_bar", "jansen")
 @pytest.mark.parametrize("name", sorted(built_in()))
 def test_an_edit_leaves_comments_and_everything_else_as_they_were(tmp_path: Path, name: str) -> None:
     before = built_in()[name].read_text(encoding="utf-8")
@@ -149,6 +151,7 @@ def test_a_length_that_does_not_assemble_is_told_in_place_and_taken_back(tmp_pat
     assert pen.scene("undo")["status"]["assembles"]
 
 
+@pytest.mark.long
 def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     a, b = pen.at(0.0, 0.12), pen.at(0.4, 0.0)
@@ -265,6 +268,7 @@ def test_a_drawing_is_exported_as_it_moves(tmp_path: Path) -> None:
     assert "no export" in pen.refused("export", kind="nothing")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_drawing_is_exported_as_a_model_and_comes_back(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")

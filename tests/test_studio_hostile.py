@@ -149,6 +149,7 @@ def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(tmp_path: Path) -
     assert (double.now["status"]["dof"], double.now["status"]["redundant"]) == (1, 1)
 
 
+@pytest.mark.long
 def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "taken").write_text("a file, and no folder", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
@@ -196,6 +197,7 @@ def heard(socket: ClientConnection, event: str) -> dict[str, Any]:
             return found
 
 
+@pytest.mark.long
 def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
     with running.socket() as first, running.socket() as second:
         ask(first, "hello"), ask(second, "hello")
@@ -205,6 +207,7 @@ def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
         assert heard(first, "scene")["scene"]["title"] == undone["title"] == "Theirs"
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Running) -> None:
     """An import is read in a process of its own, for seconds; meanwhile everybody draws on."""
@@ -263,6 +266,7 @@ def test_requests_that_never_end_leave_room_for_the_user(running: Running, befor
                 pass
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) -> None:
@@ -280,6 +284,7 @@ def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) ->
     assert not [*(tmp_path / "cache" / "gauss-bench" / "studio").glob("run.*")]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
     import subprocess

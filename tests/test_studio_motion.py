@@ -18,6 +18,7 @@ from gauss_bench.studio.requests import answer
 from tests.studio import Pen, eight_bar, four_bar
 
 
+@pytest.mark.slow
 def test_the_path_of_a_coupler_point_is_that_of_kinematics(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     found = pen.ask("motion", samples=24)
@@ -58,6 +59,7 @@ def test_what_is_drawn_without_a_law_turns_what_can_be_driven(tmp_path: Path) ->
     assert "free" in pen.refused("motion")
 
 
+@pytest.mark.slow
 def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -> None:
     pen = eight_bar(tmp_path)
     pin = pen.at(0.42, 0.11)
@@ -141,6 +143,7 @@ class Watched:
         raise AssertionError(f"no {word}: {self.events}")
 
 
+@pytest.mark.long
 def test_let_go_it_moves_as_simulate_says_and_engines_are_compared(tmp_path: Path) -> None:
     from gauss_bench.api.simulate import simulate
 

@@ -306,6 +306,7 @@ DRAWN = {
 }
 
 
+@pytest.mark.long("eight_bar", "quick_return")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path, name: str) -> None:
@@ -926,6 +927,7 @@ def test_what_was_lost_with_a_server_is_offered_in_place_with_its_picture(page: 
     assert file.read_text(encoding="utf-8") == text
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_two_fingers_zoom_and_one_draws_on_a_narrow_screen(browser: Any, address: str) -> None:
     here = Page(browser, address, viewport={"width": 375, "height": 812}, has_touch=True)

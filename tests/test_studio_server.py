@@ -79,6 +79,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         assert ended(found) == 0
 
 
+@pytest.mark.slow
 def test_the_page_wants_its_token(running: Running) -> None:
     assert running.get(f"/?token={running.token}")[0] == 200
     assert running.get("/")[0] == running.get("/?token=guessed")[0] == 403
@@ -150,6 +151,7 @@ def test_messages_are_answered_no_faster_than_their_rate() -> None:
     assert rate.allows(WINDOW + 0.01)
 
 
+@pytest.mark.long
 def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a_clean_end(tmp_path: Path) -> None:
     cache = tmp_path / "cache" / "gauss-bench" / "studio"
     first = started(tmp_path)

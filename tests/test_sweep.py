@@ -134,6 +134,7 @@ def test_starts_close_at_their_own_dimensions(
         assert found.v[k] == pytest.approx(alone.v0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> None:
     """The kernel with open numbers against the reference formulation, which builds every linkage anew."""
     varied = [*VARIED, "links.crank.mass=uniform(0.3,0.4)"]
@@ -237,6 +238,7 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
         assert "energy is not decidable" in str(row["message"])
 
 
+@pytest.mark.slow
 def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:
     how = How(scenario="torque", until=0.1)
     told = sweep("four_bar", ["links.coupler.length=0.3:2.3:2", "links.crank.kg_per_m=-0.8:0.8:2"], tmp_path / "s", how=how)
@@ -274,6 +276,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     assert table(folder) == whole
 
 
+@pytest.mark.slow("gauss")
 @pytest.mark.parametrize("engine", ["gauss-native", "gauss"])
 def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
     engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder

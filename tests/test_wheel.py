@@ -60,6 +60,7 @@ WORKING = {
 }
 
 
+@pytest.mark.long("atlas", "conformance", "diagnose", "doctor", "export", "recommend", "selftest", "verify")
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
 def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
@@ -69,6 +70,7 @@ def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Bare) -> None:
     engines = [x for name in ("gauss", "mujoco", "gauss-native") for x in ("--engine", name)]
@@ -86,6 +88,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
     assert (environment.folder / "made" / "site" / "index.html").exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_gate_holds_what_is_there_and_says_of_the_rest_why(environment: Bare) -> None:
     done = environment.run("check", "four_bar", "--engine", "gauss_pinv", "--baseline", "baseline.csv", "--jobs", "1")
