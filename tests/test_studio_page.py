@@ -306,7 +306,7 @@ DRAWN = {
 }
 
 
-@pytest.mark.long("eight_bar", "quick_return")
+@pytest.mark.long("eight_bar", "quick_return", "watt")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path, name: str) -> None:
@@ -563,6 +563,7 @@ def test_names_of_a_file_are_text(page: Page, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, address: str, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
@@ -1150,6 +1151,7 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.long("pin", "slide")
 @pytest.mark.parametrize("kind", ["link", "pin", "slide", "force"])
 def test_what_has_another_name_can_be_changed_and_deleted(kind: str, page: Page) -> None:
     tip = (0.3, 0.1)
