@@ -15,8 +15,24 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.faults import ENGINES, alive, classes
 
-SOME = """run_segfault run_loop run_memory run_exits run_boom run_child run_noise init_boom version_boom build_boom read_leave
- told_nan told_short told_resting told_shape told_function""".split()
+SOME = [
+    "run_segfault",
+    "run_loop",
+    "run_memory",
+    "run_exits",
+    "run_boom",
+    "run_child",
+    "run_noise",
+    "init_boom",
+    "version_boom",
+    "build_boom",
+    "read_leave",
+    "told_nan",
+    "told_short",
+    "told_resting",
+    "told_shape",
+    "told_function",
+]
 FINE = {"version_boom", "told_function"}  # a name that is unknown and a remark that is none spoil no motion
 CODE = """
 import atexit, json, re
