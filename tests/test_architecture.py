@@ -199,7 +199,7 @@ def test_rooms_form_no_circle() -> None:
 
 
 COMPILER = PACKAGE / "compiler"
-CHAIN = ("expressions", "equations", "elimination", "machine", "stepping", "chains", "turns")
+CHAIN = ("expressions", "equations", "elimination", "machine", "stepping", "turns")
 
 
 def compiler_arrows() -> dict[str, set[str]]:

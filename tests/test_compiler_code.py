@@ -173,11 +173,10 @@ def test_runge_kutta_has_order_four(name: str, steps_taken: int, stabilization: 
     assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
 
 
-@pytest.mark.parametrize("form", ["straight line", "looped"])
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
-def test_dormand_and_prince_have_order_eight(stabilization: str, form: str) -> None:
+def test_dormand_and_prince_have_order_eight(stabilization: str) -> None:
     m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
-    stepped = compile_kernel(m, "gauss", stabilization, form=form)
+    stepped = compile_kernel(m, "gauss", stabilization)
     errors = []
     for count in (20, 40):
         q, v = stepped.rollout(m.q0, m.v0, 0.4 / count, count, every=count // 20, integrator="dop853_fixed")
@@ -279,12 +278,6 @@ def test_an_implicit_step_that_does_not_converge_is_not_counted() -> None:
     found = np.concatenate(code.rollout(m.q0, m.v0, 0.4, 3, integrator="gauss_legendre"))
     assert code.fallbacks + code.lost > 0
     assert code.lost or np.isfinite(found).all()
-
-
-def test_a_loop_has_no_implicit_steps() -> None:
-    m = mechanism("crank_slider")
-    with pytest.raises(KernelError, match="no implicit steps"):
-        compile_kernel(m, form="looped").rollout(m.q0, m.v0, 1e-3, 1, integrator="gauss_legendre")
 
 
 @pytest.mark.slow
@@ -528,15 +521,6 @@ def test_redundant_rows_are_taken_back_where_nothing_projects() -> None:
     assert residuals(m, q, v)[0].max() < 1e-14  # in between 2e-6
 
 
-@pytest.mark.parametrize("formulation", ["gauss", "lagrange"])
-def test_loops_take_redundant_rows_back_too(formulation: str) -> None:
-    """At the same steps as straight-line code: in between they are off by 6e-12 to 5e-10."""
-    m, code = mechanism("parallelogram"), kernel("parallelogram", formulation=formulation, form="looped")
-    q, v = code.rollout(m.q0, m.v0, H, 4 * loops.SETTLED, every=loops.SETTLED // 2, integrator="semi_implicit_euler")
-    off = residuals(m, q, v)[0]
-    assert off[1::2].max() < 1e-14 < 1e-12 < off[::2].min()
-
-
 def test_steps_of_their_own_choice_take_redundant_rows_back_too() -> None:
     """In 20 s the rows of three parallel cranks drift by 1e-4 m where nothing does, and there are half as many steps again."""
     m, code = mechanism("parallelogram"), kernel("parallelogram")
@@ -761,7 +745,7 @@ def test_forces_and_energy() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more"),
-    [("crank_slider", {}), ("parallelogram", {"stabilization": "projection"}), ("n_four_bar_3", {"form": "looped"})],
+    [("crank_slider", {}), ("parallelogram", {"stabilization": "projection"}), ("n_four_bar_3", {})],
 )
 def test_code_that_is_soon_there_computes_the_same_bits(name: str, more: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every kind of step, alone and in lanes: tests run the former, users and the gate the latter."""
@@ -772,10 +756,9 @@ def test_code_that_is_soon_there_computes_the_same_bits(name: str, more: dict[st
         code, found = compile_kernel(m, **more), []
         for integrator in ("rk4", "semi_implicit_euler", "dop853_fixed"):
             found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator=integrator)
-        if code.form == "straight line":
-            found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator="gauss_legendre")
-            chosen = code.integrate(m.q0, m.v0, np.linspace(0.0, 0.05, 6), 1e-8, 1e-10)
-            found += [chosen.q, chosen.v]
+        found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator="gauss_legendre")
+        chosen = code.integrate(m.q0, m.v0, np.linspace(0.0, 0.05, 6), 1e-8, 1e-10)
+        found += [chosen.q, chosen.v]
         found += [*code.rollout(*many, 1e-3, 40), code.acceleration(m.q0, m.v0)]
         return np.concatenate([x.ravel() for x in found])
 

@@ -65,7 +65,7 @@ def test_a_torque_against_its_direction_has_a_share_of_its_value() -> None:
     np.testing.assert_allclose(found.v[1, 2], 0.4, atol=1e-12)
 
 
-FORMS = [{}, {"backend": "numpy"}, {"form": "looped"}, {"formulation": "lagrange"}, {"formulation": "lagrange", "form": "looped"}]
+FORMS = [{}, {"backend": "numpy"}, {"formulation": "lagrange"}]
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
@@ -87,7 +87,7 @@ def test_where_a_rollout_is_cut_makes_no_difference(form: dict[str, Any]) -> Non
     np.testing.assert_allclose(samples[0][-1], whole, rtol=0, atol=1e-13)
     rest, _ = found.rollout(samples[0][2], samples[1][2], h, 53, t0=27 * h)
     np.testing.assert_allclose(rest, whole, rtol=0, atol=1e-13)
-    usual = kernel(formulation=form.get("formulation", "gauss"))  # either corrects in a metric of its own, loops more often
+    usual = kernel(formulation=form.get("formulation", "gauss"))  # either corrects in a metric of its own
     np.testing.assert_allclose(whole, usual.rollout(mechanism.q0, mechanism.v0, h, 80)[0], rtol=0, atol=1e-11)
 
 

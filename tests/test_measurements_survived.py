@@ -20,7 +20,7 @@ def abort(*_: object, **__: object) -> None:
 
 
 def growth_in_which_straight_lines_abort(size: int, rounds: int, number: int, engines: Sequence[str], path: str) -> Tables:
-    growth.CONTENDERS |= {"straight line, gauss": abort}  # type: ignore[dict-item]
+    growth.CONTENDERS |= {"lagrange-native": abort}  # type: ignore[dict-item]
     return growth.scaling(size, rounds, number, engines, watching(path))
 
 
@@ -38,12 +38,12 @@ def turns_in_which_pylinkage_aborts(linkage: str, scenario: str, part: Turns, me
 @pytest.mark.long
 def test_a_size_that_one_engine_does_not_survive_is_measured_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growth, "_race_of", growth_in_which_straight_lines_abort)
-    for name in set(growth.CONTENDERS) - {"loops, gauss", "straight line, gauss"}:
+    for name in set(growth.CONTENDERS) - {"gauss-native", "lagrange-native"}:
         monkeypatch.delitem(growth.CONTENDERS, name)
     *timed, lost = growth.race_growth(1, 2)["scaling_races"]
-    assert [(r["engine"], r["status"]) for r in timed] == [("loops, gauss", "ok")] * 2
+    assert [(r["engine"], r["status"]) for r in timed] == [("gauss-native", "ok")] * 2
     assert all(r["seconds"] > 0 for r in timed)
-    assert (lost["engine"], lost["size"], lost["status"]) == ("straight line, gauss", 1, "crashed")
+    assert (lost["engine"], lost["size"], lost["status"]) == ("lagrange-native", 1, "crashed")
     assert "SIGABRT" in lost["message"]
 
 

@@ -39,7 +39,7 @@ class Unheard:
 MEETS: dict[str, Callable[[Mechanism], object]] = {
     "own terms": Evaluator,
     "compiler": compile_kernel,
-    "compiler, looped": lambda x: compile_kernel(x, "lagrange"),
+    "compiler, lagrange": lambda x: compile_kernel(x, "lagrange"),
     "certificates": lambda x: certifying.certify("four_bar", "torque"),
 }
 

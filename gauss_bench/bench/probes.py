@@ -118,11 +118,6 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     return {AS_IT_IS: {}, EVERYTHING: everything, **{name: x for name, x in kinds.items() if x}, **single}
 
 
-def of_a_kind(linkage: str, scenario: str) -> list[str]:
-    """The changes of all numbers of a kind, and of all at once."""
-    return [name for name in changes(linkage, scenario) if name == EVERYTHING or name.startswith("all ")]
-
-
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
     """The paths of every number but zero that a scenario's motion follows from, its start and laws apart."""
     for key in ("gravity", "ground", "links", "joints"):

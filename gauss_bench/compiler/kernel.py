@@ -3,11 +3,12 @@
 kernel = compile_kernel(mechanism, stabilization="projection")
 q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
 
-Here the rooms are put together: programs are generated (elimination), become machine code (machine) and are stepped (stepping), as
-straight-line code or, for large linkages, as loops (chains).
+Here the rooms are put together: programs are generated (elimination), become straight-line machine code (machine) and are stepped
+(stepping).
 """
 
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,15 +16,11 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.compiler.chains.looped import LoopedPrograms
 from gauss_bench.compiler.elimination.program import KernelError, Program, drops, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
-from gauss_bench.compiler.elimination.rounds import Wanted, programs_in_rounds
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.loops import loop_program
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.stepping.driver import (
-    IMPLICIT,
     INTEGRATORS,
     Batch,
     Driver,
@@ -40,12 +37,10 @@ from gauss_bench.mechanism.lines import line_up, with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-__all__ = ["Kernel", "KernelError", "compile_kernel", "form_for"]
+__all__ = ["Kernel", "KernelError", "compile_kernel"]
 
-STRAIGHT = 12  # links: straight-line code outgrows the instruction cache at about 650 operations, and loops are faster
 STABILIZATIONS = ("none", "baumgarte", "projection")
 BACKENDS = ("llvm", "numpy")
-FORMS = ("straight line", "looped")
 BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
 
 
@@ -59,14 +54,6 @@ class Options:
     independent: tuple[int, ...] | None
     baumgarte: tuple[float, float]
     target: Target
-
-
-def form_for(links: int, chosen: bool = False, backend: str = "llvm") -> str:
-    """Choose "straight line" code or a "looped" program for a linkage of so many links, where nothing else is asked for.
-
-    Loops have no `chosen` partition and need a compiler.
-    """
-    return FORMS[not chosen and backend == "llvm" and links > STRAIGHT]
 
 
 def compile_kernel(
@@ -87,34 +74,29 @@ def compile_kernel(
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
         open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
-        lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold, and one in a looped
-            program, where the lanes of a vector are links.
+        lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold.
         cache: whether what generation finds out, and object code, is kept in the user's cache folder.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         independent: coordinates of the first partition; chosen where None.
         baumgarte: alpha, beta [1/s].
-        form: "straight line" or "looped"; where None, the faster one that can do what is asked for.
+        form: has no effect since all code is straight-line code; one that is named warns.
 
     Raises:
-        KernelError: dry friction, an unknown name, a backend that is not there, or a form that cannot do what is asked for.
+        KernelError: dry friction, an unknown name, or a backend that is not there.
     """
     start = time.perf_counter()
     if stabilization not in STABILIZATIONS:
         raise KernelError(f"no stabilization {stabilization}; there are {', '.join(STABILIZATIONS)}")
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
-    if form not in (None, *FORMS):
-        raise KernelError(f"no form {form}; there are {', '.join(FORMS)}")
+    if form is not None:
+        warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     if backend == "llvm" and not native_code.available():
         raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if native_code.available() else "numpy")
-    if form == "looped" and form_for(2**31, independent is not None, chosen) != form:
-        raise KernelError("a looped program has no chosen partition, and needs the package llvmlite")
-    taken = form or form_for(len(mechanism.links), independent is not None, chosen)
-    width = (native_code.best_lanes() if taken == "straight line" else 1) if lanes is None else lanes
-    target = Target(chosen, width, cache)
+    target = Target(chosen, native_code.best_lanes() if lanes is None else lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, taken, start)
+    return Kernel(mechanism, options, "straight line", start)
 
 
 def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -151,7 +133,7 @@ class Kernel:
 
     Attributes:
         mechanism: what was compiled.
-        form: "straight line" or "looped".
+        form: "straight line": there is no other.
         formulation: "gauss" or "lagrange", as chosen.
         parameters: names of the open numbers, in the order of every `parameters` argument.
         backend: "llvm" or "numpy". lanes: trajectories in one vector.
@@ -165,19 +147,9 @@ class Kernel:
     def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
         self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
-        self._programs: StraightLinePrograms | LoopedPrograms
-        if form == "looped":
-            damping = options.baumgarte if options.stabilization == "baumgarte" else None
-            wanted = Wanted(options.formulation, options.open_parameters, damping, options.stabilization == "projection")
-            self._programs = loops = LoopedPrograms(map(loop_program, programs_in_rounds(mechanism, wanted)), options.target)
-            first = loops.codes[0]
-            self.formulation, self.operations = first.source.plan.formulation, first.plain.operations
-        else:
-            self._programs = straight = StraightLinePrograms(
-                _straight_line(mechanism, options), options.stabilization, options.target
-            )
-            program = straight.codes[0].program
-            self.formulation, self.operations = program.formulation, program.acceleration.operations
+        self._programs = StraightLinePrograms(_straight_line(mechanism, options), options.stabilization, options.target)
+        first = self._programs.codes[0].program
+        self.formulation, self.operations = first.formulation, first.acceleration.operations
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
         damping = options.baumgarte if options.stabilization == "baumgarte" else None
         self._rank = RankDecision(mechanism, damping)
@@ -237,14 +209,9 @@ class Kernel:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
             2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
             `lost`.
-
-        Raises:
-            KernelError: an implicit step of a looped program.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
-        if integrator == IMPLICIT and isinstance(self._programs, LoopedPrograms):
-            raise KernelError("a looped program has no implicit steps; straight-line code has")
         if self._kinks and n and not dt > 0:
             raise ValueError("a force has kinks in time, and steps over them go forward")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
@@ -284,11 +251,8 @@ class Kernel:
             rtol, atol: of each component of q and v, whose errors are relative to atol + rtol |component|.
 
         Raises:
-            KernelError: a looped program, which has no steps of its own choice.
             ValueError: times that are not in order.
         """
-        if isinstance(self._programs, LoopedPrograms):
-            raise KernelError("a looped program has no adaptive steps; straight-line code has")
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError("times must be at least two, in order")
         numbers, at = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
@@ -347,35 +311,17 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; what is left out as redundant carries nothing.
-
-        A looped program has none: there they are the shortest, by rank decision.
-
-        Raises:
-            KernelError: a looped program with other numbers than the file's.
-        """
-        if isinstance(self._programs, LoopedPrograms):
-            rows, single = self._of_the_file("forces", q, v, t, parameters)
-            shortest = np.array([self._rank.multipliers(float(at), *state) for at, *state in zip(*rows[:3], strict=True)])
-            return np.asarray(shortest[0] if single else shortest)
+        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; what is left out as redundant carries nothing."""
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
-        """Kinetic plus potential energy [J], () or (batch,).
-
-        Raises:
-            KernelError: a looped program with other numbers than the file's.
-        """
-        if isinstance(self._programs, LoopedPrograms):
-            rows, single = self._of_the_file("energy", q, v, 0.0, parameters)
-            energies = np.asarray(self._rank.evaluator.energy(rows[1], rows[2]))
-        else:
-            rows, single = self._rows(q, v, 0.0, parameters)
-            energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
+        """Kinetic plus potential energy [J], () or (batch,)."""
+        rows, single = self._rows(q, v, 0.0, parameters)
+        energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
 
     def c_source(self, integrator: str = "rk4") -> str:
-        """The first program in plain C: functions `accelerate`, and of straight-line code `step` and with projection `settle`."""
+        """The first program in plain C: functions `accelerate` and `rollout`."""
         return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
@@ -383,15 +329,6 @@ class Kernel:
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
         at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
         return (at, q, v, self._numbers(parameters, len(q), at)), single
-
-    def _of_the_file(
-        self, what: str, q: Array, v: Array, t: float | Array, parameters: Array | None
-    ) -> tuple[tuple[Array, ...], bool]:
-        """As `_rows`, where only the linkage as it is in the file will do."""
-        rows, single = self._rows(q, v, t, parameters)
-        if not self._driver.nominal(rows[3]):
-            raise KernelError(f"a looped program has no {what} for other numbers than those of the file; straight-line code has")
-        return rows, single
 
     def _at_states(
         self, evaluate: Evaluate, by_rank: Callable[..., Array], q: Array, v: Array, t: float | Array, parameters: Array | None

@@ -159,11 +159,6 @@ def gravity_turned(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, gravity=-np.asarray(mechanism.gravity))
 
 
-def start_faster(mechanism: Mechanism) -> Mechanism:
-    """Another start that the constraints allow: faster by a hundredth and, where all rests, in motion."""
-    return replace(mechanism, v0=1.01 * np.asarray(mechanism.v0))
-
-
 # what is wrong with the terms
 
 

@@ -69,9 +69,8 @@ class CompiledModel:
 
         self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolve(choice.settings)
         damping = (float(self.options["baumgarte_alpha_beta_per_s"]),) * 2
-        form = "straight line" if choice.integrator in (ADAPTIVE, IMPLICIT) else None  # loops have neither
         try:
-            self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping, form=form)
+            self.kernel = compile_kernel(mechanism, formulation, choice.stabilization, backend="llvm", baumgarte=damping)
         except KernelError as error:
             raise RunFailure(Status.ERROR, str(error)) from error
 

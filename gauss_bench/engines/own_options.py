@@ -125,8 +125,3 @@ def _write(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"[{','.join(map(_write, value))}]"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def write_options(options: Mapping[str, Any]) -> str:
-    """Options as a user writes them."""
-    return ",".join(f"{key}={_write(value)}" for key, value in options.items())

@@ -40,7 +40,6 @@ MOMENT = "0.5"  # [s] of the closed form
 STEP = 1e-6  # [s] of own kernels: so short that they stay near the state
 LOOPED = 1000  # of them in one call: what calling costs no longer counts
 TOO_LONG = {  # the largest size that is built, and what takes long beyond it
-    "straight line": (64, "generating and compiling straight-line code takes more than half a minute"),
     "pinocchio": (64, "building and checking the model takes more than a minute"),
 }
 
@@ -155,9 +154,9 @@ def enter(wanted: Right, size: int, number: int, engines: Sequence[str], watch: 
     return rows, blocks
 
 
-def _compile(form: str, formulation: str) -> Callable[[Right], Contender]:
+def _compile(formulation: str) -> Callable[[Right], Contender]:
     def build(wanted: Right) -> Contender:
-        kernel = compile_kernel(wanted.mechanism, formulation, cache=False, form=form)
+        kernel = compile_kernel(wanted.mechanism, formulation, cache=False)
         blocks = _own(kernel, wanted)
         error = wanted.error(kernel.acceleration(wanted.q, wanted.v))
         return Contender(blocks, error, kernel.generate_seconds, kernel.compile_seconds)
@@ -183,9 +182,7 @@ def _library(asked: Asked, quantity: str = "called from Python") -> Callable[[Ri
 
 
 CONTENDERS: dict[str, Callable[[Right], Contender]] = {
-    "loops, gauss": _compile("looped", "gauss"),
-    "loops, lagrange": _compile("looped", "lagrange"),
-    "straight line, gauss": _compile("straight line", "gauss"),
+    **{f"{formulation}-native": _compile(formulation) for formulation in ("gauss", "lagrange")},
     **{f"pinocchio, {way}": _library(asked) for way, asked in pinocchio.CALLS.items()},
     **{f"mujoco, {way}": _library(asked) for way, asked in mujoco.CALLS.items()},
     **{f"exudyn, {way}": _library(asked, "one implicit step") for way, asked in exudyn.CALLS.items()},

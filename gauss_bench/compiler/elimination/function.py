@@ -22,8 +22,6 @@ VALUES = VALUE | {
     "FMIN": np.minimum,
     "FMAX": np.maximum,
     "LE": lambda a, b: np.less_equal(a, b) * 1.0,
-    "IS": lambda a: a,
-    "SUM": lambda *terms: sum(terms),
 }
 
 
@@ -51,7 +49,7 @@ class Instruction(NamedTuple):
 
     Attributes:
         operation: INPUT, CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; LE, 1 where the first is at most the
-            second, else 0; IS, the operand itself, and SUM, of any number of operands, which looped code keeps apart.
+            second, else 0.
         operands: numbers of earlier values; of an INPUT its argument and component.
         number: of a CONST.
     """

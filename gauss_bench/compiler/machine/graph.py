@@ -30,7 +30,6 @@ in which order. Whatever a loop needs that does not change in it is computed bef
     Scatter(array, places, values, start)   each lane's values, side by side, at a place of its own
     Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of what is carried
     If(condition, body, merged)          leaves that have one value after the body, and another without it
-    Over(lanes, ...)                     the same operations in many lanes of an array: equal operations of different links
 
 A value is a double or a mask for each trajectory, and a routine is written for one trajectory or for a vector of them without a
 difference; counts and truths are one for all. An array has rows, the trajectories of a group last in memory; each group of
@@ -40,7 +39,7 @@ trajectories has its own part of it. The emitters are `llvm.py` and `source.py`.
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from gauss_bench.compiler.elimination.function import Function
@@ -260,10 +259,6 @@ def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pa
             return g.make("select", g.make("lt", x[1], x[0]), x[0], x[1])
         case "LE":
             return g.make("select", g.make("le", x[0], x[1]), g.const(1.0), g.const(0.0))
-        case "SUM":
-            return g.total(x)
-        case "IS" | "OUT":
-            return x[0]
     raise ValueError(f"no machine arithmetic for the operation {operation}")
 
 
@@ -504,13 +499,11 @@ class Array:
         rows: of one group, each with one number for each trajectory; 0 where groups share the array.
         by: name of a count by which `rows` is multiplied; "" for 1.
         whole: whether its numbers are whole.
-        scratch: whether it is only worked in: groups share it, and C has its own.
     """
 
     rows: int
     by: str = ""
     whole: bool = False
-    scratch: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -567,38 +560,7 @@ class If:
     merged: Mapping[int, tuple[int, int]]
 
 
-@dataclass(frozen=True)
-class Places:
-    """Elements of an array by lane, behind the element `start`, a count; `room` where nothing is lost behind the last."""
-
-    array: str
-    by_lane: tuple[int, ...]
-    room: bool = False
-    start: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Over:
-    """The same operations in each of some lanes, in any order.
-
-    Attributes:
-        graph, order: values of one lane, in the order in which to write them.
-        loads: leaf -> what it is by lane: elements or numbers.
-        given: leaf -> a value of the routine, the same in all lanes.
-        stores: values, and the elements they become.
-        sums: values, and the single element that their sum over all lanes becomes.
-    """
-
-    lanes: int
-    graph: Graph
-    order: Sequence[int]
-    loads: Mapping[int, Places | tuple[float, ...]]
-    given: Mapping[int, int] = field(default_factory=dict)
-    stores: Sequence[tuple[int, Places]] = ()
-    sums: Sequence[tuple[int, Places]] = ()
-
-
-Statement = Compute | Load | Store | Scatter | Loop | If | Over
+Statement = Compute | Load | Store | Scatter | Loop | If
 
 
 @dataclass(frozen=True, eq=False)
@@ -650,8 +612,6 @@ def list_needed(r: Routine) -> set[int]:
                 roots += [s.again, *(x for pair in s.carried.values() for x in pair)]
             case If():
                 roots += [s.condition, *(x for pair in s.merged.values() for x in pair)]
-            case Over():
-                roots += s.given.values()
     return set(live(r.graph, roots))
 
 
@@ -673,7 +633,7 @@ class Emitter:
     """The common part of emitters: a name in the text for every value, found where it is needed first.
 
     Attributes:
-        graph, names: of the function or lane that is being written. needed: values of the function.
+        graph, names: of the function that is being written. needed: values of the function.
         first: names of the first values of what the next loop carries.
     """
 

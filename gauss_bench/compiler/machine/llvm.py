@@ -7,10 +7,6 @@ Source: LLVM Language Reference Manual.
 
 does `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
 
-In a loop over lanes (`Over`) a vector holds trajectories, or with one trajectory several neighbouring lanes. Operands that stand
-side by side are loaded as they stand, others through tables of places. The code is as long as there are different operations; how
-many lanes they have changes its tables alone.
-
 Numbers of W lanes are scattered lane by lane: blocks of W rows are transposed in registers, in log2 W rounds of exchanges.
 """
 
@@ -19,14 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gauss_bench.compiler.machine.graph import (
-    MASKS,
     Array,
     Emitter,
     If,
     Load,
     Loop,
-    Over,
-    Places,
     Routine,
     Scatter,
     Statement,
@@ -65,9 +58,9 @@ class Listing:
     packed: str = ""
 
 
-def listing(routine: Routine, lanes: int, across: int = 1) -> Listing:
-    """The module of a routine for so many trajectories at once; with one, `across` lanes of a loop are in one vector."""
-    text, packed = Writer(routine, lanes, across).text(), ""
+def listing(routine: Routine, lanes: int) -> Listing:
+    """The module of a routine for so many trajectories at once."""
+    text, packed = Writer(routine, lanes).text(), ""
     if lanes == 1:
         packed = f"{routine.name}_packed"
         text += "\n" + _pack(packed, routine.name, routine.signature)
@@ -88,26 +81,15 @@ class Writer(Emitter):
     """Lines of one function.
 
     Attributes:
-        trajectories: W. across: lanes of an `Over` in one vector; 1 where a vector holds trajectories.
-        lanes: of the values that are being written. real, integer, mask: their types.
-        element: type of one element of an array.
+        lanes: W. real, integer, mask: types of values.
         block: label of the basic block that is being written.
     """
 
-    def __init__(self, routine: Routine, lanes: int, across: int = 1):
+    def __init__(self, routine: Routine, lanes: int):
         super().__init__(routine)
-        self.routine, self.trajectories, self.across = routine, lanes, across if lanes == 1 else 1
+        self.routine, self.lanes = routine, lanes
         self.lines: list[str] = []
-        self.tables: dict[str, str] = {}
-        self.used: set[int] = set()
         self.block, self._count, self._labels, self._values = "entry", 0, 0, 0
-        self._width(lanes)
-        self.element = self.real
-
-    def _width(self, lanes: int) -> None:
-        """From here on, values of so many lanes."""
-        self.lanes = lanes
-        self.used.add(lanes)
         self.real, self.integer, self.mask = (t if lanes == 1 else f"<{lanes} x {t}>" for t in ("double", "i64", "i1"))
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
 
@@ -130,15 +112,17 @@ class Writer(Emitter):
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
         self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
         self.line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
-        tables = [f"{name} = {text}" for text, name in self.tables.items()]
-        return "\n".join([*_declarations(self.used), *tables, *self.lines])
+        declared = ["declare i64 @llvm.smin.i64(i64, i64)"]
+        for name, count in CALLS.values():
+            declared.append(f"declare {self.real} @llvm.{name}.{self.suffix}({', '.join([self.real] * count)})")
+        return "\n".join([*declared, *self.lines])
 
     def _size(self, array: Array) -> str:
         """Elements of an array in one group."""
-        return self.let(f"mul i64 %{array.by}, {array.rows}") if array.by else str(0 if array.scratch else array.rows)
+        return self.let(f"mul i64 %{array.by}, {array.rows}") if array.by else str(array.rows)
 
     def at(self, base: str, row: int | str, array: Array | None = None) -> str:
-        kind = f"<{self.trajectories} x i64>" if array and array.whole and self.trajectories > 1 else self.element
+        kind = self.integer if array and array.whole else self.real
         return self.let(f"getelementptr {kind}, ptr {base}, i64 {row}")
 
     def line(self, text: str) -> None:
@@ -267,8 +251,6 @@ class Writer(Emitter):
                 self._loop(s)
             case If():
                 self._if(s)
-            case Over():
-                _Lanes(self, s).write()
 
     def _from(self, array: str, start: int | None) -> str:
         """The address where an array begins, or a row of it."""
@@ -315,26 +297,10 @@ class Writer(Emitter):
             self.names[x] = f"%{join}_{k}"
             self.line(f"  %{join}_{k} = phi {self._kind(x)} [{a}, %{below}], [{b}, %{above}]")
 
-    def table(self, kind: str, values: list[str]) -> str:
-        """Name of a constant array, one for equal contents; its last entry is repeated to fill the last vector."""
-        values = values + values[-1:] * (-len(values) % 8)
-        text = f"private unnamed_addr constant [{len(values)} x {kind}] [{', '.join(f'{kind} {x}' for x in values)}], align 64"
-        return self.tables.setdefault(text, f"@table{len(self.tables)}")
-
     def _scatter(self, s: Scatter) -> list[str]:
         """The addresses where each trajectory's numbers begin."""
         whole = [self.let(f"load i64, ptr {self.address(self.base[s.places], k, 'i64')}") for k in range(self.lanes)]
         return [self.address(self.base[s.array], place, "double") for place in whole]
-
-
-def _declarations(widths: set[int]) -> list[str]:
-    """Of the functions of LLVM itself that the text may call."""
-    lines = ["declare i64 @llvm.smin.i64(i64, i64)"]
-    for lanes in sorted(widths):
-        real, suffix, mask = ("double", "f64", "i1") if lanes == 1 else (f"<{lanes} x double>", f"v{lanes}f64", f"<{lanes} x i1>")
-        lines += [f"declare {real} @llvm.{name}.{suffix}({', '.join([real] * count)})" for name, count in CALLS.values()]
-        lines += [f"declare void @llvm.masked.store.{suffix}.p0({real}, ptr, i32, {mask})"] if lanes > 1 else []
-    return lines
 
 
 class _Scattering:
@@ -389,154 +355,3 @@ class _Scattering:
 def _shuffle(kind: str, a: str, b: str, lanes: Sequence[int]) -> str:
     picked = ", ".join(f"i32 {k}" for k in lanes)
     return f"shufflevector {kind} {a}, {kind} {b}, <{len(lanes)} x i32> <{picked}>"
-
-
-class _Lanes:
-    """A loop over lanes: its index k, and how many lanes are done at once."""
-
-    def __init__(self, writer: Writer, s: Over):
-        self.w, self.s = writer, s
-        self.at_once = min(writer.across, 1 << (s.lanes - 1).bit_length())
-        self.k = "0"
-
-    @property
-    def vector(self) -> bool:
-        """True if a value holds several lanes."""
-        return self.at_once > 1
-
-    def write(self) -> None:
-        """Without a branch where one turn does it."""
-        w, s = self.w, self.s
-        given = {x: (w.need(y), w.graph.operation[y] in MASKS) for x, y in s.given.items()}
-        self.base = {(p.array, p.start): w._from(p.array, p.start) for p in self._places()}
-        outer, outer_names, w.names = w.graph, w.names, {}
-        w.graph = s.graph
-        w._width(self.at_once if self.vector else w.trajectories)
-        for x, (name, is_mask) in given.items():
-            w.names[x] = w.broadcast(name, "i1" if is_mask else "double") if self.vector else name
-        sums = self._body([None] * len(s.sums)) if s.lanes <= self.at_once else self._turns()
-        for (_, place), total in zip(s.sums, sums, strict=True):
-            self._keep_sum(place, total)
-        w.graph, w.names = outer, outer_names
-        w._width(w.trajectories)
-
-    def _places(self) -> list[Places]:
-        s = self.s
-        return [p for p in s.loads.values() if isinstance(p, Places)] + [p for _, p in [*s.stores, *s.sums]]
-
-    def _turns(self) -> list[str]:
-        w, above, label = self.w, self.w.block, self.w.fresh("lanes")
-        w._go_to(label)
-        header = w._open()
-        self.k, before = f"%{label}_k", [f"%{label}_s{i}" for i in range(len(self.s.sums))]
-        sums = self._body(list(before))
-        following = w.let(f"add i64 {self.k}, {self.at_once}")
-        more, last = w.let(f"icmp ult i64 {following}, {self.s.lanes}"), w.fresh("end")
-        phis = [f"  {self.k} = phi i64 [0, %{above}], [{following}, %{w.block}]"]
-        zero = w.const(0.0)
-        phis += [f"  {x} = phi {w.real} [{zero}, %{above}], [{y}, %{w.block}]" for x, y in zip(before, sums, strict=True)]
-        w.lines[header] = "\n".join(phis)
-        w.line(f"  br i1 {more}, label %{label}, label %{last}")
-        w.label(last)
-        return sums
-
-    def _body(self, before: Sequence[str | None]) -> list[str]:
-        """The lines of one turn; returns the sums after it, from those `before` it."""
-        w, s = self.w, self.s
-        w.names |= {x: self._load(p) if isinstance(p, Places) else self._numbers(p) for x, p in s.loads.items()}
-        w.compute(s.order)
-        sums = [self._add(w.need(x), old) for (x, _), old in zip(s.sums, before, strict=True)]
-        for x, p in s.stores:
-            self._store(w.need(x), p)
-        return sums
-
-    def _add(self, value: str, before: str | None) -> str:
-        w, mask = self.w, self._rest()
-        value = value if mask is None else w.select(mask, value, w.const(0.0))
-        return value if before is None else w.let(f"fadd {w.real} {before}, {value}")
-
-    def _keep_sum(self, place: Places, total: str) -> None:
-        """Add up the lanes of a vector, and store the sum."""
-        w = self.w
-        if self.vector:
-            half = w.lanes // 2
-            while half:
-                picks = [*range(half, 2 * half), *[0] * (w.lanes - half)]
-                moved = w.let(f"shufflevector {w.real} {total}, {w.real} poison, <{w.lanes} x i32> <{_indices(picks)}>")
-                total = w.let(f"fadd {w.real} {total}, {moved}")
-                half //= 2
-            total = w.let(f"extractelement {w.real} {total}, i32 0")
-        w.line(f"  store {w.element} {total}, ptr {w.at(self.base[place.array, place.start], place.by_lane[0])}, align 8")
-
-    def _element(self, p: Places) -> str:
-        """Address of the element k behind the first."""
-        first = p.by_lane[0]
-        row = self.k if not first else f"{first}" if self.k == "0" else self.w.let(f"add i64 {self.k}, {first}")
-        return self.w.at(self.base[p.array, p.start], row)
-
-    def _rest(self) -> str | None:
-        """Mask of the lanes that exist; None where all do."""
-        w = self.w
-        if not self.vector or self.s.lanes % self.at_once == 0:
-            return None
-        numbers = "<" + ", ".join(f"i64 {x}" for x in range(self.at_once)) + ">"
-        every = w.let(f"add {w.integer} {w.broadcast(self.k, 'i64')}, {numbers}")
-        return w.let(f"icmp ult {w.integer} {every}, {w.splat(str(self.s.lanes), 'i64')}")
-
-    def _addresses(self, p: Places) -> list[str]:
-        """Addresses of this turn's elements; those of lanes that do not exist are the last one's."""
-        w = self.w
-        table = w.address(w.table("i32", [str(x) for x in p.by_lane]), self.k, "i32")
-        addresses = []
-        for lane in range(self.at_once):
-            entry = w.let(f"load i32, ptr {w.address(table, lane, 'i32')}, align 4")
-            addresses.append(w.at(self.base[p.array, p.start], w.let(f"sext i32 {entry} to i64")))
-        return addresses
-
-    def _load(self, p: Places) -> str:
-        """The values at places by lane."""
-        w = self.w
-        if len(set(p.by_lane)) == 1:
-            one = w.let(f"load {w.element}, ptr {w.at(self.base[p.array, p.start], p.by_lane[0])}, align 8")
-            return w.broadcast(one) if self.vector else one
-        if _side_by_side(p.by_lane) and (p.room or not self.vector or self.s.lanes % self.at_once == 0):
-            return w.let(f"load {w.real}, ptr {self._element(p)}, align 8")
-        vector, addresses = "poison", self._addresses(p)
-        if not self.vector:
-            return w.let(f"load {w.real}, ptr {addresses[0]}, align 8")
-        for lane, address in enumerate(addresses):
-            one = w.let(f"load double, ptr {address}, align 8")
-            vector = w.let(f"insertelement {w.real} {vector}, double {one}, i32 {lane}")
-        return vector
-
-    def _numbers(self, values: tuple[float, ...]) -> str:
-        """Numbers by lane."""
-        w = self.w
-        address = w.address(w.table("double", [hexadecimal(x) for x in values]), self.k, "double")
-        if self.vector:
-            return w.let(f"load {w.real}, ptr {address}, align 8")
-        return w.broadcast(w.let(f"load double, ptr {address}, align 8"))
-
-    def _store(self, value: str, p: Places) -> None:
-        """Store by lane."""
-        w = self.w
-        if not _side_by_side(p.by_lane):
-            for lane, address in reversed(list(enumerate(self._addresses(p)))):  # so that the last one that exists is last
-                one = w.let(f"extractelement {w.real} {value}, i32 {lane}") if self.vector else value
-                w.line(f"  store {w.element} {one}, ptr {address}, align 8")
-            return
-        mask = None if p.room else self._rest()
-        if mask is None:
-            w.line(f"  store {w.real} {value}, ptr {self._element(p)}, align 8")
-        else:
-            w.line(
-                f"  call void @llvm.masked.store.{w.suffix}.p0({w.real} {value}, ptr {self._element(p)}, i32 8, {w.mask} {mask})"
-            )
-
-
-def _indices(numbers: Sequence[int]) -> str:
-    return ", ".join(f"i32 {x}" for x in numbers)
-
-
-def _side_by_side(places: Sequence[int]) -> bool:
-    return list(places) == list(range(places[0], places[0] + len(places)))

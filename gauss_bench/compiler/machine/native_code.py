@@ -246,7 +246,7 @@ class Loaded:
             return self._plain
         with self._lock:
             if lanes not in self.codes:
-                made = listing(self.make(lanes > 1), lanes, best_lanes())
+                made = listing(self.make(lanes > 1), lanes)
                 self.codes[lanes] = compile_listing(made, self.target.cache)
             return self.codes[lanes].call
 

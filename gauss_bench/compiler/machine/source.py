@@ -8,7 +8,7 @@ In Python it is that of the native code, with as many trajectories in a group as
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
@@ -26,8 +26,6 @@ from gauss_bench.compiler.machine.graph import (
     If,
     Load,
     Loop,
-    Over,
-    Places,
     Routine,
     Scatter,
     Statement,
@@ -49,7 +47,6 @@ class Language:
     forever: str
     leave: str
     branch: str
-    over: str
     close: str
 
 
@@ -69,7 +66,6 @@ PYTHON = Language(
     forever="while True:",
     leave="if not {0}: break",
     branch="if {0}:",
-    over="for k in range({0}):",
     close="",
 )  # fmt: skip
 C = Language(
@@ -82,7 +78,6 @@ C = Language(
     forever="for (;;) {{",
     leave="if (!{0}) break;",
     branch="if ({0}) {{",
-    over="for (long k = 0; k < {0}; ++k) {{",
     close="}",
 )  # fmt: skip
 
@@ -91,7 +86,7 @@ class Source(Emitter):
     """Lines of one function.
 
     Attributes:
-        variables: name -> its type in C. constants: tables of places and numbers.
+        variables: name -> its type in C.
     """
 
     def __init__(self, routine: Routine, language: Language):
@@ -99,8 +94,7 @@ class Source(Emitter):
         self.routine, self.language = routine, language
         self.lines: list[str] = []
         self.variables: dict[str, str] = {}
-        self.constants: list[str] = []
-        self.depth, self.scope = 1, ""
+        self.depth = 1
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
             if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
                 self.names[x] = str(payload)[1:]
@@ -120,7 +114,7 @@ class Source(Emitter):
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
         """Assign to the variable of a value."""
-        name, operation = f"{letter}{self.scope}{x}", self.graph.operation[x]
+        name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "long" if operation in COUNTS else "int" if operation in (*MASKS, *TRUTHS) else "double"
         self.line(self.language.assign.format(name, text))
         return name
@@ -179,52 +173,9 @@ class Source(Emitter):
                     self.compute([a for a, _ in s.merged.values()])
                     self.moved({x: self.names[a] for x, (a, _) in s.merged.items()}, "v")
                 self.names |= names
-            case Over():
-                self._over(s)
 
     def _row(self, start: int | None, row: int) -> str:
         return str(row) if start is None else f"{self.need(start)} + {row}"
-
-    def _over(self, s: Over) -> None:
-        """A loop over lanes; operands that do not stand side by side are found through tables."""
-        given = {x: self.need(y) for x, y in s.given.items()}
-        places = {p: self._places(p) for p in [*s.loads.values(), *(p for _, p in s.stores)]}
-        outer, names, scope = self.graph, self.names, self.scope
-        self.scope = f"{len(self.constants)}_{len(self.lines)}_"
-        sums = [self._declare(f"s{self.scope}{k}") for k, _ in enumerate(s.sums)]
-        self.graph, self.names = s.graph, given
-        with self.block(self.language.over, str(s.lanes)):
-            for x, p in s.loads.items():
-                self.names[x] = self.let(x, places[p])
-            self.compute(s.order)
-            for name, (x, _) in zip(sums, s.sums, strict=True):
-                self.line(self.language.assign.format(name, f"{name} + {self.need(x)}"))
-            for x, p in s.stores:
-                self.line(self.language.assign.format(places[p], self.need(x)))
-        self.graph, self.names, self.scope = outer, names, scope
-        for name, (_, p) in zip(sums, s.sums, strict=True):
-            self.line(self.language.assign.format(f"{p.array}[{p.by_lane[0]}]", name))
-
-    def _declare(self, name: str) -> str:
-        self.variables[name] = "double"
-        self.line(self.language.assign.format(name, "0.0"))
-        return name
-
-    def _places(self, p: Places | tuple[float, ...]) -> str:
-        """The places that a lane reads or writes, by its number k."""
-        if not isinstance(p, Places):
-            return self._table("double", [x.hex() for x in p]) + "[k]"
-        start = "" if p.start is None else f"{self.need(p.start)} + "
-        first = p.by_lane[0]
-        if len(set(p.by_lane)) == 1:
-            return f"{p.array}[{start}{first}]"
-        if p.by_lane == tuple(range(first, first + len(p.by_lane))):
-            return f"{p.array}[{start}{first} + k]"
-        return f"{p.array}[{start}{self._table('int', [str(x) for x in p.by_lane])}[k]]"
-
-    def _table(self, kind: str, values: Sequence[str]) -> str:
-        self.constants.append(f"static const {kind} table{len(self.constants)}[] = {{{', '.join(values)}}};")
-        return f"table{len(self.constants) - 1}"
 
 
 def in_c(routine: Routine) -> str:
@@ -232,14 +183,13 @@ def in_c(routine: Routine) -> str:
     s = Source(routine, C)
     s.statements(routine.body)
     s.line(f"return !{s.need(routine.sound)};")
-    given = [f"{'long' if x.whole else 'double'} *{name}" for name, x in routine.arrays.items() if not x.scratch]
+    given = [f"{'long' if x.whole else 'double'} *{name}" for name, x in routine.arrays.items()]
     given += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
     kinds: dict[str, list[str]] = {}
     for name, kind in s.variables.items():
         kinds.setdefault(kind, []).append(name)
     declared = [f"{kind} {', '.join(names)};" for kind, names in kinds.items()]
-    declared += [f"double {name}[{x.rows}] = {{0}};" for name, x in routine.arrays.items() if x.scratch]
-    body = [f"    {x}" for x in [*s.constants, *declared]] + s.lines
+    body = [f"    {x}" for x in declared] + s.lines
     return "\n".join([f"int {routine.name}({', '.join(given)})\n{{", *body, "}\n"])
 
 

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, align, in_lanes, in_plain_c, out_of_lanes, share
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, in_plain_c, out_of_lanes, share
 from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
@@ -23,13 +23,13 @@ from gauss_bench.terms import Array
 
 
 class Stepper:
-    """Steps trajectories by one routine `rollout`; `work` the sizes of what it works on for each trajectory.
+    """Steps trajectories by one routine `rollout`.
 
     `further` is the same with all its reaches, which takes longer to compile: from when the first was exceeded it serves alone.
     """
 
-    def __init__(self, loaded: Loaded, further: Loaded | None = None, work: tuple[int, ...] = ()):
-        self.loaded, self.further, self.work = loaded, further, work
+    def __init__(self, loaded: Loaded, further: Loaded | None = None):
+        self.loaded, self.further = loaded, further
         self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
     def extend(self) -> None:
@@ -55,8 +55,7 @@ class Stepper:
         call = self.loaded.call(lanes)
 
         def part(low: int, high: int) -> None:
-            work = [align(size * lanes) for size in self.work]
-            arrays = self.loaded.given([y[low:high], p[low:high], *work, samples[low:high], report[low:high]])
+            arrays = self.loaded.given([y[low:high], p[low:high], samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
         share(part, groups, threads)
@@ -69,7 +68,7 @@ class Stepper:
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), *self.work, 2 * len(q), 3)
+        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
         arrays, numbers, counts, report = one.arrays, one.numbers, one.counts, one.arrays[-1]
         one.q[...], one.v[...] = q, v
         if len(parameters):
@@ -108,8 +107,8 @@ class Adaptive:
 class Evaluator:
     """The results of a routine `accelerate` or `settle` at states."""
 
-    def __init__(self, loaded: Loaded, work: tuple[int, ...] = ()):
-        self.loaded, self.work = loaded, work
+    def __init__(self, loaded: Loaded):
+        self.loaded = loaded
 
     def accelerations(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n), and whether all guards hold (k,), of states (k, 2n) at times (k,)."""
@@ -117,8 +116,7 @@ class Evaluator:
         lanes = self.loaded.lanes(count)
         y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
         out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-        work = [align(size * lanes) for size in self.work]
-        self.loaded.call(lanes)(*self.loaded.given([y, p, *work, at, out]), len(y))
+        self.loaded.call(lanes)(*self.loaded.given([y, p, at, out]), len(y))
         rows = out_of_lanes(out, count)
         return rows[:, :-1], rows[:, -1] > 0
 
@@ -140,7 +138,7 @@ class Evaluator:
     def _one(self, t: float, q: Array, v: Array, parameters: Array, told: int) -> Array:
         """So many numbers of one state, and what stands behind them."""
         n = len(q)
-        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), *self.work, 1, told + 1)
+        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), 1, told + 1)
         arrays = one.arrays
         one.q[...], one.v[...], arrays[-2][0] = q, v, t
         if len(parameters):

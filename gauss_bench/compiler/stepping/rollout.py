@@ -21,15 +21,14 @@ evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where th
 
 takes a state back onto the constraints; `out` has 2 n_q + 1 rows.
 
-What is stepped is a body: in registers here, with all stages written out or one stage gone through four times; in `chains/`, in
-memory. Written out, equal expressions of different stages are one value, sines rotate from stage to stage, and the processor
-overlaps the stages; the code is as long as four accelerations. Far beyond the instruction cache (32 kB on most processors,
+What is stepped is a body, with all stages written out or one stage gone through four times. Written out, equal expressions of
+different stages are one value, sines rotate from stage to stage, and the processor overlaps the stages; the code is as long as four
+accelerations. Far beyond the instruction cache (32 kB on most processors,
 about 11 bytes an operation) each turn of the loop fetches it anew and takes two to three times as long: then one stage is written,
 and looped over.
 """
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import (
@@ -59,43 +58,45 @@ SETTLED = 32
 
 
 class Body:
-    """One step.
+    """One step, its state carried in registers.
 
     Attributes:
         graph: of the whole routine. rows: of a state.
         arrays: what it works on beside y, samples and report.
         entry: statements before the loop; statements: of one step.
-        carried: from step to step.
+        carried: leaf -> its first and its next value, from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
-        settling: statements that do likewise with what is not carried.
         regular, regular_out, within: masks, as in Step.
         operations: of one step.
     """
 
-    graph: Graph
-    rows: int
-    arrays: Mapping[str, Array]
-    entry: Sequence[Statement]
     statements: Sequence[Statement]
-    carried: Carried
-    settled: Mapping[int, int] = MappingProxyType({})
-    settling: Sequence[Statement] = ()
-    regular: int
-    regular_out: int
-    within: int
     operations: int
 
-    def kept(self, alive: int) -> Sequence[Statement]:
-        """To the next state, where the mask holds, of what is not carried."""
-        raise NotImplementedError
+    def __init__(self, code: Code, step: Step):
+        self.code, self.step, self.graph, self.rows = code, step, step.graph, 2 * code.program.n
+        g, n = self.graph, code.program.n
+        self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
+        self.state = [g.leaf(f"%{x}{i}") for x in "qv" for i in range(n)]
+        parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
+        self.arrays = {"p": Array(len(parameters))}
+        self.entry = [Load("y", {x: k for k, x in enumerate(self.y)}), Load("p", parameters)]
+        first = {f"%{x}{i}": self.y[k] for k, (x, i) in enumerate((x, i) for x in "qv" for i in range(n))}
+        if any(name.startswith("%s") for name in step.carried):
+            for i in code.angles:
+                first[f"%s{i}"], first[f"%c{i}"] = sincos(g, self.y[i])
+        self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
+        self.settled = {g.leaf(name): x for name, x in step.settled.items()}
+        self.regular, self.regular_out, self.within = step.regular, step.regular_out, step.within
 
     def sampled(self, start: int) -> Sequence[Statement]:
         """Store the state, as it is to be seen, in the samples from a row on."""
-        raise NotImplementedError
+        return (Store("samples", self.step.out, start),)
 
     def ended(self, complete: int) -> Sequence[Statement]:
         """Store the last state in y: as it is to be seen where the mask holds."""
-        raise NotImplementedError
+        g = self.graph
+        return (Store("y", [g.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)]),)
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
@@ -140,13 +141,12 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
         body.sampled(g.make("times", slot, payload=body.rows)),
         {due_later: (g.make("least", g.make("sum", due, every), n), due), slot_later: (g.make("sum", slot, one), slot)},
     )
-    kept = body.kept(g.both([going, g.make("everywhere", more)]))
     again = g.make("also", g.make("any", going), more)
     again = again if ends or not many else g.make("also", again, g.make("nowhere", beyond))
     complete = g.both([alive, body.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [*body.statements, sample, *settling, *kept], again), *body.ended(complete), report], complete, too_far
+    return [Loop(carried, [*body.statements, sample, *settling], again), *body.ended(complete), report], complete, too_far
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
@@ -154,51 +154,21 @@ def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, in
 
     `following` is the number of the next step.
     """
-    if not (body.settled or body.settling):
+    if not body.settled:
         return [], {}, {}
     g = body.graph
     due, due_later = g.count("%settle"), g.count("%settle_later")
     chosen = {x: g.leaf(f"%next{k}") for k, x in enumerate(body.settled)}
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
-    return [If(g.make("same", following, due), body.settling, merged)], chosen, {due: (g.whole(SETTLED), due_later)}
+    return [If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)}
 
 
 def _either(g: Graph, a: int, b: int) -> int:
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
-class Registers(Body):
-    """A body whose state is carried in registers."""
-
-    def __init__(self, code: Code, step: Step):
-        self.code, self.step, self.graph, self.rows = code, step, step.graph, 2 * code.program.n
-        g, n = self.graph, code.program.n
-        self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
-        self.state = [g.leaf(f"%{x}{i}") for x in "qv" for i in range(n)]
-        parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
-        self.arrays = {"p": Array(len(parameters))}
-        self.entry = [Load("y", {x: k for k, x in enumerate(self.y)}), Load("p", parameters)]
-        first = {f"%{x}{i}": self.y[k] for k, (x, i) in enumerate((x, i) for x in "qv" for i in range(n))}
-        if any(name.startswith("%s") for name in step.carried):
-            for i in code.angles:
-                first[f"%s{i}"], first[f"%c{i}"] = sincos(g, self.y[i])
-        self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
-        self.settled = {g.leaf(name): x for name, x in step.settled.items()}
-        self.regular, self.regular_out, self.within = step.regular, step.regular_out, step.within
-
-    def kept(self, alive: int) -> Sequence[Statement]:
-        return ()
-
-    def sampled(self, start: int) -> Sequence[Statement]:
-        return (Store("samples", self.step.out, start),)
-
-    def ended(self, complete: int) -> Sequence[Statement]:
-        g = self.graph
-        return (Store("y", [g.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)]),)
-
-
-class WrittenOut(Registers):
+class WrittenOut(Body):
     """A step in one piece; `plain` where its arithmetic is left to the target."""
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Timed | None = None):
@@ -209,7 +179,7 @@ class WrittenOut(Registers):
         self.statements = [Compute(self.values)]
 
 
-class Staged(Registers):
+class Staged(Body):
     """A step of Runge-Kutta as four turns of an inner loop, one stage each, and what comes before and after them.
 
     c = h/2, h/2, h is the way from stage to stage, w = 1, 2, 2, 1 the weight of a stage.
@@ -251,7 +221,7 @@ class Staged(Registers):
 WRITTEN_OUT = 4_000
 
 
-def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Registers:
+def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Body:
     """The step written out where it stays short, else looped over its stages."""
     if integrator == "rk4" and 4 * code.acceleration.operations > longest:
         return Staged(code, rk4_staged(code, reach), into)
@@ -261,7 +231,7 @@ def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, 
     return written
 
 
-def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Registers]:
+def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
     """The step within each of some reaches, in one graph."""
     graph = Timed()
     return [body(code, integrator, reach, into=graph) for reach in reaches]
@@ -328,7 +298,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)
 
 
-def plain_body(code: Code, integrator: str) -> Registers:
+def plain_body(code: Code, integrator: str) -> Body:
     """The step without reach, its sines and the rest left to the target."""
     return WrittenOut(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 

@@ -40,8 +40,8 @@ BUILDING = ("generate_seconds", "compile_seconds")
 def findings(run: Run) -> Iterator[Finding]:
     """Exponents of whatever is asked in the way that costs least."""
     rows = run.table("kernel_growth")
-    looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
-    shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
+    stepping = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
+    shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in stepping]
     if shown:
         said = itemise(f"`{r['engine']}` {_exponent(r)}" for r in shown)
         text = f"The time of a right-hand side of N windows grows like N^p from {number(shown[0], 'from'):g} on, with p of {said}."

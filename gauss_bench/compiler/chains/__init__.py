@@ -1,1 +1,0 @@
-"""Large linkages: loops over equal operations."""
