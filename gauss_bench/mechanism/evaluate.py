@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.close import project
+from gauss_bench.mechanism.constraints import Constraints, Rows
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.symbols import Symbols
@@ -72,13 +73,22 @@ class Evaluator:
         finite has no nearest state and stays so.
         """
         h = self.constraints.holonomic
-        rows = self.constraints(t, q, v)
-        for _ in range(CORRECTIONS):
-            if np.abs(rows.phi).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()):
-                break
-            q = q - _shortest(rows.J[:h], rows.phi[:h], rank_tolerance)
-            rows = self.constraints(t, q, v)
-        return q, v - _shortest(rows.J, rows.J @ v + rows.phi_t, rank_tolerance)
+        rows: Rows  # at the latest position
+
+        def residual(x: Array) -> tuple[Array, Array]:
+            nonlocal rows
+            rows = self.constraints(t, x, v)
+            return rows.phi[:h], rows.J[:h]
+
+        def shortest(J: Array, F: Array) -> Array:
+            return _shortest(J, F, rank_tolerance)
+
+        q = project(q, residual, shortest, CORRECTIONS, _closed)
+        return q, v - shortest(rows.J, rows.J @ v + rows.phi_t)
+
+
+def _closed(q: Array, F: Array, _: Array) -> bool:
+    return bool(np.abs(F).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()))
 
 
 def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:
