@@ -4,7 +4,7 @@ The sketch picks the branch: Gauss-Newton closes the joints from it with nothing
 reached in small steps, so that a start far from the sketch keeps its assembly. Speeds follow from one linear system.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from gauss_bench.linkage.build import measure_angle, measure_slide
 from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.linkage.sketch import sketch
+from gauss_bench.mechanism.close import Residual, project
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import (
@@ -40,11 +41,10 @@ CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends 
 STILL = 1e-15  # [m, rad] a step of Gauss-Newton that only rounding makes
 NEARLY = 1e-9  # [m, rad] a step after which a place on the way is closed: what it leaves open is of its square
 FAR, ROUNDING = 100.0, 4e-16  # [m, rad] beyond it steps end at the rounding of the coordinates
+LONGEST = 0.5  # [m, rad] of a correction
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
 PATIENCE = 1500  # evaluations after which places between that cannot be closed are passed over
 MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought near by whole turns first, or by longer steps
-
-Residual = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -168,18 +168,17 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
 
     The last step is smaller than `enough`, or than the rounding of the coordinates where they are large.
     """
-    q = q.copy()
-    for _ in range(iterations):
-        F, J = residual(q)
-        if not (np.isfinite(F).all() and np.isfinite(J).all()):
-            return q, np.inf
-        step = _shortest(J, -F)
-        size = float(np.abs(step).max(initial=0.0))
-        q += step if size < 0.5 else step * (0.5 / size)
+
+    def lost(_: Array, F: Array, J: Array) -> bool:
+        return not (np.isfinite(F).all() and np.isfinite(J).all())
+
+    def still(q: Array, size: Array) -> bool:
         largest = float(np.abs(q).max(initial=0.0))
-        if size < (enough if largest < FAR else max(enough, ROUNDING * largest)):
-            break
-    return q, float(np.abs(residual(q)[0]).max(initial=0.0))
+        return bool(size < (enough if largest < FAR else max(enough, ROUNDING * largest)))
+
+    q = project(q, residual, _shortest, iterations, lost, still, LONGEST)
+    F, J = residual(q)
+    return q, np.inf if lost(q, F, J) else float(np.abs(F).max(initial=0.0))
 
 
 def _shortest(J: Array, F: Array) -> Array:
