@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechanism, Prismatic
@@ -133,14 +134,11 @@ class Curve:
 
     def step(self, q: Array, x: Array) -> Array:
         """The next position: along the tangent, then back to the constraints."""
-        q = q + STEP * x
-        for _ in range(NEWTON_STEPS):
-            phi, J = self.rows(q)
-            change = np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0]
-            q = q - change
-            if np.abs(change).max() < TOLERANCE:
-                break
-        return q
+
+        def shortest(J: Array, phi: Array) -> Array:
+            return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
+
+        return project(q + STEP * x, self.rows, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: DrivingCoordinate, q: Array, x: Array) -> Array:
         """The position near q at which g . x = 0.
