@@ -18,10 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
-from gauss_bench.linkage.closure import CLOSED, STEP, list_held_items
+from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held_items
 from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
+from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Along, Coordinate, Force, Joint, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.sweep.paths import Document, change, number_at
@@ -260,14 +261,11 @@ class _Closing:
 
     def solved(self, q: Array, target: Array) -> Array:
         """States on the rows, from near ones."""
-        for _ in range(NEWTON):
-            phi, J = self(q, target)
-            step = _solution(J, phi)
-            size = np.abs(step).max(axis=1, initial=0.0)
-            q = q - step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-300))[:, None]
-            if not (size[np.isfinite(size)] > 1e-14).any():
-                break
-        return q
+
+        def still(_: Array, size: Array) -> bool:
+            return not (size[np.isfinite(size)] > 1e-14).any()
+
+        return project(q, lambda x: self(x, target), _solution, NEWTON, still=still, longest=LONGEST)
 
 
 def _solution(J: Array, right: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -21,6 +22,7 @@ WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
 TIMES = 64  # moments at which a driven linkage is closed
 DENSE = 100  # coordinates: beyond, sparse factorisations are cheaper by far
 CLOSED = 1e-12  # [m, rad]
+CORRECTIONS = 12  # of a position
 RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
 SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
 
@@ -103,13 +105,17 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
 
 def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
     """The nearest position on the constraints, or None where Newton does not find one."""
-    for _ in range(12):
-        rows = constraints(t, q, np.zeros_like(q))
-        phi, J = rows.phi[: constraints.holonomic], rows.J[: constraints.holonomic]
-        if np.abs(phi).max(initial=0.0) < CLOSED:
-            return q
-        q = q - scale * shortest(J * scale, phi)
-    return None
+    h = constraints.holonomic
+
+    def residual(x: Array) -> tuple[Array, Array]:
+        rows = constraints(t, x, np.zeros_like(x))
+        return rows.phi[:h], rows.J[:h]
+
+    def closed(_: Array, F: Array, __: Array) -> bool:
+        return bool(np.abs(F).max(initial=0.0) < CLOSED)
+
+    q = project(q, residual, lambda J, F: scale * shortest(J * scale, F), CORRECTIONS, closed)
+    return q if closed(q, *residual(q)) else None
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
