@@ -338,7 +338,7 @@ class Recommender:
                 f"{engine.name}: {'holds' if before is None else 'better'}: {said(after[0], engine)}: {self._errors(after[1])}"
             )
             with self._say:
-                self._better(replace(self._held(engine, *after, None, None), message="not raced yet"))
+                self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
         return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
@@ -381,7 +381,7 @@ class Recommender:
                 chosen[engine.name] = next(iter(ways.items()))
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held = [
-            replace(self._held(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
+            replace(self._hold(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
             for e, pair in chosen.items()
         ]
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
@@ -402,7 +402,7 @@ class Recommender:
         complete = not engine.cut and not (engine.left and engine.refused is None)
         return {"tried": len(engine.trials), "variants": engine.variants, "evaluations": evaluations, "complete": complete}
 
-    def _held(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
+    def _hold(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
         timed: dict[str, float] = {}
         if seconds is not None and fastest is not None:
             timed = spread("seconds", seconds)

@@ -198,11 +198,11 @@ class _Followed(threading.Thread):
             finer = None if coarse is None else self._take(2 * steps)
             if self.enough or self._left() <= 0:
                 break
-            if coarse is not None and finer is not None and self._compared(judge, coarse, finer, steps):
+            if coarse is not None and finer is not None and self._is_enough(judge, coarse, finer, steps):
                 break
             fine, steps = finer, 2 * steps
 
-    def _compared(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
+    def _is_enough(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
         """Take the finer run where it is better; True where finer ones are not needed, or rounding makes them no better."""
         truth = _compare(self._run, judge, coarse, finer, steps, self._engine)
         known = ", ".join(f"{truth.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in truth.bars)

@@ -130,10 +130,10 @@ class Course:
             lock = self.locks.setdefault(key, threading.Lock())
         with lock:
             if key not in self.known:
-                self.known[key] = self._made(family, value, worker)
+                self.known[key] = self._make(family, value, worker)
             return self.known[key]
 
-    def _made(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+    def _make(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
         document = family.document(value)
         document["name"] = f"{family.name}_{family.values.index(value)}"
         path = self.folder / f"{document['name']}.toml"

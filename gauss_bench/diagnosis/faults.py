@@ -97,7 +97,7 @@ class FaultyModel(InterpretedModel):
         super().run()
         self.running = False
 
-    def _fixed(self) -> None:
+    def _run_fixed(self) -> None:
         step, before = STEPS[self.choice.integrator], 0.0
         q, v = self.mechanism.q0, self.mechanism.v0
         for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):

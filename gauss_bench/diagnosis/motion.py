@@ -46,7 +46,7 @@ class Parts:
         if not self.J.shape[1]:
             return np.asarray(free / root)
         if self.independent:
-            return self._solved(root, free)
+            return self._solve(root, free)
         U, s, Vt = np.linalg.svd(self.J / root, full_matrices=False)
         keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
@@ -55,7 +55,7 @@ class Parts:
         b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / root)
 
-    def _solved(self, root: Array, free: Array) -> Array:
+    def _solve(self, root: Array, free: Array) -> Array:
         """a (k, n) where rows are independent; NaN where they are not, in spite of it."""
         k, m, n = self.J.shape
         A = np.zeros((k, n + m, n + m))

@@ -93,7 +93,7 @@ class CompiledModel:
         if self.choice.integrator == ADAPTIVE:
             self._adaptive()
         else:
-            self._fixed()
+            self._run_fixed()
 
     def _adaptive(self) -> None:
         if self.times[-1] == self.times[0]:
@@ -103,7 +103,7 @@ class CompiledModel:
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
-    def _fixed(self) -> None:
+    def _run_fixed(self) -> None:
         row = 0
         for count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])

@@ -125,7 +125,7 @@ class InterpretedModel:
             if self.choice.integrator == "dop853":
                 self._adaptive()
             else:
-                self._fixed()
+                self._run_fixed()
 
     def _adaptive(self) -> None:
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
@@ -136,7 +136,7 @@ class InterpretedModel:
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
-    def _fixed(self) -> None:
+    def _run_fixed(self) -> None:
         step = STEPS[self.choice.integrator]
         projected = self.choice.stabilization == "projection"
         q, v = self.mechanism.q0, self.mechanism.v0

@@ -181,7 +181,7 @@ class Robot:
             if link not in self.index:
                 continue
             at = self.index[link]
-            if frame == link or self._fixed(frame, link):
+            if frame == link or self._is_fixed(frame, link):
                 return Spot(frame, at, bodies[self.index[frame]].origin)
             joint = self.joints.get(frame)
             if joint is not None and link in (self._end(joint, "parent"), self._end(joint, "child")):
@@ -189,7 +189,7 @@ class Robot:
         reason = f"{end!r} is no LINK.FRAME: a link, and a link fixed to it or a joint at it"
         raise ExchangeError(f"{self.file}: --close {text}: {reason}")
 
-    def _fixed(self, frame: str, link: str) -> bool:
+    def _is_fixed(self, frame: str, link: str) -> bool:
         """Tell whether one link is fixed to another."""
         while frame in self.parents:
             joint = self.joints[self.parents[frame]]

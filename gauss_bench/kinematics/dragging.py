@@ -202,13 +202,13 @@ class Drag:
         if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
             y = limit * V[:, 0]  # as far away as can be, where either way leads nearer
         if self.side:
-            y = self._kept(y, P, bent, gradient, H)
+            y = self._stay_on_side(y, P, bent, gradient, H)
         y = y * min(1.0, limit / max(float(np.abs(self.place.free @ y).max()), np.finfo(float).tiny))
         for _ in range(HALVINGS):
             yield y
             y = y / 2
 
-    def _kept(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
+    def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
         """The step y (2,), or the best one that stays on its side of det P = 0 to first order."""
         room = MARGIN - self.side * float(np.linalg.det(P))
         ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])

@@ -121,7 +121,7 @@ class LoopEquations:
         self.column = {x.name if x.link is None else x.link: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([x.link is not None for x in self.variables])
         self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._placed(p.way(self.roots[p.link] != GROUND)) for p in loop.passages] for loop in self.graph.loops]
+        self.ways = [[self._place(p.way(self.roots[p.link] != GROUND)) for p in loop.passages] for loop in self.graph.loops]
         self.lengths = np.where(self.is_angle, 1.0, self._size())[: len(self.unknown)]
         self.groups = self._groups()
 
@@ -142,7 +142,7 @@ class LoopEquations:
         ways = (p.way for loop in self.ways for p in loop if p.way.link != GROUND)
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
-    def _placed(self, way: Way) -> PlacedWay:
+    def _place(self, way: Way) -> PlacedWay:
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
         U, K = effect_factors(own, self.unknown, self.known)

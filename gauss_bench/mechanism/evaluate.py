@@ -83,11 +83,11 @@ class Evaluator:
         def shortest(J: Array, F: Array) -> Array:
             return _shortest(J, F, rank_tolerance)
 
-        q = project(q, residual, shortest, CORRECTIONS, _closed)
+        q = project(q, residual, shortest, CORRECTIONS, _is_closed)
         return q, v - shortest(rows.J, rows.J @ v + rows.phi_t)
 
 
-def _closed(q: Array, F: Array, _: Array) -> bool:
+def _is_closed(q: Array, F: Array, _: Array) -> bool:
     return bool(np.abs(F).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()))
 
 

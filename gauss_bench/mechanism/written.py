@@ -91,7 +91,7 @@ class Program:
             return self.subtract(a, opposite)
         if (opposite := self.opposites.get(a.text)) is not None:
             return self.subtract(b, opposite)
-        return self._kept(f"{a.text} + {b.text}", a, b)
+        return self._keep(f"{a.text} + {b.text}", a, b)
 
     def subtract(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
         a, b = self.symbol(a), self.symbol(b)
@@ -103,7 +103,7 @@ class Program:
             return self.negate(b)
         if (opposite := self.opposites.get(b.text)) is not None:
             return self.add(a, opposite)
-        return self._kept(f"{a.text} - {b.text}", a, b)
+        return self._keep(f"{a.text} - {b.text}", a, b)
 
     def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
         a, b = self.symbol(a), self.symbol(b)
@@ -113,14 +113,14 @@ class Program:
             a, b = b, a
         if a.number is not None and abs(a.number) in (0, 1):
             return self.symbol(0.0) if a.zero else b if a.number > 0 else self.negate(b)
-        return self._kept(f"{a.text} * {b.text}", a, b)
+        return self._keep(f"{a.text} * {b.text}", a, b)
 
     def negate(self, a: Symbol) -> Symbol:
         if a.number is not None:
             return self.symbol(-a.number)
         if (opposite := self.opposites.get(a.text)) is not None:
             return opposite
-        found = self._kept(f"-{a.text}", a)
+        found = self._keep(f"-{a.text}", a)
         self.opposites[found.text] = a
         return found
 
@@ -129,7 +129,7 @@ class Program:
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(1.0 / a.number if a.number else 0.0)
-        return self._kept(f"inverse({a.text})", a)
+        return self._keep(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
         if name not in FUNCTIONS:
@@ -137,9 +137,9 @@ class Program:
         return lambda a: self._of_one(name, self.symbol(a))
 
     def _of_one(self, name: str, a: Symbol) -> Symbol:
-        return self.symbol(getattr(np, name)(a.number)) if a.number is not None else self._kept(f"{name}({a.text})", a)
+        return self.symbol(getattr(np, name)(a.number)) if a.number is not None else self._keep(f"{name}({a.text})", a)
 
-    def _kept(self, text: str, *operands: Symbol) -> Symbol:
+    def _keep(self, text: str, *operands: Symbol) -> Symbol:
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)
             self.lines.append(line)

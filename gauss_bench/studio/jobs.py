@@ -58,7 +58,7 @@ class Jobs:
         last: dict[str, Any] = {"event": done, "job": job}
         try:
             with workplace(text, name) as path:
-                last |= self._told(process, path, request | {"path": str(path)}, job)
+                last |= self._tell(process, path, request | {"path": str(path)}, job)
         except (OSError, ValueError) as error:
             last |= {"error": f"it could not be run: {in_a_sentence(error)}"}
         self._end(process)
@@ -67,7 +67,7 @@ class Jobs:
             self.followers.pop(job, None)
         self.tell(last)
 
-    def _told(self, process: "subprocess.Popen[bytes]", path: Path, request: dict[str, Any], job: int) -> dict[str, Any]:
+    def _tell(self, process: "subprocess.Popen[bytes]", path: Path, request: dict[str, Any], job: int) -> dict[str, Any]:
         """Tell what the process finds as it comes; what its last event has besides."""
         last: dict[str, Any] = {}
         ended = False

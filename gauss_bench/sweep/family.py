@@ -181,7 +181,7 @@ class Family:
             reasons[k] = self._reason(values[k])
             for name, column in columns.items():
                 column[k] = self._parameters[name]
-        q, v = self._closed(columns, goals)
+        q, v = self._close_joints(columns, goals)
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
             if k not in reasons:
                 q[k], v[k] = self._alone(values[k], k, reasons)
@@ -211,7 +211,7 @@ class Family:
         items = list_held_items(self.nominal, document["scenarios"][self.scenario])
         return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
 
-    def _closed(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
+    def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
         """States (k, n) on the constraints, at targets and rates (k, 2, h); not a number where Newton's method ends elsewhere."""
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
@@ -228,7 +228,7 @@ class Family:
                 now = {name: columns[name] if part == 1 else first[name] + part * (columns[name] - first[name]) for name in columns}
                 rows = _Closing(family_of(mechanism, now), self.document["scenarios"][self.scenario])
                 target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
-                q = rows.solved(q, target)
+                q = rows.solve(q, target)
             phi, J = rows(q, goals[:, 0])
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solution(J, right)
@@ -259,7 +259,7 @@ class _Closing:
         phi, J = zip(*rows, strict=True)
         return np.stack(np.broadcast_arrays(*phi), axis=-1), np.stack(J, axis=-2)
 
-    def solved(self, q: Array, target: Array) -> Array:
+    def solve(self, q: Array, target: Array) -> Array:
         """States on the rows, from near ones."""
 
         def still(_: Array, size: Array) -> bool:

@@ -301,11 +301,11 @@ class Lagrange:
         size = self.n + len(self.terms.rows)
         return lu(self.terms.graph, A, range(size), range(size), self.search)
 
-    def _solved(self, gamma: Right) -> Right:
+    def _solve(self, gamma: Right) -> Right:
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
 
     def acceleration(self, gamma: Right) -> Right:
-        return self._coordinates(self._solved(gamma))
+        return self._coordinates(self._solve(gamma))
 
     @cached_property
     def _units(self) -> Factors:
@@ -313,7 +313,7 @@ class Lagrange:
         return self._factors([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
-    def _caused(self) -> list[Right]:
+    def _free_motions(self) -> list[Right]:
         """Free motions, each caused by a unit force along one independent coordinate."""
         one = self.terms.graph.constant(1.0)
         return [self._coordinates(self.factors.solve({k: one})) for k in self.independent]
@@ -321,13 +321,13 @@ class Lagrange:
     @cached_property
     def _mobility(self) -> Factors:
         """Of the independent coordinates: how far each of these motions moves them."""
-        unknowns, motions = range(len(self.independent)), self._caused
+        unknowns, motions = range(len(self.independent)), self._free_motions
         A = {(row, k): N[j] for k, N in enumerate(motions) for row, j in enumerate(self.independent) if j in N}
         return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
 
     @cached_property
     def _motions(self) -> Motions:
-        return Motions.of(self.terms, self.independent, self._caused, self.search)
+        return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Right) -> Right:
         return {k: x for k, x in unknowns.items() if k < self.n}
@@ -352,11 +352,11 @@ class Lagrange:
         return _guards(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Right) -> Right:
-        return {k - self.n: x for k, x in self._solved(gamma).items() if k >= self.n}
+        return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
 
     @property
     def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
-        graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._caused, self._mobility
+        graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, _guards(factors)
         forces = [factors.solve({k: graph.constant(1.0)}) for k in unknowns]

@@ -242,10 +242,10 @@ class LoopSystem:
         z: dict[int, Node] = {}
         for loops, solver in self.groups:
             if solver is not None:
-                z |= solver.solve({l: self._left(b[l], self.columns[l], z) for l in loops})
+                z |= solver.solve({l: self._remainder(b[l], self.columns[l], z) for l in loops})
         return z
 
-    def _left(self, b: Vector, columns: Columns, z: dict[int, Node]) -> Vector:
+    def _remainder(self, b: Vector, columns: Columns, z: dict[int, Node]) -> Vector:
         """b without the unknowns that are known by now."""
         known = [-(c * z[k]) for k, c in columns.items() if k in z]
         return Vector(self.graph.total([b.x, *(w.x for w in known)]), self.graph.total([b.y, *(w.y for w in known)]))
@@ -383,18 +383,18 @@ class _Rates:
         values = np.random.default_rng(ord(letter)).uniform(0.5, 1.5, (self.graph.samples, len(self.loops.x) - self.unknown))
         return [self.graph.input(letter, j, values[:, j], 1.0) for j in range(values.shape[1])]
 
-    def _solved(self, b: list[Vector], known: list[Node]) -> list[Node]:
+    def _solve(self, b: list[Vector], known: list[Node]) -> list[Node]:
         z = self.groups.solve(b)
         return [*(z.get(k, self.graph.constant(0.0)) for k in range(self.unknown)), *known]
 
     def first(self, speeds: list[Node]) -> list[Node]:
         """J x' = -B u'."""
-        return self._solved([self._move(l, speeds) for l in range(len(self.known))], speeds)
+        return self._solve([self._move(l, speeds) for l in range(len(self.known))], speeds)
 
     def second(self, rates: list[Node], seconds: list[Node]) -> list[Node]:
         """J x'' = -B u'' - bias."""
         bias = [loop.bias(rates) for loop in self.loops.loops]
-        return self._solved([self._move(l, seconds) - w for l, w in enumerate(bias)], seconds)
+        return self._solve([self._move(l, seconds) - w for l, w in enumerate(bias)], seconds)
 
     def _move(self, l: int, speeds: list[Node]) -> Vector:
         """-B of a loop times speeds."""

@@ -181,8 +181,8 @@ class ExpressionGraph:
                 return self.neg(self.add(a.args[0], b.args[0]))
             a, b = b, a
         if b.op == "NEG":
-            return self._made("SUB", a, b.args[0])
-        return self._made("ADD", a, b) if a.index <= b.index else self._made("ADD", b, a)
+            return self._make("SUB", a, b.args[0])
+        return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
         if a.number is not None or b.number is not None:
@@ -190,7 +190,7 @@ class ExpressionGraph:
         if a.op == "NEG" or b.op == "NEG":
             product = self.mul(a.args[0] if a.op == "NEG" else a, b.args[0] if b.op == "NEG" else b)
             return product if a.op == b.op else self.neg(product)
-        return self._made("MUL", a, b) if a.index <= b.index else self._made("MUL", b, a)
+        return self._make("MUL", a, b) if a.index <= b.index else self._make("MUL", b, a)
 
     def scaled(self, factor: float, x: Node) -> Node:
         """factor x, with the factors of x multiplied out and the sign outside."""
@@ -214,7 +214,7 @@ class ExpressionGraph:
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)
-        return self.scaled(1.0 / own, self._made("INV", base))
+        return self.scaled(1.0 / own, self._make("INV", base))
 
     def sqrt(self, a: Node) -> Node:
         return self._of_one("SQRT", a)
@@ -231,9 +231,9 @@ class ExpressionGraph:
         if old is not None:
             return old
         at = VALUE[op](a.at)
-        return self._made(op, a, at=at)
+        return self._make(op, a, at=at)
 
-    def _made(self, op: str, *args: Node, at: Array | None = None) -> Node:
+    def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
         """By its form or by its values: an old node, a multiple of one, a constant, or a new node."""
         key = (op, *[a.index for a in args])
         old = self.known.get(key)

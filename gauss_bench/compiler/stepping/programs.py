@@ -178,9 +178,9 @@ class StraightLinePrograms:
 
     def runner(self, k: int, integrator: str) -> Stepper:
         """The code of one program, made when it is first asked for."""
-        return self.runners.get((k, integrator)) or self._made(k, integrator)
+        return self.runners.get((k, integrator)) or self._make(k, integrator)
 
-    def _made(self, k: int, integrator: str) -> Stepper:
+    def _make(self, k: int, integrator: str) -> Stepper:
         code = self.codes[k]
         every = reaches(code, integrator)
 

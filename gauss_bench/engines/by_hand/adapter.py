@@ -96,7 +96,7 @@ class ByHandModel:
 
     def _absolute(self, th: Array, w: Array) -> tuple[Array, Array, Array]:
         """q, v, a (k, 9) in absolute coordinates at crank angles and rates (k,)."""
-        told = np.array([self._told(x) for x in th])
+        told = np.array([self._tell(x) for x in th])
         turn = np.array([self.code.acceleration(0.0, np.array([x]), np.array([y]))[0] for x, y in zip(th, w, strict=True)])
         loop, places = self.loop, np.zeros((len(th), 9, 3))
         for k, link in enumerate(loop.links):
@@ -128,13 +128,13 @@ class ByHandModel:
         """Tabulate the angles of all links over a turn of the crank, or over that part of it which the loop allows."""
         th = float(self.start[0][0])
         self.turn = np.linspace(th, th + 2 * np.pi, TABLE)
-        lines = np.array([self._told(x)[[0, 3, 6]] for x in self.turn])
+        lines = np.array([self._tell(x)[[0, 3, 6]] for x in self.turn])
         lines[~np.isfinite(lines)] = 0.0
         self.angles, at_start = np.unwrap(lines, axis=0).T, self.mechanism.q0[[3 * link + 2 for link in self.loop.links]]
         self.winding = np.round((self.angles[:, -1] - self.angles[:, 0]) / (2 * np.pi))
         self.angles += (at_start - self.angles[:, 0])[:, None]
 
-    def _told(self, th: float) -> Array:
+    def _tell(self, th: float) -> Array:
         out = np.zeros(21)
         self.code.library.told(ctypes.c_double(th), ctypes.c_void_p(out.ctypes.data))
         return out

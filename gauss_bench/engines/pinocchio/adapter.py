@@ -127,7 +127,7 @@ class PinocchioModel:
             if self.choice.integrator == "dop853":
                 self._adaptive()
             else:
-                self._fixed()
+                self._run_fixed()
 
     def _adaptive(self) -> None:
         if self.times[-1] == self.times[0]:
@@ -141,7 +141,7 @@ class PinocchioModel:
         except StepFailure as error:
             raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
-    def _fixed(self) -> None:
+    def _run_fixed(self) -> None:
         step = STEPS[self.choice.integrator]
         projected = self.choice.stabilization == "projection"
         y, dy = self.y[0], self.dy[0]

@@ -38,14 +38,14 @@ class ConstrainedDynamics:
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         self.evaluations += 1
         tau = self.forces(y, dy, t)
-        return self.drive(self._solved, t, y, dy, tau) if self.drive.laws else self._solved(t, y, dy, tau)
+        return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
         """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
         tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 
-    def _solved(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
+    def _solve(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
         if not self.prox.relative_residual <= self.limit:
             self._doubt(t, a)

@@ -103,11 +103,11 @@ class March:
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         return join(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
-                    state = np.concatenate([self._closed(here)[0], here.v[0, list(fresh.free)]])
+                    state = np.concatenate([self._close(here)[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return join(parts), ""
 
-    def _closed(self, here: LoopStates) -> Long:
+    def _close(self, here: LoopStates) -> Long:
         """The position (1, n) with all rows closed to the last digit.
 
         A chart keeps only as many rows as are independent. What has gathered in the others would be multiplied at every change.

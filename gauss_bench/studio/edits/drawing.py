@@ -313,10 +313,10 @@ class Drawing:
             drawn |= {f"{link}.{k}": pair(self.place(f"{link}.{k}"), PLACED) for k in own}
             for key in points:
                 apart = [k for k in known if np.abs(points[k] - points[key]).max() > SAME]
-                if len(known) == 0 or (key not in known and len(apart) == len(known) and not self._placed(points, known)):
+                if len(known) == 0 or (key not in known and len(apart) == len(known) and not self._lie_apart(points, known)):
                     drawn[f"{link}.{key}"] = pair(self.place(f"{link}.{key}"), PLACED)
                     known.append(key)
-            if not self._placed(points, known) and link not in angles and link not in slid:
+            if not self._lie_apart(points, known) and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0
         joints = {k for k, x in items(self.document, "joints") if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
@@ -334,7 +334,7 @@ class Drawing:
             del self.document["assembly"]
 
     @staticmethod
-    def _placed(points: dict[str, Array], known: list[str]) -> bool:
+    def _lie_apart(points: dict[str, Array], known: list[str]) -> bool:
         """Tell whether two of the known points lie apart."""
         return any(np.abs(points[k] - points[known[0]]).max() > SAME for k in known)
 
