@@ -76,7 +76,7 @@ def _gained(mechanics: Mechanics, x: Motion) -> float:
     kinetic = 0.5 * (x.v**2 * mechanics.mass).sum(axis=1)
     potential = np.array([mechanics.potential(q) for q in x.q])
     power = np.array([mechanics.power(q, v) for q, v in zip(x.q, x.v, strict=True)])
-    gained = kinetic + potential - _integral(x.t, power[:, None])[:, 0]
+    gained = kinetic + potential - [mechanics.torque_work(q) for q in x.q] - _integral(x.t, power[:, None])[:, 0]
     moving = max(float(kinetic.max()), float(np.ptp(potential)))
     most, allowed = float((gained - gained[0]).max()), (1 + MORE) * ENERGY * moving
     return most / allowed if allowed else float(np.inf if most > 0 else 0.0)

@@ -150,10 +150,13 @@ class Mechanics:
         stretched = (0.5 * force["k"] * (length - force["rest"]) ** 2 for force, length, _ in self.springs(q, 0 * q))
         return float(sum(stretched) - weights.sum())
 
+    def torque_work(self, q: Array) -> float:
+        """What steady torques have given [J], by the angles that their links have turned from zero."""
+        return float(sum(f["value"] * q[3 * self.number[f["link"]] + 2] for f in self.forces if f["type"] == "torque"))
+
     def power(self, q: Array, v: Array) -> float:
-        """What torques give and dampers take [W]."""
-        torques = (f["value"] * v[3 * self.number[f["link"]] + 2] for f in self.forces if f["type"] == "torque")
-        return float(sum(torques) - sum(force["c"] * rate**2 for force, _, rate in self.springs(q, v)))
+        """What dampers take [W], negative."""
+        return float(-sum(force["c"] * rate**2 for force, _, rate in self.springs(q, v)))
 
     def acceleration(self, q: Array, v: Array) -> Array:
         self.evaluations += 1
