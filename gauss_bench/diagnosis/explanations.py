@@ -219,6 +219,7 @@ def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation
     mechanism, parts = own.mechanism, own.parts(x)
     base, rows = parts.accelerations(), own.evaluator.constraints
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
+    names += [x.name for x in mechanism.couplings for _ in x.held]
     names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
     second = np.zeros_like(parts.gamma)
     for row, law in enumerate(rows.laws, rows.joint_rows):

@@ -9,6 +9,7 @@ import numpy as np
 from gauss_bench.mechanism.model import (
     GROUND,
     AngleDriver,
+    Law,
     LengthDriver,
     Mechanism,
     Point,
@@ -59,7 +60,11 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
     Raises:
         TypeError: a force of a kind that does not say what it comes to.
     """
-    loads(f for f in mechanism.forces if not factor_of(f))
+    for force in mechanism.forces:
+        if any(isinstance(x, Law) and x.inverse_square for x in ([] if factor_of(force) else loads([force]))):
+            return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
+    if mechanism.couplings:
+        return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"
     if mechanism.has_friction:
         return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
     return None

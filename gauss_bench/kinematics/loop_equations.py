@@ -102,6 +102,8 @@ class LoopEquations:
 
     def __init__(self, mechanism: Mechanism, inputs: Sequence[Input]):
         self.mechanism, self.inputs = mechanism, inputs
+        if mechanism.couplings:
+            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loops know nothing of")
         if mechanism.knife_edges:
             self._refuse("has knife edges, which loops know nothing of")
         if len(inputs) != mechanism.dof:

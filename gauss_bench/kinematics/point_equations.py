@@ -140,6 +140,8 @@ class PointModel:
 
     def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
         """Raises ValueError for knife edges, or inputs that are not as many as degrees of freedom or contradict each other."""
+        if mechanism.couplings:
+            raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
         if mechanism.knife_edges:
             raise ValueError(f"{mechanism.name}: knife edges leave no trace in positions, so that points cannot obey them")
         if len(inputs) != mechanism.dof:

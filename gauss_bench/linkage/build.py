@@ -11,12 +11,12 @@ import numpy as np
 from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.digest import physics_digest
 from gauss_bench.linkage.errors import BuildError
+from gauss_bench.linkage.kinds import CONSTRAINTS, FORCES
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.linkage.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.model import (
-    FORCES,
     GROUND,
     Along,
     Angle,
@@ -165,10 +165,6 @@ class Resolver:
     def force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
         return FORCES[table["type"]](name, table, self)
 
-    def knife_edge(self, name: str, table: dict[str, Any]) -> KnifeEdge:
-        angle = angle_of(table, "angle", self.number_type) + self.turn(table["point"])
-        return KnifeEdge(name, self.point(table["point"]), angle)
-
     def slide(self, name: str) -> Prismatic:
         return next(j for j in self.joints if isinstance(j, Prismatic) and j.name == name)
 
@@ -249,7 +245,7 @@ def build_mechanism(
     """
     given, document = document, write_out(document)
     names = Resolver(document, number, apart)
-    knives = document.get("constraints", {}).items()
+    constraints = [CONSTRAINTS[x["type"]](name, x, names) for name, x in document.get("constraints", {}).items()]
     chosen = document["scenarios"][scenario]
     acting = [names.force(f, document["forces"][f]) for f in chosen.get("forces", [])]
     observe = document.get("observe", {})
@@ -267,7 +263,8 @@ def build_mechanism(
         links=names.links,
         ground_points=names.ground_points,
         joints=names.joints,
-        knife_edges=tuple(names.knife_edge(k, x) for k, x in knives),
+        knife_edges=tuple(x for x in constraints if isinstance(x, KnifeEdge)),
+        couplings=tuple(x for x in constraints if not isinstance(x, KnifeEdge)),
         forces=tuple(f for f in acting if not isinstance(f, CoulombFriction)),
         drivers=drivers,
         gravity=pair(number, document.get("gravity", (0.0, -9.81))),

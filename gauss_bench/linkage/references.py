@@ -94,7 +94,10 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     _check_joints(names)
     _check_crank(names)
     for key, entry in items(document, "constraints"):
-        names.point(f"constraints.{key}.point", entry.get("point"), ground=False)
+        if "point" in entry:
+            names.point(f"constraints.{key}.point", entry["point"], ground=False)
+        for i, link in enumerate(sequence(entry, "links")):
+            names.link(f"constraints.{key}.links[{i}]", link)
     for key, entry in items(document, "forces"):
         _check_force(names, f"forces.{key}", entry)
     _check_assembly(names)

@@ -294,6 +294,7 @@ ForceEntry = Annotated[
     | Annotated[CoulombFrictionTable, Tag("<coulomb_friction>")],
     kind_of("type"),
 ]
+CONSTRAINTS = {"knife_edge": KnifeEdgeTable}
 ConstraintTable = Annotated[Annotated[KnifeEdgeTable, Tag("<knife_edge>")], kind_of("type")]
 DriverTable = Annotated[
     Annotated[ConstantLaw, Tag("<constant>")]

@@ -30,7 +30,7 @@ from typing import NamedTuple, Protocol, assert_never
 import numpy as np
 
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip, Weighted
 from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec
 from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
@@ -184,7 +184,31 @@ class SlipState:
         return self.space.inner(self.end.frame.omega, self.space.wedge(self.n, self.end.frame.u))
 
 
-State = AngleState | AlongState | DistanceState
+class WeightedState:
+    """The sum of coordinates at a state, each times a number."""
+
+    def __init__(self, terms: Sequence[tuple["State", float]]):
+        self.terms = terms
+
+    @property
+    def value(self) -> Real:
+        return total([x.value * weight for x, weight in self.terms])
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        every = [(e, weight) for x, weight in self.terms for e in x.entries]
+        return tuple(Entry(e.frame, None if e.n is None else e.n * weight, e.m * weight) for e, weight in every)
+
+    @property
+    def rate(self) -> Real:
+        return total([x.rate * weight for x, weight in self.terms])
+
+    @property
+    def bias(self) -> Real:
+        return total([x.bias * weight for x, weight in self.terms])
+
+
+State = AngleState | AlongState | DistanceState | WeightedState
 
 
 class Linear(Protocol):
@@ -198,6 +222,8 @@ class Linear(Protocol):
     def rest(self) -> Real: ...
     @property
     def bias(self) -> Real: ...
+    @property
+    def inverse_square(self) -> Real: ...
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
@@ -209,6 +235,8 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
             return AlongState(at.space, at.direction(coordinate.axes, angle, across), at.end(origin), at.end(point))
         case Distance(a, b):
             return DistanceState(at.space, at.end(a), at.end(b), at.arithmetic, known)
+        case Weighted(terms):
+            return WeightedState([(state(x, at), weight) for x, weight in terms])
         case _:
             assert_never(coordinate)
 
@@ -241,7 +269,7 @@ def strength(x: State, law: Linear) -> Real:
 
     Of a distance x it is F / x, of which `half_square_entries` are the lever: with h = x^2 / 2, F grad x = (F / x) grad h, and
 
-        F / x = -k + (k rest + bias) / x - c h' / x^2
+        F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
 
     so that a spring without rest length has no root, and one that is undamped besides no division. Through zero length such a
     spring goes on as it should; any other pulls from a direction that flips there, and at zero itself from none.
@@ -257,6 +285,8 @@ def strength(x: State, law: Linear) -> Real:
             terms.append(law.bias * x.inverse)
         if damped:
             terms.append(-(law.c * x.half_square_rate * x.inverse_square))
+        if not absent(law.inverse_square):
+            terms.append(law.inverse_square * x.inverse * x.inverse_square)
         return total(terms)
     if biased:
         terms.append(law.bias)
@@ -264,6 +294,8 @@ def strength(x: State, law: Linear) -> Real:
         terms.append(-(law.k * x.value) if absent(law.rest) else law.k * (law.rest - x.value))
     if damped:
         terms.append(-(law.c * x.rate))
+    if not absent(law.inverse_square):
+        terms.append(law.inverse_square / (x.value * x.value))
     return total(terms)
 
 
@@ -285,6 +317,8 @@ def energy(x: State, law: Linear) -> Real:
             terms.append(law.k * 0.5 * (stretch * stretch))
     if not absent(law.bias):
         terms.append(-(law.bias * x.value))
+    if not absent(law.inverse_square):
+        terms.append(law.inverse_square * x.inverse if isinstance(x, DistanceState) else law.inverse_square / x.value)
     return total(terms)
 
 

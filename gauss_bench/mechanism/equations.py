@@ -2,7 +2,7 @@
 
 A joint is the scalar coordinates that it holds, a driver one that follows a law of time, a knife edge a slip that stays zero; a
 force is a law on a coordinate or a vector at a point. Nobody asks here for a joint's kind or a force's. Order of rows: joints in
-the file's order, drivers, knife edges.
+the file's order, couplings, drivers, knife edges.
 
     phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
 """
@@ -45,7 +45,7 @@ class Row:
 
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
     """Yield all rows; `on_constraints` takes a driven distance to be what its law says, which saves a root."""
-    for joint in mechanism.joints:
+    for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for place, (coordinate, value) in enumerate(held):
             at_rest = (at.held(joint.name, place, value), 0.0, 0.0)

@@ -3,7 +3,7 @@
 Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, links in file order, SI units.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, ClassVar, Literal, Protocol
@@ -79,7 +79,18 @@ class Slip:
     angle: float
 
 
-Coordinate = Angle | Along | Distance
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """Scalar coordinate: the sum of others, each times a number, as gears hold of angles; in the unit of the first."""
+
+    terms: tuple[tuple["Angle | Along | Distance", float], ...]
+
+    @property
+    def unit(self) -> Literal["rad", "m"]:
+        return self.terms[0][0].unit
+
+
+Coordinate = Angle | Along | Distance | Weighted
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,17 +222,30 @@ class KnifeEdge:
     point: Point
     angle: float
 
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "KnifeEdge":
+        return cls(name, names.point(table["point"]), names.angle(table, "angle") + names.turn(table["point"]))
+
     @property
     def coordinate(self) -> Slip:
         return Slip(self.point, self.angle)
 
 
+class Coupling(Protocol):
+    """A constraint beside the joints: scalar coordinates held at values, by the `type` of its table in the file."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def held(self) -> tuple[tuple[Coordinate, float], ...]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
-    """The force F = bias - k (x - rest) - c dx/dt along a scalar coordinate x; the generalised force is F dx/dq.
+    """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
-    Units follow from the coordinate: k [N/m], c [N s/m], rest [m], bias [N] of a length, k [N m/rad] and so on of an angle. The
-    numbers may be expressions.
+    s is `inverse_square`, as of magnets, for coordinates that stay positive. Units follow from the coordinate: k [N/m], c [N s/m],
+    rest [m], bias [N], s [N m^2] of a length, k [N m/rad] and so on of an angle. The numbers may be expressions.
     """
 
     coordinate: Coordinate
@@ -229,6 +253,7 @@ class Law:
     c: float = 0.0
     rest: float = 0.0
     bias: float = 0.0
+    inverse_square: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,15 +431,6 @@ class CoulombFriction:
 
 
 Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
-FORCES: Mapping[str, Callable[[str, Mapping[str, Any], Names], Force | CoulombFriction]] = {
-    "torque": Torque.read,
-    "force": PointForce.read,
-    "spring_damper": SpringDamper.read,
-    "axis_spring_damper": AxisSpringDamper.read,
-    "rotational_spring_damper": RotationalSpringDamper.read,
-    "joint_damping": JointDamping.read,
-    "coulomb_friction": CoulombFriction.read,
-}  # by the `type` of a force's table
 
 
 def factor_of(force: Force) -> Factor | None:
@@ -508,6 +524,7 @@ class Mechanism:
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
         parts: every link of the file as part of a body, where some are welded; else none. welds: what holds them.
         apart: the linkage with every link of the file on its own, where some are welded: what results are told by.
+        couplings: constraints beside the joints that have a position level.
         warnings: sentences on what the file allows and a motion should stay away from.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
     """
@@ -540,6 +557,7 @@ class Mechanism:
     welds: tuple[Weld, ...] = ()
     apart: "Mechanism | None" = None
     warnings: tuple[str, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.
@@ -572,6 +590,11 @@ class Mechanism:
         """The prescribed rotation, where it is all that is prescribed."""
         only = self.drivers[0] if len(self.drivers) == 1 else None
         return only if isinstance(only, AngleDriver) else None
+
+    @property
+    def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
+        """The constraints beside joints and drivers; an engine that does not know of them must not run this mechanism."""
+        return *self.couplings, *self.knife_edges
 
     @property
     def has_friction(self) -> bool:

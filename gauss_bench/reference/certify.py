@@ -76,6 +76,9 @@ def certify(
             raise Uncertified(
                 f"{mechanism.name}: force {force.name} is of the kind {kind}, which has no independent derivation yet"
             )
+    for coupling in mechanism.couplings:
+        kind = type(coupling).__name__
+        raise Uncertified(f"{mechanism.name}: coupling {coupling.name} is a {kind}, which has no independent derivation yet")
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until

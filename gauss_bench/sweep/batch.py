@@ -22,6 +22,7 @@ from gauss_bench.engines.extras import require
 from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
+from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import TEXT, outcome_of, plain_run
@@ -199,13 +200,7 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
     states = [np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)]
     parts = [[x[i : i + CHUNK] for x in states] for i in range(0, batch * k, CHUNK)]
     with np.errstate(all="ignore"):
-        try:
-            multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
-        except KernelError:  # of loops with other numbers than the file's
-            mechanism = code.mechanism
-            multipliers = np.full(
-                (batch * k, 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan
-            )
+        multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
     return multipliers.reshape(batch, k, -1).swapaxes(0, 1)
 
 
@@ -245,7 +240,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     try:
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
-        multipliers = np.full((len(t), 2 * len(mechanism.joints) + len(mechanism.drivers) + len(mechanism.knife_edges)), np.nan)
+        multipliers = np.full((len(t), Constraints(mechanism).m), np.nan)
     by_name, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)

@@ -102,7 +102,7 @@ def _energy(mechanism: Mechanism, motions: Motions, x: Placed) -> tuple[Array, A
     for load in loads(mechanism.forces):
         held, gained = equations.energies(x, load)
         potential, power = potential + held, power + gained
-    for k, driver in enumerate(mechanism.drivers, 2 * len(mechanism.joints)):
+    for k, driver in enumerate(mechanism.drivers, sum(len(x.held) for x in (*mechanism.joints, *mechanism.couplings))):
         power = power - motions.multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     whole = kinetic + potential
     gain = whole - whole[0]

@@ -121,6 +121,7 @@ def row_names(mechanism: Mechanism) -> list[str]:
     """Names of all rows in the file's order."""
     parts = [(j.name, ("normal", "turn") if isinstance(j, Prismatic) else ("x", "y")) for j in mechanism.joints]
     names = [f"{name}.{part}" for name, both in parts for part in both]
+    names += [x.name for x in mechanism.couplings for _ in x.held]
     return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 

@@ -52,7 +52,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
         Underived: it is neither of the two, or a load acts that the derivations have not.
     """
     crank = mechanism.crank
-    held = mechanism.drivers or mechanism.knife_edges or mechanism.has_friction
+    held = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or held or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
     pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
@@ -136,6 +136,8 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     coefficients = {"T": 0.0, "D": 0.0} | ({} if slider is None else {"K": 0.0, "C": 0.0, "X0": 0.0})
     for load in loads(mechanism.forces):
         match load:
+            case Law(inverse_square=s) if s:
+                raise Underived("a force that falls with the square of a distance is not derived by hand")
             case Law(Angle(a, b), k=0, c=c, bias=bias) if {a, b} == {GROUND, crank}:
                 coefficients["T"] += bias if b == crank else -bias
                 coefficients["D"] += c

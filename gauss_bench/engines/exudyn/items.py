@@ -42,6 +42,7 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     SlideDriver,
     Torque,
+    Weighted,
     factor_of,
     loads,
 )
@@ -235,6 +236,8 @@ class System:
                 self._axis(law.coordinate, law)
             case Distance(a, b):
                 self._spring(a, b, law)
+            case Weighted():
+                raise TypeError("a law on a sum of coordinates is not given to Exudyn here")
             case _:
                 assert_never(law.coordinate)
 

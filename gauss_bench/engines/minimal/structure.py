@@ -195,6 +195,8 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
     if mechanism.knife_edges:
         raise NoWay("a knife edge holds velocities, which no closure of dyads does")
+    if mechanism.couplings:
+        raise NoWay(f"no closure of dyads has a {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name})")
     if mechanism.has_friction:
         raise NoWay("dry friction needs the forces in the joints, which an equation in one coordinate does not have")
     if mechanism.dof != 1:

@@ -17,7 +17,7 @@ import numpy as np
 from gauss_bench.engines.shared import PARALLEL
 from gauss_bench.mechanism.coordinates import rate, rotate, value
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, factor_of
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, Weighted, factor_of
 from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -123,6 +123,8 @@ def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turni
             return along_axis(name, load.coordinate, load, mechanism, tree, turns)
         case Distance(a, b):
             return [Tendon(a, b, load)]
+        case Weighted():
+            raise TypeError(f"force {name}: a law on a sum of coordinates is not given to MuJoCo here")
         case _:
             assert_never(load.coordinate)
 

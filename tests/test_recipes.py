@@ -1,0 +1,301 @@
+"""New kinds as CONTRIBUTING.md has them: each is one file, its keys and a line, and goes through everything or is refused by name.
+
+A gear pair and a rack and pinion hold a weighted sum of coordinates, a magnet pulls by the inverse square of a distance. What they
+do is known without the suite: a torque T on the first wheel turns it with T / (I1 + r^2 I2), on a pinion with T / (I + m R^2).
+"""
+
+from pathlib import Path
+
+import pytest
+
+from tests.test_contributing import copy_of_the_package, insert, run
+
+FILES = {
+    "gear_pair": '''"""Two wheels in mesh on the ground."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Names, Weighted
+
+
+@dataclass(frozen=True, eq=False)
+class GearPair:
+    """The second wheel turns `ratio` times as fast as the first, the other way round."""
+
+    name: str
+    links: tuple[int, int]
+    ratio: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "GearPair":
+        first, second = (names.link(x) for x in table["links"])
+        return cls(name, (first, second), names.number(table, "ratio"))
+
+    @property
+    def held(self) -> tuple[tuple[Coordinate, float], ...]:
+        first, second = (Angle(GROUND, x) for x in self.links)
+        return ((Weighted(((second, 1.0), (first, self.ratio))), 0.0),)
+''',
+    "rack_and_pinion": '''"""A wheel that rolls on a slide."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Names, Weighted
+
+
+@dataclass(frozen=True, eq=False)
+class RackAndPinion:
+    """The slide goes `radius` times the angle of the wheel."""
+
+    name: str
+    way: Along
+    link: int
+    radius: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RackAndPinion":
+        (slide,) = names.pairs(table["joint"])
+        return cls(name, slide.motion, names.link(table["links"][0]), names.number(table, "radius"))
+
+    @property
+    def held(self) -> tuple[tuple[Coordinate, float], ...]:
+        return ((Weighted(((self.way, 1.0), (Angle(GROUND, self.link), -self.radius))), 0.0),)
+''',
+    "magnet": '''"""Two points that push each other apart."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.mechanism.model import Distance, Law, Load, Names, Point
+
+
+@dataclass(frozen=True, eq=False)
+class Magnet:
+    """The force strength / d^2 along the line of two points at the distance d [N m^2]; negative ones attract."""
+
+    name: str
+    a: Point
+    b: Point
+    strength: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Magnet":
+        a, b = (names.point(x) for x in table["between"])
+        return cls(name, a, b, names.number(table, "strength"))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
+''',
+}
+KEYS = {
+    "gear_pair": ("GearPair", "links: Couple\n    ratio: Number"),
+    "rack_and_pinion": ("RackAndPinion", "joint: Text\n    links: list[Text]\n    radius: Number"),
+    "magnet": ("Magnet", "between: Couple\n    strength: Number"),
+}
+LINKAGES = {
+    "gear_pair": """
+crank = "small"
+[ground]
+points = { A = [0.0, 0.0], B = [0.3, 0.0] }
+[links.small]
+points = { A = [0.0, 0.0], R = [0.1, 0.0] }
+mass = 1.0
+inertia = 0.02
+com = [0.0, 0.0]
+[links.large]
+points = { B = [0.0, 0.0], R = [0.2, 0.0] }
+mass = 2.0
+inertia = 0.3
+com = [0.0, 0.0]
+[joints.A]
+type = "revolute"
+at = ["ground.A", "small.A"]
+[joints.B]
+type = "revolute"
+at = ["ground.B", "large.B"]
+[constraints.mesh]
+type = "gear_pair"
+links = ["small", "large"]
+ratio = 0.5
+[forces.drive]
+type = "torque"
+link = "small"
+value = 0.7
+[observe]
+points = ["large.R"]
+[assembly]
+angles_deg = { small = 0.0, large = 0.0 }
+[scenarios.run]
+duration = 0.5
+start = { crank_deg = 0.0, speed = 0.3 }
+forces = ["drive"]
+""",
+    "rack_and_pinion": """
+crank = "pinion"
+gravity = [0.0, -9.81]
+[ground]
+points = { A = [0.0, 0.0], G = [0.0, -0.1] }
+[links.pinion]
+points = { A = [0.0, 0.0], R = [0.1, 0.0] }
+mass = 1.0
+inertia = 0.02
+com = [0.0, 0.0]
+[links.rack]
+points = { S = [0.0, 0.0], T = [0.3, 0.0] }
+mass = 3.0
+inertia = 0.1
+com = [0.0, 0.0]
+[joints.A]
+type = "revolute"
+at = ["ground.A", "pinion.A"]
+[joints.slide]
+type = "prismatic"
+guide = "ground.G"
+block = "rack.S"
+angle_deg = 0.0
+[constraints.mesh]
+type = "rack_and_pinion"
+joint = "slide"
+links = ["pinion"]
+radius = 0.1
+[forces.drive]
+type = "torque"
+link = "pinion"
+value = 0.7
+[observe]
+points = ["rack.T"]
+[assembly]
+angles_deg = { pinion = 0.0, rack = 0.0 }
+sketch = { slide = [0.0, -0.1] }
+[scenarios.run]
+duration = 0.5
+start = { crank_deg = 0.0, speed = 0.3 }
+forces = ["drive"]
+""",
+    "magnet": """
+crank = "arm"
+gravity = [0.0, 0.0]
+[ground]
+points = { A = [0.0, 0.0], N = [0.5, 0.0] }
+[links.arm]
+points = { A = [0.0, 0.0], S = [0.3, 0.0] }
+mass = 1.0
+inertia = 0.02
+com = [0.0, 0.0]
+[joints.A]
+type = "revolute"
+at = ["ground.A", "arm.A"]
+[forces.drive]
+type = "magnet"
+between = ["ground.N", "arm.S"]
+strength = 0.05
+[observe]
+points = ["arm.S"]
+[assembly]
+angles_deg = { arm = 60.0 }
+[scenarios.run]
+duration = 0.5
+start = { crank_deg = 60.0, speed = -0.3 }
+forces = ["drive"]
+""",
+}
+THROUGH = """
+import json, subprocess, sys
+from pathlib import Path
+
+import numpy as np
+
+from gauss_bench.api.simulate import simulate
+from gauss_bench.engines import FOREIGN, get, names
+from gauss_bench.exchange.export import KINDS
+from gauss_bench.linkage.load import document_of, load
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.studio import reading, scene
+
+FILE, KIND = "new.toml", sys.argv[1]
+mechanism = load(FILE)
+document, _, _ = document_of(FILE)
+
+
+def wanted(theta):
+    if KIND == "gear_pair":
+        return 0.7 / (0.02 + 0.5**2 * 0.3)
+    if KIND == "rack_and_pinion":
+        return 0.7 / (0.02 + 3.0 * 0.1**2)
+    arm, pole = 0.3 * np.array([np.cos(theta), np.sin(theta)]), np.array([0.5, 0.0])
+    gap = arm - pole
+    force = 0.05 * gap / np.linalg.norm(gap) ** 3
+    return (arm[0] * force[1] - arm[1] * force[0]) / 0.02
+
+
+named = ("mesh", "drive", "dyads", "redundant", "loop")
+ran = []
+for name in names():
+    engine = get(name)
+    try:
+        engine.version()
+    except ImportError:
+        continue
+    # settings and variants differ by engine: what runs by default stands for them
+    found = simulate(FILE, engine=name, at=[0.0, 0.1, 0.2])
+    if found.status == "skip":
+        assert any(word in found.message for word in named), (name, found.message)
+        continue
+    if found.status != "ok":
+        assert name == "yuan_ge_eq16", (name, found.status, found.message)  # the negative control
+        continue
+    ran.append(name)
+    wheel = next(iter(found.links.values()))
+    for theta, alpha in zip(wheel["theta"], wheel["alpha"]):
+        assert abs(alpha - wanted(theta)) < 1e-6 * abs(wanted(theta)), (name, alpha, wanted(theta))
+    if KIND == "magnet":
+        gaps = np.hypot(0.3 * np.cos(wheel["theta"]) - 0.5, 0.3 * np.sin(wheel["theta"]))
+        energies = 0.5 * 0.02 * wheel["omega"] ** 2 + 0.05 / gaps
+        assert np.ptp(energies) < 1e-6 * energies[0], (name, energies)
+assert {"gauss", "lagrange", "gauss-native", "lagrange-native"} <= set(ran), ran
+assert "<svg" in draw(mechanism)
+assert scene.scene(reading.read(document))["links"]
+
+
+def command(*words):
+    done = subprocess.run([sys.executable, "-m", "gauss_bench", *words], capture_output=True, text=True)
+    assert done.returncode in (0, 1, 2), done.stderr
+    return done
+
+
+for kind in KINDS:
+    done = command("export", FILE, "--engine", kind, "--out", f"exported_{kind}")
+    assert done.returncode == 0 or any(word in done.stderr for word in (*named, "GearPair", "RackAndPinion")), (kind, done.stderr)
+done = command("certify", FILE)
+assert done.returncode == 1 and ("mesh" in done.stdout or "drive" in done.stdout), done.stdout
+done = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", "--engine", "gauss", "--engine", "gauss-native",
+               "--engine", "pinocchio", "--out", "reported", "--report")
+assert done.returncode == 0, done.stderr
+assert (Path("reported") / "site").is_dir()
+print(*ran)
+"""
+
+
+@pytest.mark.long("magnet", "rack_and_pinion")
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", FILES)
+def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
+    package = copy_of_the_package(tmp_path)
+    name, keys = KEYS[kind]
+    (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")
+    schema, kinds = package / "linkage" / "schema.py", package / "linkage" / "kinds.py"
+    physics = " ".join(["type", *(line.split(":")[0].strip() for line in keys.splitlines())])
+    table = f'class {name}Table(Table, physics="{physics}"):\n    type: Literal["{kind}"]\n    {keys}\n\n\n'
+    insert(schema, "class TableOverTime(Table", table)
+    other = ("CoulombFriction", "coulomb_friction") if kind == "magnet" else ("KnifeEdge", "knife_edge")
+    entry = f'Annotated[{other[0]}Table, Tag("<{other[1]}>")]'
+    insert(schema, entry, f'Annotated[{name}Table, Tag("<{kind}>")] | ')
+    insert(kinds, "FORCES: Mapping", f"from gauss_bench.mechanism.{kind} import {name}\n")
+    insert(kinds, f'    "{other[1]}": {other[0]}.read,', f'    "{kind}": {name}.read,\n')
+    (tmp_path / "new.toml").write_text(f'format = "planar-linkage/2"\nname = "new"\n{LINKAGES[kind]}', encoding="utf-8")
+    assert "gauss-native" in run(tmp_path, f"import sys\nsys.argv = ['', {kind!r}]\n{THROUGH}")
