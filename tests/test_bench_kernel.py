@@ -56,6 +56,7 @@ def small() -> Suite:
         "agreement": {"states": 20},
         "long_runs": {"duration": 0.5},
         "turns": {"rounds": 2, "samples": 360},
+        "growth": {"sizes": (1, 4), "processes": 1, "rounds": 2, "large": 1},
     }
     parts = {name: tuple(x.model_copy(update=y) for x in getattr(suite, name)) for name, y in less.items()}
     return suite.model_copy(update=parts)

@@ -741,7 +741,7 @@ def test_forces_and_energy() -> None:
         assert np.abs(balance).max() < 1e-11 * np.abs(multipliers[k]).max()
 
 
-@pytest.mark.long("crank_slider-more0", "parallelogram-more1")
+@pytest.mark.long("crank_slider-more0", "n_four_bar_3-more2")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more"),

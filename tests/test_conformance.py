@@ -39,6 +39,7 @@ def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ in names])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_sound_adapter_keeps_every_rule() -> None:
     checks = conformance("tests.faulty_engines:Sound")

@@ -127,7 +127,7 @@ def test_folders_above_a_folder_of_results_are_not_invented(
     assert [x.name for x in tmp_path.iterdir()] == ["file"]
 
 
-KILLS = 2  # of each
+KILLS = 1  # of each
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
 SHORT = [*RUN[3:], "--engine", "gauss", "--steps", "0.01"]
 

@@ -40,6 +40,7 @@ def test_choices_of_a_flag_stay():
             assert set(choices) <= set(now[verb][flag]), (verb, flag)
 
 
+@pytest.mark.long("conformance", "doctor", "atlas")
 @pytest.mark.parametrize("call", [*interface.QUICK, *(pytest.param(x, marks=pytest.mark.slow) for x in interface.SLOW)])
 def test_json_keeps_its_keys(call, tmp_path):
     printed = interface.json_keys((interface.QUICK | interface.SLOW)[call], tmp_path)

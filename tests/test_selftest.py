@@ -25,6 +25,7 @@ def test_formulations_and_metrics_are_guarded() -> None:
     assert found.passed
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> None:
     found = gauss_bench.selftest()

@@ -1151,7 +1151,7 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
 
 
 @pytest.mark.slow
-@pytest.mark.long("pin", "slide")
+@pytest.mark.long("link", "pin", "slide")
 @pytest.mark.parametrize("kind", ["link", "pin", "slide", "force"])
 def test_what_has_another_name_can_be_changed_and_deleted(kind: str, page: Page) -> None:
     tip = (0.3, 0.1)

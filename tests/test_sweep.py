@@ -320,6 +320,7 @@ def test_the_verb_prints_its_summary(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "s" / "summary.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A pendulum by semi-implicit Euler, of first order: half the step takes half of the error away, a quarter takes three."""
@@ -604,6 +605,7 @@ sys.exit(cli.command())
 """
 
 
+@pytest.mark.long("9-others")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]

@@ -37,6 +37,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 2400  # attempts times unknowns, at most: about a second
+LENGTH = 60_000  # attempts times operations of a plain one, at most: of large linkages few are tried
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
 THOROUGH = 144
 ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
@@ -110,7 +111,7 @@ def cheapest(
     Raises:
         KernelError: no partition and no pivots are usable.
     """
-    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // (known.mechanism.n + len(known.kept(drop))))))
+    wanted = Wanted(aim, 1)
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in _plans(known, formulation, independent, drop):
         try:
@@ -120,6 +121,8 @@ def cheapest(
     if not plain:
         raise failure
     plain = sorted(plain, key=lambda x: wanted.price(x.costs))
+    unknowns = known.mechanism.n + len(known.kept(drop))
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // unknowns, LENGTH // plain[0].costs.operations)))
     if wanted.attempts == 1:
         return plain[0]
     tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) <= HOPELESS * wanted.price(plain[0].costs)]
@@ -258,7 +261,14 @@ def generate(
         if name:
             user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
     program = _write(known, best, baumgarte)
-    check(program, mechanism)
+    try:
+        check(program, mechanism)
+    except KernelError:
+        if best.search == PLAIN:
+            raise
+        # pivots that chance finds may lose digits where a linkage is large: a plain attempt takes the surest
+        program = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
+        check(program, mechanism)
     return program
 
 
