@@ -247,6 +247,7 @@ def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
     assert said.startswith("RK4, ")
     assert "solref 0.05 1" in said
     assert "iterations 1" in said
+    assert "body_invweight0_factor 1e-06" in said
     assert "jacobian" not in said, "as shipped"
     assert in_words(Run(), rigid) == rigid.words
 
@@ -289,6 +290,10 @@ def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step(run: Run) -> 
         whole, steps, each = (float(cell.sort) for cell in row[2:5])
         assert whole == pytest.approx(steps * each)
         assert whole > 1
+    whole, steps, each = (math.exp(sum(math.log(float(row[i].sort)) for row in shown.rows) / len(shown.rows)) for i in (2, 3, 4))
+    first, second, third = map(float, re.findall(r"([\d.]+) (?=times)", said))
+    assert (first, second, third) == pytest.approx((whole, steps, each), rel=5e-3)
+    assert whole == pytest.approx(steps * each)
     assert why(Run(), "exudyn", []) is None
 
 

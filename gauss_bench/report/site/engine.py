@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from statistics import median
+from statistics import geometric_mean
 
 from markupsafe import Markup
 
@@ -26,7 +26,16 @@ from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok
 from gauss_bench.report.site.page import Page, file_name, heading, join_blocks, link, paragraph, rich, table
-from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, in_words, linkages, multiples
+from gauss_bench.report.site.settings import (
+    POSITIONS,
+    Setting,
+    answer_of,
+    cheapest_stored,
+    in_words,
+    linkages,
+    multiples,
+    row_in_words,
+)
 
 OBJECT = (
     "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
@@ -162,10 +171,10 @@ def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] |
         lines.append((text_cell(linkage), text_cell(best.engine), *ratios, text_cell(in_words(run, one))))
     if not lines:
         return None
-    whole, steps, each = (median(x) for x in zip(*shares, strict=True))
+    whole, steps, each = (geometric_mean(x) for x in zip(*shares, strict=True))  # whose product holds, as medians' does not
     said = (
-        f"To hold {small(FIRST)} m, in the middle of {count(len(lines), 'linkage')}, it takes {times(whole)} times as long as the "
-        f"fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
+        f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
+        f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
     )
     cause = "the number of its steps" if steps > each else "what one of its steps costs"
     said += f" {cause[0].upper()}{cause[1:]} decides." if whole > 1.05 else " It is the fastest."
@@ -182,7 +191,10 @@ def list_races(run: Run, rows: Sequence[Row]) -> Table:
         (
             text_cell(r["mechanism"]),
             text_cell(f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"),
-            text_cell(" ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))),
+            text_cell(
+                row_in_words(run, r)
+                or " ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))
+            ),
             time_of(r),
             Cell(times(fastest(r)), fastest(r)),
             span(r),

@@ -86,11 +86,18 @@ INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixe
 
 def in_words(run: Run, x: Setting) -> str:
     """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with."""
-    options = _options_in_words(run).get((x.engine, x.settings, x.integrator, x.stabilization))
+    return row_in_words(run, vars(x)) or x.words
+
+
+def row_in_words(run: Run, row: Row) -> str:
+    """Return the same for the row of a setting; nothing where its options are not stored."""
+    choice = tuple(str(row[k]) for k in ("engine", "settings", "integrator", "stabilization"))
+    options = _options_in_words(run).get(choice)
     if options is None:
-        return x.words
-    integrator = INTEGRATORS.get(x.integrator, x.integrator.replace("_", " "))
-    return ", ".join(filter(None, (integrator, *([] if x.stabilization in ("", "none") else [x.stabilization]), *options)))
+        return ""
+    *_, integrator, stabilization = choice
+    first = [INTEGRATORS.get(integrator, integrator.replace("_", " ")), "" if stabilization == "none" else stabilization]
+    return ", ".join(filter(None, (*first, *options)))
 
 
 @lru_cache(maxsize=2)
@@ -111,6 +118,8 @@ UNSAID = ("remark",)  # of options: words about them
 
 
 def _option_in_words(name: str, value: Any) -> str:
+    if isinstance(value, bool):
+        value = "on" if value else "off"
     values = value if isinstance(value, list) else [value]
     return f"{name} {' '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in values)}"
 
