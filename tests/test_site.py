@@ -25,6 +25,7 @@ from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.charts import over_time, points
 from gauss_bench.report.site.engine import why
 from gauss_bench.report.site.first import headlines, pack
+from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import DASH, HEADLINE, headline, rich, script_text, short_label
 from gauss_bench.report.site.page import table as page_table
@@ -273,6 +274,28 @@ def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
     assert 'td:nth-child(2)::before{content:"b"}' in made
     assert DASH not in str(page_table(Table("t", ("a",), ((Cell("1"),),))))
     assert short_label("word " * 30) == f"{'word ' * 8}..."
+
+
+@pytest.mark.parametrize(
+    ("text", "made"),
+    [
+        ("J^-1", "<msup><mi>J</mi><mrow><mo>-</mo><mn>1</mn></mrow></msup>"),
+        ("x1'", "<msup><msub><mi>x</mi><mn>1</mn></msub><mrow><mo>\N{PRIME}</mo></mrow></msup>"),
+        ("th1^2", "<msup><msub><mi>θ</mi><mn>1</mn></msub><mrow><mn>2</mn></mrow></msup>"),
+        ("M^(1/2)", "<msup><mi>M</mi><mrow><mn>1</mn><mo>/</mo><mn>2</mn></mrow></msup>"),
+        ("J^- = <", "<msup><mi>J</mi><mrow><mo>-</mo></mrow></msup></math> <math><mo>=</mo><mspace></mspace><mo>&lt;</mo>"),
+    ],
+)
+def test_formulas_are_typeset(text: str, made: str) -> None:
+    plain = str(mathml(text)).replace(' stretchy="false"', "").replace(' width="0.2em"', "").replace("\N{MINUS SIGN}", "-")
+    assert plain == f"<math>{made}</math>"
+
+
+def test_text_with_words_is_no_formula_and_the_published_papers_have_many(run: Run) -> None:
+    assert not is_formula("both as printed")
+    assert not is_formula("J as printed, all entries but (6, 6)")
+    assert is_formula("a = J^- g + (I - J^- J) h")
+    assert sum(is_formula(str(r["printed"])) for r in run.table("audit")) > 30
 
 
 def test_an_axis_is_no_longer_than_its_data() -> None:

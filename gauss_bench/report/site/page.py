@@ -13,6 +13,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from gauss_bench.report.content import NOTHING, Bullets, Cell, Chart, Finding, Findings, Section, Table, Text
+from gauss_bench.report.site.formulas import is_formula, mathml
 
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 SHORT = 10  # rows of a table that are seen at once
@@ -152,6 +153,8 @@ def _sort_by(cell: Cell) -> Markup:
 
 
 def _tone(cell: Cell) -> Markup:
+    if cell.tone == "formula" and is_formula(cell.text):
+        return mathml(cell.text)
     text = _shown(cell.text)
     return Markup('<span class="t-{}">{}</span>').format(cell.tone, text) if cell.tone in ("bad", "warn", "good", "below") else text
 
