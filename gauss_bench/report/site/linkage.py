@@ -95,7 +95,7 @@ def describe(run: Run, name: str, scenario: str) -> str:
         mechanism, _, _ = pose_in(run, name)
     except LinkageError:
         return f"Scenario {scenario}."
-    loops = len(mechanism.joints) - len(mechanism.links)
+    loops = max(len(mechanism.joints) - len(mechanism.links), 0)
     return (
         f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, "
         f"{count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
